@@ -1,0 +1,52 @@
+"""What a function under test is: a picture in, a map of train ids out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionCard:
+    """What is known of a function under test; travels with results.
+
+    Attributes:
+        name: name in specs, e.g. ``deeplabv3plus-small``.
+        digest: SHA-256 of the weights file (with header), hex.
+        architecture: e.g. ``deeplabv3plus-small``.
+        precision: the precision that the engine really runs in, read back, e.g. ``fp32``.
+        engine: e.g. ``torch``.
+        provenance: free facts: training data, seeds, figures, licence.
+    """
+
+    name: str
+    digest: str
+    architecture: str
+    precision: str
+    engine: str
+    provenance: dict[str, str]
+
+
+class PerceptionFunction(Protocol):
+    """A loaded function under test; one per process stays loaded.
+
+    Contract (`valerie.testing.PerceptionContract`): deterministic; never changes its input; output has the picture's
+    height and width; only declared train ids (0…18, 255).
+    """
+
+    @property
+    def card(self) -> FunctionCard: ...
+
+    @property
+    def numeric_class(self) -> str:
+        """Inference engine, version, device and precision, e.g. ``torch-2.13.0-cpu-fp32``."""
+        ...
+
+    def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 sRGB picture to (H, W) uint8 train ids."""
+        ...
+
+    def close(self) -> None: ...

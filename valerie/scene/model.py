@@ -1,0 +1,234 @@
+"""The scene: a renderer-neutral, immutable value that every engine translates and none changes.
+
+Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along its
+own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
+
+A `Scene` is one concrete variant: `valerie.scene.variation.apply` makes it from an asset and an assignment. Meshes,
+materials and textures are shared by identity between scenes of one asset, so an engine may cache by ``id`` what it uploaded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+
+Array = TypeVar("Array", bound=NDArray[Any])
+
+
+def freeze(array: Array) -> Array:
+    """Mark an array read-only and return it (what is published is never written again)."""
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """An image that materials refer to by name.
+
+    Attributes:
+        image: (H, W, 3) or (H, W, 4) uint8, first row at the top (v = 0, as in glTF); sRGB for colour, linear for data.
+    """
+
+    name: str
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Metallic-roughness appearance (glTF 2.0 section 3.9), with Blender's specular tint.
+
+    Attributes:
+        base_color: linear RGB factor in [0, 1].
+        base_color_texture: texture name, multiplied with ``base_color`` after sRGB decoding.
+        normal_texture: tangent-space normals, linear.
+        metallic, roughness: in [0, 1].
+        specular: reflectance at normal incidence relative to 4 % (1 = 0.04), in [0, 2].
+        specular_tint: 0 white highlights … 1 highlights in the base colour, in [0, 1].
+        emissive: linear RGB radiance.
+        alpha_cutoff: None for opaque; else texels with alpha below it are cut (never blended: labels stay exact).
+        double_sided: draw back faces too, with the normal turned to the viewer.
+    """
+
+    name: str
+    base_color: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    base_color_texture: str | None = None
+    normal_texture: str | None = None
+    metallic: float = 0.0
+    roughness: float = 0.8
+    specular: float = 1.0
+    specular_tint: float = 0.0
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    alpha_cutoff: float | None = None
+    double_sided: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles of one material, in object coordinates.
+
+    Attributes:
+        positions: (V, 3) float32, metres.
+        normals: (V, 3) float32, unit length.
+        uvs: (V, 2) float32; v grows downwards in the texture, as in glTF.
+        faces: (F, 3) uint32, counter-clockwise seen from outside.
+        material: name of a material of the scene.
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    uvs: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+    material: str
+
+    def __post_init__(self) -> None:
+        for array in (self.positions, self.normals, self.uvs, self.faces):
+            freeze(array)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A named object in the scene graph.
+
+    Attributes:
+        path: dotted path from the root, e.g. ``scene.car-3.door-1``; the last part is ``class-instance`` or a plain name.
+        transform: (4, 4) local to parent.
+        meshes: drawn with this node's world transform.
+        label_id: Cityscapes label id of every pixel; what a person carries is the person's. Inherited when loading.
+        instance_id: label id × 1000 + n, or 0 for classes without instances.
+        movable: declared by the manifest (inherited): part of the movable layer, not of the background.
+        visible: False: present in the graph, not drawn (an absent person, an unchosen character).
+    """
+
+    path: str
+    transform: Matrix
+    meshes: tuple[Mesh, ...] = ()
+    label_id: int = 0
+    instance_id: int = 0
+    movable: bool = False
+    visible: bool = True
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+    @property
+    def parent(self) -> str:
+        return self.path.rpartition(".")[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pin-hole camera.
+
+    Attributes:
+        path: e.g. ``scene.camera-1``.
+        transform: (4, 4) camera to world; looks along −z, y up.
+        focal_length_mm, sensor_width_mm: the horizontal field of view is 2·atan(sensor_width / (2·focal_length)).
+        near, far: clipping distances in metres.
+    """
+
+    path: str
+    transform: Matrix
+    focal_length_mm: float
+    sensor_width_mm: float = 36.0
+    near: float = 0.1
+    far: float = 600.0
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) optical centre in the world, metres."""
+        return np.asarray(self.transform[:3, 3], np.float64)
+
+    def focal_length_px(self, width: int) -> float:
+        """Focal length in pixels (square pixels) for an image ``width`` pixels wide."""
+        return self.focal_length_mm / self.sensor_width_mm * width
+
+    def vertical_fov(self, width: int, height: int) -> float:
+        """Vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
+        return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """A directional light with a disc.
+
+    Attributes:
+        azimuth: radians, clockwise from north seen from above; the street's bearing (of +y) is in `Environment`.
+        elevation: radians above the horizon.
+        irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0 ≙ clear noon).
+        angular_diameter: radians; sets the softness of shadows.
+    """
+
+    azimuth: float
+    elevation: float
+    irradiance: float = 1.0
+    angular_diameter: float = math.radians(0.53)
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """Light that belongs to no object.
+
+    Attributes:
+        bearing: compass bearing of the world's +y axis, radians clockwise from north.
+        turbidity: haze of the analytic sky, 2 (clear) … 10 (hazy).
+        sky_strength: factor on the sky's radiance.
+    """
+
+    bearing: float = 0.0
+    turbidity: float = 3.0
+    sky_strength: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """One concrete variant of an asset.
+
+    Attributes:
+        nodes: path to node, parents before children; the root is ``scene``.
+        materials, textures: by name.
+        cameras: by camera name, e.g. ``camera-1``.
+    """
+
+    nodes: Mapping[str, Node]
+    materials: Mapping[str, Material]
+    textures: Mapping[str, Texture]
+    cameras: Mapping[str, Camera]
+    sun: Sun
+    environment: Environment = field(default_factory=Environment)
+
+    def __post_init__(self) -> None:
+        for name in ("nodes", "materials", "textures", "cameras"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def world_transform(self, path: str) -> Matrix:
+        """(4, 4) object to world of the node at ``path``."""
+        node = self.nodes[path]
+        if node.parent in self.nodes:
+            return self.world_transform(node.parent) @ node.transform
+        return node.transform
+
+    def sun_direction(self) -> NDArray[np.float64]:
+        """(3,) unit vector in the world from the scene towards the sun.
+
+        With bearing b of +y and azimuth a (both clockwise from north), the horizontal direction is
+        (sin(a − b), cos(a − b)) in (x, y): x lies to the right of y seen from above.
+        """
+        relative = self.sun.azimuth - self.environment.bearing
+        horizontal = math.cos(self.sun.elevation)
+        return np.array(
+            [horizontal * math.sin(relative), horizontal * math.cos(relative), math.sin(self.sun.elevation)]
+        )
