@@ -1,0 +1,80 @@
+"""Counts per person: which of a person's visible pixels were seen as a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import PERSON, Label
+
+
+class _Person(Protocol):
+    @property
+    def instance_id(self) -> int: ...
+
+
+class InstanceTruth(Protocol):
+    """What is needed of a ground truth (`valerie.rendering.base.GroundTruth` has it).
+
+    Attributes:
+        instance_map: (H, W) uint16 instance ids, 0 where there is none.
+        persons: one entry per person in the scene, visible or not.
+    """
+
+    @property
+    def instance_map(self) -> NDArray[np.uint16]: ...
+
+    @property
+    def persons(self) -> Sequence[_Person]: ...
+
+
+class InstanceCounts(NamedTuple):
+    """Visible pixels of one person.
+
+    Attributes:
+        instance_id: label id × 1000 + n.
+        tp: predicted as the person's class.
+        fn: predicted as anything else.
+    """
+
+    instance_id: int
+    tp: int
+    fn: int
+
+
+def person_counts(
+    truth: InstanceTruth, predicted: NDArray[np.uint8], label: Label = PERSON
+) -> tuple[InstanceCounts, ...]:
+    """Count tp and fn of every person of the scene; a false positive belongs to no person.
+
+    Args:
+        truth: ground truth of the frame; a person with no visible pixel is listed with tp = fn = 0 (pacc undefined).
+        predicted: (H, W) uint8 train ids.
+        label: the class of the instances and of a right prediction.
+
+    Returns:
+        One entry per person, by ascending instance id.
+
+    Raises:
+        InvalidInput: the maps differ in shape.
+    """
+    instance_map = truth.instance_map
+    if instance_map.shape != predicted.shape:
+        limit = instance_map.shape
+        raise InvalidInput("differs from the truth in shape", field="predicted", value=predicted.shape, limit=limit)
+    first = label.id * 1000
+    # Unsigned arithmetic wraps, so one comparison tests first ≤ id ≤ first + 999.
+    places = np.flatnonzero(instance_map.ravel() - np.uint16(first) < 1000)
+    numbers = instance_map.ravel()[places] - np.uint16(first)
+    right = predicted.ravel()[places] == label.train_id
+    seen = np.bincount(numbers, minlength=1000)
+    hit = np.bincount(numbers[right], minlength=1000)
+    listed = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}
+    return tuple(
+        InstanceCounts(first + n, int(hit[n]), int(seen[n] - hit[n]))
+        for n in sorted(listed | set(np.flatnonzero(seen).tolist()))
+    )

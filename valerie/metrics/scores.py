@@ -1,0 +1,169 @@
+"""Ratios derived from a confusion matrix; an undefined ratio is None and has a reason, it is never 0.
+
+Matrices are (19, 20) as `valerie.metrics.confusion` makes them (the sum of several is one too). Ratios are in [0, 1].
+Classes that are absent from the truth are left out of means as detectron2's ``SemSegEvaluator`` does
+(facebookresearch/detectron2, ``detectron2/evaluation/sem_seg_evaluation.py``). One thing is added: detectron2's networks
+never predict void, ours may, and void on a labelled pixel is a miss of that pixel's class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import NUM_TRAIN_CLASSES, PERSON
+from valerie.metrics.confusion import SHAPE, ConfusionMatrix
+
+#: Why recall of a class has no value.
+NOT_IN_TRUTH: Final = "no pixel of the class in the truth"
+#: Why precision of a class has no value.
+NOT_PREDICTED: Final = "no labelled pixel predicted as the class"
+#: Why IoU of a class has no value.
+IN_NEITHER: Final = "no pixel of the class in truth or prediction"
+#: Why an all-class score has no value.
+NOTHING_LABELLED: Final = "no labelled pixel of the classes in the truth"
+
+
+@dataclass(frozen=True, slots=True)
+class ClassCounts:
+    """Pixels of one class against all others; void truth is in none of them.
+
+    Attributes:
+        tp: of the class, and predicted so.
+        fp: of another class, predicted as the class.
+        fn: of the class, predicted as another or void.
+        tn: neither.
+    """
+
+    tp: int
+    fp: int
+    fn: int
+    tn: int
+
+
+def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> ClassCounts:
+    """The four counts of one class.
+
+    Raises:
+        InvalidInput: not a (19, 20) matrix, or not a train id.
+    """
+    _require(matrix, (train_id,))
+    tp = int(matrix[train_id, train_id])
+    fp = int(matrix[:, train_id].sum()) - tp
+    fn = int(matrix[train_id].sum()) - tp
+    return ClassCounts(tp, fp, fn, int(matrix.sum()) - tp - fp - fn)
+
+
+def pacc(tp: int, fn: int) -> float | None:
+    """The paper's pixel accuracy of a class, its recall: tp / (tp + fn). None if not in the truth (`NOT_IN_TRUTH`)."""
+    return _ratio(tp, tp + fn)
+
+
+def precision(tp: int, fp: int) -> float | None:
+    """Share of right pixels, tp / (tp + fp). None if nothing was predicted as the class (`NOT_PREDICTED`)."""
+    return _ratio(tp, tp + fp)
+
+
+def iou(tp: int, fp: int, fn: int) -> float | None:
+    """Intersection over union, tp / (tp + fp + fn). None if the class is in neither (`IN_NEITHER`)."""
+    return _ratio(tp, tp + fp + fn)
+
+
+def pixel_accuracy(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
+    """Share of labelled pixels of ``classes`` (default: all 19) that were predicted right."""
+    tp, truth, _ = _margins(matrix, classes)
+    return _ratio(int(tp.sum()), int(truth.sum()))
+
+
+def macc(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
+    """Mean over the classes present in the truth of tp / (tp + fn); with one class it is `pacc`."""
+    tp, truth, _ = _margins(matrix, classes)
+    present = truth > 0
+    return float(np.mean(tp[present] / truth[present])) if present.any() else None
+
+
+def miou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
+    """Mean IoU over the classes present in the truth."""
+    tp, truth, union = _margins(matrix, classes)
+    present = truth > 0
+    return float(np.mean(tp[present] / union[present])) if present.any() else None
+
+
+def fwiou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
+    """IoU weighted by how many pixels of the truth a class has; with one class it is `miou`."""
+    tp, truth, union = _margins(matrix, classes)
+    present = truth > 0
+    if not present.any():
+        return None
+    weights = truth[present] / truth.sum()
+    return float(np.sum(weights * tp[present] / union[present]))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameScores:
+    """All scores of one matrix, for one target class and over all classes.
+
+    Attributes:
+        counts: of the target class.
+        pacc, precision, iou: of the target class.
+        pixel_accuracy, macc, miou, fwiou: over all classes.
+        undefined: score name to reason, for every score that is None.
+    """
+
+    counts: ClassCounts
+    pacc: float | None
+    precision: float | None
+    iou: float | None
+    pixel_accuracy: float | None
+    macc: float | None
+    miou: float | None
+    fwiou: float | None
+    undefined: dict[str, str] = field(default_factory=dict)
+
+
+def frame_scores(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> FrameScores:
+    """Derive every score from the counts of one frame (or, for pooled scores, from the sum over frames)."""
+    counts = class_counts(matrix, train_id)
+    values = {
+        "pacc": pacc(counts.tp, counts.fn),
+        "precision": precision(counts.tp, counts.fp),
+        "iou": iou(counts.tp, counts.fp, counts.fn),
+        "pixel_accuracy": pixel_accuracy(matrix),
+        "macc": macc(matrix),
+        "miou": miou(matrix),
+        "fwiou": fwiou(matrix),
+    }
+    reasons = {"pacc": NOT_IN_TRUTH, "precision": NOT_PREDICTED, "iou": IN_NEITHER}
+    undefined = {name: reasons.get(name, NOTHING_LABELLED) for name, value in values.items() if value is None}
+    return FrameScores(counts, **values, undefined=undefined)
+
+
+def _margins(
+    matrix: ConfusionMatrix, classes: Sequence[int] | None
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Per chosen class: true positives, pixels of the truth, pixels of the union."""
+    chosen = list(range(NUM_TRAIN_CLASSES)) if classes is None else list(classes)
+    _require(matrix, chosen)
+    tp = np.diagonal(matrix)[chosen]
+    truth = matrix.sum(axis=1)[chosen]
+    predicted = matrix.sum(axis=0)[chosen]
+    return tp, truth, truth + predicted - tp
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _require(matrix: ConfusionMatrix, classes: Sequence[int]) -> None:
+    if matrix.shape != SHAPE:
+        raise InvalidInput("not a confusion matrix", field="matrix", value=matrix.shape, limit=SHAPE)
+    for train_id in classes:
+        if not 0 <= train_id < NUM_TRAIN_CLASSES:
+            raise InvalidInput("not a train id", field="classes", value=train_id, limit=f"0…{NUM_TRAIN_CLASSES - 1}")
+    if len(set(classes)) != len(classes):
+        raise InvalidInput("a class is named twice", field="classes", value=list(classes))

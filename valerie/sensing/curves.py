@@ -1,0 +1,63 @@
+"""Tone curves: scene-referred linear values to display-referred linear values in [0, 1], in float64.
+
+Each curve is applied per channel and is monotone. Inputs are non-negative and finite; results may pass 1 and are clipped
+by the sensor stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+
+
+def linear_to_srgb(linear: Values) -> Values:
+    """The sRGB opto-electronic transfer function (IEC 61966-2-1:1999, 5.3), on values in [0, 1]."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
+
+
+def filmic(linear: Values) -> Values:
+    """Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
+
+    ``h(x) = (x(Ax + CB) + DE) / (x(Ax + B) + DF) − E/F`` with A 0.15, B 0.50, C 0.10, D 0.20, E 0.02, F 0.30, applied to
+    twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it holds highlights and leaves the
+    middle grey darker than the plain sRGB curve: 0.18 becomes 0.128.
+
+    Source: J. Hable, "Filmic Tonemapping Operators", 2010,
+    http://filmicworlds.com/blog/filmic-tonemapping-operators/ (and "Uncharted 2: HDR Lighting", Game Developers Conference
+    2010).
+    """
+
+    def curve(x: Values) -> Values:
+        return (x * (0.15 * x + 0.05) + 0.004) / (x * (0.15 * x + 0.50) + 0.06) - 0.02 / 0.30
+
+    return curve(2.0 * linear) / curve(np.array(11.2))
+
+
+def aces(linear: Values) -> Values:
+    """Narkowicz' rational fit of the ACES reference rendering for an sRGB display.
+
+    ``x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14)``; the fit follows the ACES curve with the input scaled by 0.6, which
+    leaves the middle grey where the plain sRGB curve has it, more or less.
+
+    Source: K. Narkowicz, "ACES Filmic Tone Mapping Curve", 2016,
+    https://knarkowicz.wordpress.com/2016/01/06/aces-filmic-tone-mapping-curve/
+    """
+    x = 0.6 * linear
+    return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+
+
+def plain(linear: Values) -> Values:
+    """No tone curve: what passes 1 is cut off."""
+    return linear
+
+
+#: Curve name, as in a spec, to function.
+CURVES: Final[Mapping[str, Callable[[Values], Values]]] = MappingProxyType(
+    {"srgb": plain, "filmic": filmic, "aces": aces}
+)
