@@ -1,0 +1,161 @@
+"""What a deployment chooses: environment variables named ``VALERIE_*``, read once where a process starts.
+
+`load_settings` builds one frozen `Settings` at an entry point; it is passed down and never kept in a global. A process
+that starts others hands the same settings on as environment variables (`Settings.environment`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import Field, SecretStr, ValidationError, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+
+PREFIX: Final = "VALERIE_"
+#: Variables that belong to set-up and tests, not to a running process.
+_FOREIGN: Final = ("VALERIE_SETUP_", "VALERIE_TEST_")
+_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+
+Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
+
+
+class Settings(BaseSettings):
+    """One deployment's choices; every field is an environment variable ``VALERIE_<FIELD>``."""
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", env_ignore_empty=True)
+
+    # Where things are kept
+    data_dir: Path = Field(Path("var/valerie"), description="database, artifacts, logs and sockets of this machine")
+    database_url: str = Field("", description="sqlite:///path or postgresql://…; empty: a SQLite file in data_dir")
+    artifacts_url: str = Field(
+        "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"
+    )
+    s3_endpoint: str | None = Field(None, description="URL of an S3-compatible server other than AWS")
+    asset_dir: Path | None = Field(None, description="folder of the user's own assets; empty: built-in assets only")
+    min_free_mb: int = Field(200, ge=0, description="runs pause when the artifact folder has less space than this")
+
+    # Broker
+    broker_url: str = Field(
+        "redis://127.0.0.1:6379/0", description="Redis of the queues; the one-machine mode has its own"
+    )
+    redis_server: Path | None = Field(
+        None, description="redis-server program of the one-machine mode; empty: looked for"
+    )
+    visibility_timeout_seconds: int = Field(
+        3600, ge=5, description="a message not acknowledged for so long is delivered again; longer than any task"
+    )
+
+    # API
+    api_host: str = Field(
+        "127.0.0.1", min_length=1, description="address to listen on; any but loopback needs api_token"
+    )
+    api_port: int = Field(8700, ge=0, le=65_535, description="port to listen on; 0: any free one")
+    api_token: SecretStr | None = Field(None, description="bearer token that every request must carry")
+    max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body that is read")
+
+    # Runs
+    max_variants: int = Field(1_000_000, ge=1, description="largest run that is accepted")
+    feed_window: int = Field(4_000, ge=1, description="unfinished products that are written ahead of the workers")
+    sweep_seconds: Seconds = Field(2.0, description="pause between two turns of the control loop")
+    max_attempts: int = Field(4, ge=1, le=100, description="tries of one product before it has failed for good")
+
+    # Workers
+    lease_seconds: Seconds = Field(60.0, description="a product whose worker gives no sign for so long is taken back")
+    heartbeat_seconds: Seconds = Field(5.0, description="pause between two signs of life; at most a third of the lease")
+    shutdown_seconds: Seconds = Field(5.0, description="a worker that is told to stop may go on for so long")
+    worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is renewed")
+    worker_max_memory_mb: int = Field(4_096, ge=256, description="a worker process that outgrows this is renewed")
+    infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")
+
+    # Logs
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_format: Literal["text", "json"] = "text"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _derived(cls, values: Any) -> Any:
+        """Make paths absolute (children may run elsewhere) and place what was left open below ``data_dir``."""
+        data_dir = Path(values.get("data_dir") or cls.model_fields["data_dir"].default).expanduser().absolute()
+        values = {**values, "data_dir": data_dir}
+        if not values.get("database_url"):
+            values["database_url"] = f"sqlite:///{data_dir / 'valerie.sqlite3'}"
+        if not values.get("artifacts_url"):
+            values["artifacts_url"] = str(data_dir / "artifacts")
+        if values.get("asset_dir"):
+            values["asset_dir"] = Path(values["asset_dir"]).expanduser().absolute()
+        return values
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.heartbeat_seconds * 3 > self.lease_seconds:
+            raise ValueError(
+                f"VALERIE_HEARTBEAT_SECONDS {self.heartbeat_seconds:g} must be at most a third of "
+                f"VALERIE_LEASE_SECONDS {self.lease_seconds:g}: a lease must outlive two lost heartbeats"
+            )
+        return self
+
+    @property
+    def exposed(self) -> bool:
+        """Whether the API listens to more than this machine."""
+        return self.api_host not in _LOOPBACK
+
+    def require_token(self) -> None:
+        """Refuse to listen to the network without a token.
+
+        Raises:
+            InvalidInput: the address is not loopback and no token is set, or the token is too short to guard anything.
+        """
+        token = self.api_token.get_secret_value() if self.api_token else ""
+        if self.exposed and not token:
+            raise InvalidInput(
+                "the API would be open to the network without a token",
+                field="VALERIE_API_TOKEN",
+                limit=f"a token, or VALERIE_API_HOST={_LOOPBACK[0]} instead of {self.api_host}",
+            )
+        if self.exposed and len(token) < 16:
+            raise InvalidInput("the token is too short", field="VALERIE_API_TOKEN", limit="at least 16 characters")
+
+    def environment(self) -> dict[str, str]:
+        """The variables that make another process build equal settings."""
+        found: dict[str, str] = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if value is not None:
+                text = value.get_secret_value() if isinstance(value, SecretStr) else str(value)
+                found[PREFIX + name.upper()] = text
+        return found
+
+
+def load_settings(environ: Mapping[str, str] | None = None, **overrides: object) -> Settings:
+    """Read the environment of this process.
+
+    Args:
+        environ: looked at for unknown names (default: ``os.environ``, which the values come from).
+        overrides: fields that win over the environment; None is no override.
+
+    Raises:
+        UnknownName: a variable begins with ``VALERIE_`` and names no setting.
+        InvalidInput: a value is not accepted; each problem names its variable.
+    """
+    known = {PREFIX + name.upper() for name in Settings.model_fields}
+    for name in sorted(environ if environ is not None else os.environ):
+        if name.startswith(PREFIX) and not name.startswith(_FOREIGN) and name.upper() not in known:
+            raise UnknownName("setting", name, known)
+    given = {name: value for name, value in overrides.items() if value is not None}
+    try:
+        return Settings(**given)  # type: ignore[arg-type]  # pydantic checks them
+    except ValidationError as error:
+        raise InvalidInputs([_problem(detail) for detail in error.errors(include_url=False)]) from None
+
+
+def _problem(detail: Any) -> InvalidInput:
+    place = ".".join(str(part) for part in detail["loc"])
+    field = PREFIX + place.upper() if place else ""
+    secret = place == "api_token"
+    message = detail["msg"].removeprefix("Value error, ")
+    return InvalidInput(message, field=field, value=None if secret or not place else detail["input"])

@@ -1,0 +1,124 @@
+"""The envelope of stored arrays: safetensors bytes in one zstd frame with a checksum.
+
+Data only, and equal input gives equal bytes. Anybody can read it: decompress, then `safetensors.numpy.load`. Our own
+reader is strict: it believes no header before having checked it, and never allocates more than a declared and bounded size.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import orjson
+import safetensors.numpy
+import zstandard
+from numpy.typing import NDArray
+
+from valerie.errors import CorruptArtifact
+
+#: Largest decompressed artifact: an 8192 × 8192 float16 RGB image has 384 MiB.
+MAX_BYTES: Final = 512 * 1024 * 1024
+#: Longest safetensors header that is believed.
+_MAX_HEADER: Final = 1_000_000
+_META: Final = "valerie"
+_DTYPES: Final[dict[str, np.dtype[Any]]] = {
+    "U8": np.dtype(np.uint8),
+    "U16": np.dtype("<u2"),
+    "I64": np.dtype("<i8"),
+    "F16": np.dtype("<f2"),
+    "F32": np.dtype("<f4"),
+}
+
+
+def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> bytes:
+    """Put arrays and their metadata into one frame.
+
+    Args:
+        kind: what it is, checked by `unpack`.
+        arrays: uint8, uint16, int64, float16 or float32, any shape.
+        meta: JSON values.
+    """
+    # One metadata entry: safetensors writes several in the random order of a hash table, and equal input would differ.
+    text = orjson.dumps({"kind": kind, **meta}, option=orjson.OPT_SORT_KEYS).decode()
+    raw = safetensors.numpy.save(
+        {name: np.ascontiguousarray(array) for name, array in arrays.items()}, metadata={_META: text}
+    )
+    return zstandard.ZstdCompressor(level=1, write_checksum=True, write_content_size=True).compress(raw)
+
+
+def unpack(kind: str, data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Arrays (read-only views) and metadata of a frame that `pack` made.
+
+    Args:
+        kind: what it must be.
+        data: the whole stored object.
+        key: where it came from, for the message.
+
+    Raises:
+        CorruptArtifact: anything else than such a frame.
+    """
+    raw = decompress(data, key=key)
+    try:
+        arrays, meta = _parse(raw)
+    except (ValueError, KeyError, TypeError, AttributeError, struct.error) as error:
+        raise CorruptArtifact(f"{key or 'artifact'}: {error}") from error
+    if meta.get("kind") != kind:
+        raise CorruptArtifact(f"{key or 'artifact'}: holds {meta.get('kind')!r} where {kind!r} was expected")
+    return arrays, meta
+
+
+def decompress(data: bytes, *, key: str = "") -> bytes:
+    """The content of one zstd frame with a checksum and a stated, bounded size.
+
+    Raises:
+        CorruptArtifact: anything else.
+    """
+    name = key or "artifact"
+    try:
+        parameters = zstandard.get_frame_parameters(data)
+        size = parameters.content_size
+        if not parameters.has_checksum or size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR):
+            raise CorruptArtifact(f"{name}: the frame states no size or no checksum")
+        if size > MAX_BYTES:
+            raise CorruptArtifact(f"{name}: states {size} bytes; limit: {MAX_BYTES}")
+        raw: bytes = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise CorruptArtifact(f"{name}: {error}") from error
+    return raw
+
+
+def intact(data: bytes) -> bool:
+    """Whether the bytes are one whole frame whose checksum is right."""
+    try:
+        decompress(data)
+    except CorruptArtifact:
+        return False
+    return True
+
+
+def _parse(raw: bytes) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    (length,) = struct.unpack_from("<Q", raw)
+    start = 8 + length
+    if length > _MAX_HEADER or start > len(raw):
+        raise ValueError(f"the header states {length} bytes; {len(raw)} are there")
+    header = orjson.loads(raw[8:start])
+    meta = orjson.loads(header.pop("__metadata__")[_META])
+    if not isinstance(meta, dict):
+        raise TypeError("the metadata are no object")
+    arrays: dict[str, NDArray[Any]] = {}
+    covered = 0
+    for name, entry in sorted(header.items(), key=lambda item: item[1]["data_offsets"]):
+        dtype, shape, (begin, end) = _DTYPES[entry["dtype"]], entry["shape"], entry["data_offsets"]
+        if not all(isinstance(n, int) and n >= 0 for n in (*shape, begin, end)):
+            raise ValueError(f"{name}: shape and offsets must be whole numbers")
+        count = math.prod(shape)
+        if begin != covered or end - begin != count * dtype.itemsize or start + end > len(raw):
+            raise ValueError(f"{name}: bytes {begin} to {end} do not hold {dtype} {shape}")
+        arrays[name] = np.frombuffer(raw, dtype, count, start + begin).reshape(shape)
+        covered = end
+    if start + covered != len(raw):
+        raise ValueError(f"{len(raw) - start - covered} bytes belong to no array")
+    return arrays, meta

@@ -1,0 +1,70 @@
+"""Object keys: the only place where they are spelled.
+
+Products are addressed by content and sharded by the first two characters of their digest, so that no folder
+grows beyond what file systems and people can list.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from valerie.errors import InvalidInput
+
+PRODUCTS: Final = "products/"
+RUNS: Final = "runs/"
+
+_KIND = re.compile(r"[a-z][a-z-]{0,30}")
+_DIGEST = re.compile(r"[0-9a-f]{32}")
+_RUN = re.compile(r"[0-9A-Za-z][0-9A-Za-z_-]{0,63}")
+_NAME = re.compile(r"[0-9A-Za-z][0-9A-Za-z_-]*(\.[0-9A-Za-z_-]+)*")
+
+
+def product_key(kind: str, digest: str) -> str:
+    """Key of a product: ``products/layer/ab/abcd….zst``.
+
+    Args:
+        kind: ``background``, ``layer``, ``truth``, ``prediction`` …
+        digest: 32 lower-case hexadecimal characters (`valerie.parameters.assignment.digest`).
+
+    Raises:
+        InvalidInput: not a kind or not a digest.
+    """
+    if not _KIND.fullmatch(kind):
+        raise InvalidInput("not a kind of product", field="kind", value=kind, limit="lower-case letters and hyphens")
+    if not _DIGEST.fullmatch(digest):
+        raise InvalidInput("not a digest", field="digest", value=digest, limit="32 lower-case hexadecimal characters")
+    return f"{PRODUCTS}{kind}/{digest[:2]}/{digest}.zst"
+
+
+def parse_product_key(key: str) -> tuple[str, str] | None:
+    """(kind, digest) of a product's key; None for any other key."""
+    parts = key.removeprefix(PRODUCTS).split("/")
+    if not key.startswith(PRODUCTS) or len(parts) != 3:
+        return None
+    kind, digest = parts[0], parts[2].removesuffix(".zst")
+    if not _KIND.fullmatch(kind) or not _DIGEST.fullmatch(digest) or key != product_key(kind, digest):
+        return None
+    return kind, digest
+
+
+def run_key(run_id: str, name: str) -> str:
+    """Key of a run's own artifact, e.g. ``runs/0192…/report.html``; these may be replaced, products never are.
+
+    Raises:
+        InvalidInput: not a run id or not a plain file name.
+    """
+    if not _NAME.fullmatch(name) or len(name) > 100:
+        raise InvalidInput("not a plain file name", field="name", value=name, limit="letters, digits, . _ -")
+    return run_prefix(run_id) + name
+
+
+def run_prefix(run_id: str) -> str:
+    """What all keys of a run begin with.
+
+    Raises:
+        InvalidInput: not a run id.
+    """
+    if not _RUN.fullmatch(run_id):
+        raise InvalidInput("not a run id", field="run", value=run_id, limit="letters, digits, _ and -")
+    return f"{RUNS}{run_id}/"
