@@ -1,0 +1,38 @@
+"""All numbers of a finished run in one call: summary, trends and findings from the same bootstrap draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from valerie.analysis.findings import Findings, find_findings
+from valerie.analysis.intervals import Resampler
+from valerie.analysis.summary import Summary, summarize
+from valerie.analysis.table import EvaluationTable
+from valerie.analysis.trends import Trends, find_trends
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What a run says."""
+
+    summary: Summary
+    trends: Trends
+    findings: Findings
+
+
+def analyze(table: EvaluationTable, *, threshold: float = 0.5, seed: int = 0, resamples: int = 2000) -> Analysis:
+    """Summarize, regress, compare; equal input gives equal numbers.
+
+    Args:
+        table: the run's evaluations.
+        threshold: detection threshold t, 0 < t ≤ 1.
+        seed: of the bootstrap draws and the cross-validation folds.
+        resamples: number of bootstrap draws.
+
+    Raises:
+        InvalidInput: the threshold is out of bounds.
+    """
+    resampler = Resampler(table.situations, seed=seed, resamples=resamples)
+    summary = summarize(table, threshold=threshold, resampler=resampler)
+    trends = find_trends(table, resampler=resampler, seed=seed, threshold=threshold)
+    return Analysis(summary, trends, find_findings(table, trends, resampler=resampler))

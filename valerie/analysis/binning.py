@@ -1,0 +1,83 @@
+"""Binned means: what the data say before any curve is laid through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.intervals import Interval, Resampler, wilson
+from valerie.errors import InvalidInput
+
+#: More bins than this are merged: the width is widened by 2, 5, 10, 20 … until they are fewer.
+MAX_BINS: Final = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """The persons whose x lies in [low, high).
+
+    Attributes:
+        low, high: edges, multiples of the bin width. n: person-frames with a defined pACC. mean: of their pACC;
+        ``mean_interval`` is its 95 % bootstrap interval over situations, None where they are too few. detected:
+        person-frames with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % of detected / n.
+    """
+
+    low: float
+    high: float
+    n: int
+    mean: float
+    mean_interval: Interval | None
+    detected: int
+    detection_interval: Interval | None
+
+
+def bin_edges(low: float, high: float, width: float) -> NDArray[np.float64]:
+    """Edges at whole multiples of ``width`` that cover ``low`` … ``high`` (the last edge lies above ``high``).
+
+    Raises:
+        InvalidInput: ``width`` is not positive.
+    """
+    if not width > 0:
+        raise InvalidInput("bin width must be positive", field="width", value=width)
+    widths = (width * step * 10.0**power for power in range(16) for step in (1, 2, 5))
+    chosen = next((candidate for candidate in widths if (high - low) / candidate <= MAX_BINS - 1), high - low)
+    first, last = int(np.floor(low / chosen + 1e-9)), int(np.floor(high / chosen + 1e-9)) + 1
+    edges: NDArray[np.float64] = np.round(np.arange(first, last + 1) * chosen, 10)
+    return edges
+
+
+def bins_of(
+    x: NDArray[np.float64],
+    pacc: NDArray[np.float64],
+    rows: NDArray[np.bool_],
+    *,
+    edges: NDArray[np.float64],
+    threshold: float,
+    resampler: Resampler,
+) -> tuple[Bin, ...]:
+    """Bin the rows by ``x``; empty bins are left out.
+
+    Args:
+        x: (N,) of the whole table; rows with a gap are ignored.
+        pacc: (N,), the same.
+        rows: (N,) bool, which rows to take.
+        edges: ascending (K+1,).
+        threshold: of the detection rate.
+        resampler: the run's draws.
+    """
+    usable = rows & np.isfinite(x) & np.isfinite(pacc)
+    place = np.digitize(x, edges) - 1
+    found = []
+    for k in range(len(edges) - 1):
+        inside = usable & (place == k)
+        n = int(np.count_nonzero(inside))
+        if not n:
+            continue
+        mean, replicates = resampler.mean(pacc, inside)
+        detected = int(np.count_nonzero(pacc[inside] >= threshold))
+        interval = resampler.interval(replicates, inside)
+        found.append(Bin(float(edges[k]), float(edges[k + 1]), n, mean, interval, detected, wilson(detected, n)))
+    return tuple(found)

@@ -1,0 +1,233 @@
+"""The table of the paper's section 6.2, and what it lacked: counts, gaps and their reasons, precision, IoU, intervals.
+
+Every aggregate exists twice, named so: as *frame mean* (each person-frame weighs the same) and from *pooled* counts
+(each pixel weighs the same).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.frames import (
+    ALL,
+    FrameCounts,
+    Group,
+    characters,
+    frame_counts,
+    groups,
+    present,
+    rows_of,
+    settings,
+)
+from valerie.analysis.intervals import Interval, Resampler, wilson
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+
+#: A person counts as occluded above this rate (the paper's "> 5 % occluded").
+OCCLUDED: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class SummaryRow:
+    """One function behind one sensor setting, looking at one pedestrian (`all` = any). Rates are 0…1; None = undefined.
+
+    Attributes:
+        function, sensor, character: the group. frames: frames in which such a person is present. persons:
+        person-frames; more than ``frames`` where a frame holds several. defined: person-frames with a defined pACC.
+        undefined: person-frames without, by reason. pacc_mean: mean over the defined person-frames;
+        ``pacc_mean_interval`` is its 95 % bootstrap interval over situations. pacc_min, pacc_max: of the same.
+        pacc_pooled: Σ tp / Σ (tp + fn). precision_mean, iou_mean: mean over the frames where it is defined.
+        precision_pooled, iou_pooled: from the summed counts of the frames. detected: person-frames with pACC ≥ the
+        summary's threshold. detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 %.
+    """
+
+    function: str
+    sensor: str
+    character: str
+    frames: int
+    persons: int
+    defined: int
+    undefined: dict[str, int]
+    pacc_mean: float | None
+    pacc_mean_interval: Interval | None
+    pacc_min: float | None
+    pacc_max: float | None
+    pacc_pooled: float | None
+    precision_mean: float | None
+    precision_pooled: float | None
+    iou_mean: float | None
+    iou_pooled: float | None
+    detected: int
+    detection_rate: float | None
+    detection_interval: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class OcclusionShare:
+    """How many person-frames are more than 5 % occluded; a fact of the frames, whatever function looks at them.
+
+    Attributes:
+        character: or `all`.
+        persons: person-frames whose occlusion is defined (some pixel of the person alone lies within the image).
+        occluded: of these, with a rate above `OCCLUDED`; fully hidden ones included.
+    """
+
+    character: str
+    persons: int
+    occluded: int
+
+    @property
+    def share(self) -> float | None:
+        """Occluded / persons; None without persons."""
+        return self.occluded / self.persons if self.persons else None
+
+
+@dataclass(frozen=True, slots=True)
+class EmptyFrames:
+    """Frames without any person: whatever is called person there is wrong.
+
+    Attributes:
+        function, sensor: who looked.
+        frames: number of such frames.
+        with_false_positives: of these, with at least one pixel called person.
+        false_positive_pixels: sum over them.
+    """
+
+    function: str
+    sensor: str
+    frames: int
+    with_false_positives: int
+    false_positive_pixels: int
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The first page of a result.
+
+    Attributes:
+        threshold: t of every detection rate here.
+        frames: distinct frames evaluated.
+        rows: per function, sensor and character.
+        occlusion: share of occluded person-frames per character, then all.
+        empty: frames without persons, per function and sensor; only where there are such.
+    """
+
+    threshold: float
+    frames: int
+    rows: tuple[SummaryRow, ...]
+    occlusion: tuple[OcclusionShare, ...]
+    empty: tuple[EmptyFrames, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Plain dicts, lists, numbers and None."""
+        return asdict(self)
+
+
+def summarize(table: EvaluationTable, *, threshold: float = 0.5, resampler: Resampler | None = None) -> Summary:
+    """Summarize a run.
+
+    Args:
+        table: its evaluations.
+        threshold: a person counts as detected from this pACC on; 0 < t ≤ 1.
+        resampler: the run's bootstrap draws (made of ``table.situations``); without it, means have no interval.
+
+    Raises:
+        InvalidInput: the threshold is out of bounds.
+    """
+    if not 0 < threshold <= 1:
+        raise InvalidInput(
+            "detection threshold out of bounds", field="detection_threshold", value=threshold, limit="0 < t ≤ 1"
+        )
+    counts = frame_counts(table)
+    frame_numbers = table.codes("frame_id").index
+    return Summary(
+        threshold=threshold,
+        frames=len(np.unique(frame_numbers)),
+        rows=tuple(_row(table, group, counts, threshold, resampler) for group in groups(table)),
+        occlusion=_occlusion(table),
+        empty=_empty(table, counts),
+    )
+
+
+def _row(
+    table: EvaluationTable, group: Group, counts: FrameCounts, threshold: float, resampler: Resampler | None
+) -> SummaryRow:
+    rows = rows_of(table, group)
+    pacc = table.numbers("pacc")
+    defined = rows & np.isfinite(pacc)
+    values = pacc[defined]
+    reasons = table.codes("undefined_reason")
+    evaluations = np.unique(table.evaluations[rows])
+    first = counts.row[evaluations]
+    tp, fn, fp = (array[evaluations].sum() for array in (counts.tp, counts.fn, counts.fp))
+    own_tp, own_fn = table.numbers("tp")[rows].sum(), table.numbers("fn")[rows].sum()
+    detected = int(np.count_nonzero(values >= threshold))
+    interval = None
+    if resampler is not None and len(values):
+        interval = resampler.interval(resampler.mean(pacc, defined)[1], defined)
+    return SummaryRow(
+        function=group.function,
+        sensor=group.sensor,
+        character=group.character,
+        frames=len(np.unique(table.codes("frame_id").index[rows])),
+        persons=int(np.count_nonzero(rows)),
+        defined=len(values),
+        undefined={
+            name: int(number)
+            for i, name in enumerate(reasons.names)
+            if (number := np.count_nonzero(reasons.index[rows] == i))
+        },
+        pacc_mean=float(values.mean()) if len(values) else None,
+        pacc_mean_interval=interval,
+        pacc_min=float(values.min()) if len(values) else None,
+        pacc_max=float(values.max()) if len(values) else None,
+        pacc_pooled=_ratio(own_tp, own_tp + own_fn),
+        precision_mean=_mean(table.numbers("precision")[first]),
+        precision_pooled=_ratio(tp, tp + fp),
+        iou_mean=_mean(table.numbers("iou")[first]),
+        iou_pooled=_ratio(tp, tp + fp + fn),
+        detected=detected,
+        detection_rate=_ratio(detected, len(values)),
+        detection_interval=wilson(detected, len(values)),
+    )
+
+
+def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
+    """Each person of each frame counts once, although functions and sensors repeat its row."""
+    there = np.flatnonzero(present(table) & np.isfinite(table.numbers("occlusion_rate")))
+    if not len(there):
+        return ()
+    person = table.codes("frame_id").index[there] * 100_000 + table.numbers("instance_id")[there].astype(np.int64)
+    once = np.zeros(len(table), np.bool_)
+    once[there[np.unique(person, return_index=True)[1]]] = True
+    names = characters(table)
+    found = []
+    for name in (*names, ALL) if len(names) > 1 else names:
+        of_any = [rows_of(table, Group(function, sensor, name)) for function, sensor in settings(table)]
+        rates = table.numbers("occlusion_rate")[once & np.logical_or.reduce(of_any)]
+        found.append(OcclusionShare(name, len(rates), int(np.count_nonzero(rates > OCCLUDED))))
+    return tuple(found)
+
+
+def _empty(table: EvaluationTable, counts: FrameCounts) -> tuple[EmptyFrames, ...]:
+    nobody = ~counts.inhabited
+    found = []
+    for function, sensor in settings(table):
+        theirs = (table.codes("function").where(function) & table.codes("sensor").where(sensor))[counts.row]
+        pixels = counts.fp[nobody & theirs]
+        if len(pixels):
+            found.append(EmptyFrames(function, sensor, len(pixels), int(np.count_nonzero(pixels)), int(pixels.sum())))
+    return tuple(found)
+
+
+def _ratio(part: float, whole: float) -> float | None:
+    return float(part / whole) if whole else None
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    defined = values[np.isfinite(values)]
+    return float(defined.mean()) if len(defined) else None

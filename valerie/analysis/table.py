@@ -1,0 +1,363 @@
+"""The long table of a run: one row per (frame, sensor setting, function, person instance), typed, with honest gaps.
+
+A pyarrow table inside, numpy columns outside. Every analysis starts here, so what a column means is written once, in
+`COLUMNS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, Final, Self
+
+import numpy as np
+import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
+from numpy.typing import ArrayLike, NDArray
+
+from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
+
+_NAME: Final = pa.dictionary(pa.int32(), pa.string())
+
+#: The fixed columns: name, Arrow type, whether a row may leave it empty, what it holds.
+COLUMNS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
+    ("run_id", _NAME, False, "the run that the frame was evaluated for"),
+    ("variant_index", pa.int64(), False, "index of the variant in the run's parameter space"),
+    ("frame_id", pa.string(), False, "(variant, camera, time)"),
+    ("camera", _NAME, False, "name of the camera"),
+    ("character", _NAME, True, "which pedestrian it is: the person's CATEGORICAL parameter"),
+    ("sensor", _NAME, False, "name of the sensor setting"),
+    ("function", _NAME, False, "name of the function under test"),
+    ("instance_id", pa.int32(), True, "label id × 1000 + n; empty where the frame holds no person at all"),
+    ("pixel_area", pa.int64(), True, "visible pixels of the person"),
+    ("pixel_area_percent", pa.float64(), True, "visible pixels, per cent of all image pixels"),
+    ("pixel_area_amodal", pa.int64(), True, "pixels of the person rendered alone, within the image"),
+    ("occlusion_rate", pa.float64(), True, "1 − visible / amodal, 0…1; empty when amodal = 0"),
+    ("truncation_rate", pa.float64(), True, "share of the person beyond the image border, 0…1"),
+    ("distance_m", pa.float64(), True, "optical centre to the person's ground origin, Euclidean, metres"),
+    ("depth_m", pa.float64(), True, "the same along the optical axis, metres"),
+    ("tp", pa.int64(), False, "pixels of this person that the function calls person"),
+    ("fn", pa.int64(), False, "pixels of this person that it calls something else"),
+    ("pacc", pa.float64(), True, "tp / (tp + fn), 0…1; empty exactly when undefined_reason is given"),
+    ("undefined_reason", _NAME, True, "why pacc is undefined: absent | outside the image | fully hidden"),
+    (
+        "precision",
+        pa.float64(),
+        True,
+        "of the frame: TP / (TP + FP) over all its persons; empty when nothing is called person",
+    ),
+    ("iou", pa.float64(), True, "of the frame: TP / (TP + FP + FN) over all its persons; empty when the sum is 0"),
+    ("pixel_accuracy", pa.float64(), True, "of the frame: share of correct pixels, all classes"),
+    ("fp", pa.int64(), False, "of the frame: pixels called person that belong to none (repeated in each of its rows)"),
+)
+_FIXED: Final = {name: (dtype, nullable) for name, dtype, nullable, _ in COLUMNS}
+#: Arrow type of a varied parameter's column, by the parameter's type.
+PARAMETER_COLUMNS: Final[Mapping[str, pa.DataType]] = {
+    "FLOAT": pa.float64(),
+    "ANGLE": pa.float64(),
+    "INT": pa.int64(),
+    "BOOL": pa.bool_(),
+    "CATEGORICAL": _NAME,
+}
+_METADATA_KEY: Final = b"valerie.parameters"
+_BATCH: Final = 65_536
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """A column of names as numbers.
+
+    Attributes:
+        index: (N,) int64, position in ``names``; −1 where the row is empty.
+        names: the distinct names that occur, sorted.
+    """
+
+    index: NDArray[np.int64]
+    names: tuple[str, ...]
+
+    def where(self, name: str) -> NDArray[np.bool_]:
+        """(N,) bool: the rows that carry ``name``; none if it does not occur."""
+        if name not in self.names:
+            return np.zeros(len(self.index), np.bool_)
+        found: NDArray[np.bool_] = self.index == self.names.index(name)
+        return found
+
+
+class EvaluationTable:
+    """One row per (frame, sensor setting, function, person instance); immutable.
+
+    Besides `COLUMNS` there is one typed column per varied parameter, named by its path. A frame without any person
+    keeps one row per (sensor, function) with ``undefined_reason`` "absent", so that its false positives are counted.
+
+    Attributes:
+        arrow: the table, columns in the order of `COLUMNS`, then the parameters.
+        parameters: path → parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
+    """
+
+    def __init__(self, arrow: pa.Table, parameters: Mapping[str, str]) -> None:
+        self.parameters: Mapping[str, str] = {path: str(kind) for path, kind in parameters.items()}
+        self.arrow = _conform(arrow, schema_of(self.parameters))
+        _check(self.arrow)
+
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, ArrayLike | pa.Array], parameters: Mapping[str, str]) -> Self:
+        """Build from whole columns (numpy arrays, lists or Arrow arrays of equal length); NaN and None are empty.
+
+        Raises:
+            UnknownName: a column that is neither fixed nor a parameter.
+            InvalidInput: a column is missing, has the wrong type or breaks a rule of `COLUMNS`.
+        """
+        schema = schema_of(parameters)
+        for name in columns:
+            if name not in schema.names:
+                raise UnknownName("column", name, schema.names)
+        arrays = [_array(name, columns.get(name), schema.field(name).type) for name in schema.names]
+        lengths = {name: len(array) for name, array in zip(schema.names, arrays, strict=True)}
+        if len(set(lengths.values())) > 1:
+            raise InvalidInput("columns differ in length", field="columns", value=lengths)
+        return cls(pa.table(arrays, schema=schema), parameters)
+
+    @classmethod
+    def from_rows(cls, rows: Iterable[Mapping[str, object]], parameters: Mapping[str, str]) -> Self:
+        """Build from row mappings, read once in batches; a key that a row lacks is empty.
+
+        Raises:
+            UnknownName: a key that is neither fixed nor a parameter.
+            InvalidInput: as `from_columns`.
+        """
+        schema = schema_of(parameters)
+        names = frozenset(schema.names)
+        batches: list[pa.Table] = []
+        for batch in _batches(rows):
+            for key in frozenset().union(*batch) - names:
+                raise UnknownName("column", key, names)
+            arrays = [
+                _array(name, [row.get(name) for row in batch], _plain(schema.field(name).type)) for name in schema.names
+            ]
+            batches.append(pa.table(arrays, names=schema.names))
+        if not batches:
+            return cls(schema.empty_table(), parameters)
+        return cls(pa.concat_tables(batches), parameters)
+
+    @classmethod
+    def from_parquet(cls, source: Path | BinaryIO | pa.BufferReader) -> Self:
+        """Read what `to_parquet` wrote.
+
+        Raises:
+            CorruptArtifact: not a Parquet file, or not an evaluation table.
+        """
+        try:
+            arrow = pa.parquet.read_table(source)
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise CorruptArtifact(f"not a Parquet evaluation table: {error}") from error
+        metadata = arrow.schema.metadata or {}
+        if _METADATA_KEY not in metadata:
+            raise CorruptArtifact("the Parquet file states no parameter types: it is not an evaluation table")
+        return cls(arrow, orjson.loads(metadata[_METADATA_KEY]))
+
+    @classmethod
+    def from_csv(cls, source: Path | BinaryIO, parameters: Mapping[str, str]) -> Self:
+        """Read what `to_csv` wrote; CSV knows no types, so the parameters' types are given.
+
+        Raises:
+            CorruptArtifact: not CSV, or values that do not fit their column.
+        """
+        types = {field.name: _plain(field.type) for field in schema_of(parameters)}
+        options = pa.csv.ConvertOptions(
+            column_types=types, strings_can_be_null=True, quoted_strings_can_be_null=False, null_values=[""]
+        )
+        try:
+            arrow = pa.csv.read_csv(source, convert_options=options)
+        except (pa.ArrowException, OSError) as error:
+            raise CorruptArtifact(f"not a CSV evaluation table: {error}") from error
+        return cls(arrow, parameters)
+
+    def to_parquet(self, sink: Path | BinaryIO) -> None:
+        """Write with zstd; the parameters' types travel in the file's metadata."""
+        metadata = {_METADATA_KEY: orjson.dumps(dict(self.parameters))}
+        pa.parquet.write_table(self.arrow.replace_schema_metadata(metadata), sink, compression="zstd")
+
+    def to_csv(self, sink: Path | BinaryIO) -> None:
+        """Write with a header; an empty field is a missing value, names are quoted."""
+        plain = self.arrow.cast(pa.schema([pa.field(f.name, _plain(f.type)) for f in self.arrow.schema]))
+        pa.csv.write_csv(plain, sink)
+
+    def __len__(self) -> int:
+        return int(self.arrow.num_rows)
+
+    def numbers(self, name: str) -> NDArray[np.float64]:
+        """(N,) float64 of a numeric or bool column, NaN where empty; read-only.
+
+        Raises:
+            UnknownName: no such column.
+            InvalidInput: a column of names.
+        """
+        if name not in self._numbers:
+            column = self._column(name)
+            if pa.types.is_dictionary(column.type) or pa.types.is_string(column.type):
+                raise InvalidInput("the column holds names, not numbers", field=name)
+            values = column.cast(pa.float64()).to_numpy().astype(np.float64)
+            values.flags.writeable = False
+            self._numbers[name] = values
+        return self._numbers[name]
+
+    def codes(self, name: str) -> Codes:
+        """A column of any type as `Codes` (numbers are spelled as text).
+
+        Raises:
+            UnknownName: no such column.
+        """
+        if name not in self._codes:
+            column = self._column(name)
+            if not pa.types.is_dictionary(column.type):
+                column = column.cast(pa.string()).dictionary_encode()
+            array = pa.concat_arrays(column.unify_dictionaries().chunks or [pa.array([], _NAME)])
+            raw = np.asarray(array.indices.fill_null(-1), np.int64)
+            words = np.array(array.dictionary.to_pylist(), dtype=object)
+            used = np.unique(raw[raw >= 0])
+            used = used[np.argsort(words[used])]
+            rank = np.full(len(words) + 1, -1, np.int64)  # the last place answers −1
+            rank[used] = np.arange(len(used))
+            index = rank[raw]
+            index.flags.writeable = False
+            self._codes[name] = Codes(index, tuple(words[used]))
+        return self._codes[name]
+
+    def select(self, mask: NDArray[np.bool_]) -> Self:
+        """The rows where ``mask`` ((N,) bool) holds."""
+        return type(self)(self.arrow.filter(pa.array(mask)), self.parameters)
+
+    @cached_property
+    def evaluations(self) -> NDArray[np.int64]:
+        """(N,) int64: rows of the same (frame, sensor, function) share a number 0…E−1."""
+        return combine([self.codes(name).index for name in ("frame_id", "sensor", "function")])
+
+    @cached_property
+    def situations(self) -> NDArray[np.int64]:
+        """(N,) int64: rows whose varied parameters agree in all but the character share a number.
+
+        Such rows are one situation seen by several cameras, sensors and functions, with one pedestrian or another.
+        They are no independent observations, so intervals resample whole situations, and characters are compared
+        within a situation. Without varied parameters other than the character, a variant is a situation.
+        """
+        paths = [path for path in self.parameters if path.rpartition(".")[2] != "character"]
+        if not paths:
+            return combine([self.numbers("variant_index")])
+        return combine([self._key(path) for path in paths])
+
+    @cached_property
+    def _numbers(self) -> dict[str, NDArray[np.float64]]:
+        return {}
+
+    @cached_property
+    def _codes(self) -> dict[str, Codes]:
+        return {}
+
+    def _column(self, name: str) -> pa.ChunkedArray:
+        if name not in self.arrow.column_names:
+            raise UnknownName("column", name, self.arrow.column_names)
+        return self.arrow[name]
+
+    def _key(self, path: str) -> NDArray[Any]:
+        return self.codes(path).index if self.parameters[path] == "CATEGORICAL" else self.numbers(path)
+
+
+def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
+    """The Arrow schema: the fixed columns, then one per parameter.
+
+    Raises:
+        UnknownName: a parameter type that does not exist.
+        InvalidInput: a parameter's path collides with a fixed column.
+    """
+    fields = [pa.field(name, dtype) for name, dtype, _, _ in COLUMNS]
+    for path, kind in parameters.items():
+        if path in _FIXED:
+            raise InvalidInput("a parameter may not have the name of a fixed column", field="parameters", value=path)
+        if str(kind) not in PARAMETER_COLUMNS:
+            raise UnknownName("parameter type", str(kind), PARAMETER_COLUMNS, field=path)
+        fields.append(pa.field(path, PARAMETER_COLUMNS[str(kind)]))
+    return pa.schema(fields)
+
+
+def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
+    """Number the distinct combinations of equally long columns: (N,) int64, 0…K−1; NaN equals NaN."""
+    combined: NDArray[np.int64] | None = None
+    for key in keys:
+        values, index = np.unique(key, return_inverse=True, equal_nan=True)
+        if combined is None:
+            combined = index.astype(np.int64)
+        else:
+            combined = np.unique(combined * len(values) + index, return_inverse=True)[1].astype(np.int64)
+    if combined is None:
+        raise InvalidInput("nothing to combine", field="keys", limit="at least one column")
+    return combined
+
+
+def _plain(dtype: pa.DataType) -> pa.DataType:
+    return pa.string() if pa.types.is_dictionary(dtype) else dtype
+
+
+def _batches(rows: Iterable[Mapping[str, object]]) -> Iterator[list[Mapping[str, object]]]:
+    iterator = iter(rows)
+    while batch := list(islice(iterator, _BATCH)):
+        yield batch
+
+
+def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
+    """One column as Arrow; NaN becomes empty, whole numbers may arrive as float, identifiers as int."""
+    if values is None:
+        if name in _FIXED and not _FIXED[name][1]:
+            raise InvalidInput("the column is missing", field=name)
+        raise InvalidInput("the column is missing (give empty values where there are none)", field=name)
+    try:
+        array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values, from_pandas=True)
+        if pa.types.is_dictionary(dtype) and not pa.types.is_dictionary(array.type):
+            array = array.cast(pa.string()).dictionary_encode()
+        return array.cast(dtype)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"the values do not fit the column: {error}", field=name, limit=str(_plain(dtype))
+        ) from error
+
+
+def _conform(arrow: pa.Table, schema: pa.Schema) -> pa.Table:
+    """The table with exactly the schema's columns, order and types."""
+    for name in arrow.column_names:
+        if name not in schema.names:
+            raise UnknownName("column", name, schema.names)
+    columns = []
+    for field in schema:
+        column = arrow[field.name] if field.name in arrow.column_names else None
+        columns.append(_array(field.name, column, field.type))
+    return pa.table(columns, schema=schema)
+
+
+def _check(arrow: pa.Table) -> None:
+    """The rules of `COLUMNS` that types cannot state.
+
+    Raises:
+        InvalidInput: a required value is empty, a rate is out of bounds, or a gap has no reason.
+    """
+    for name, _, nullable, _ in COLUMNS:
+        if not nullable and arrow[name].null_count:
+            raise InvalidInput("empty values in a required column", field=name, value=arrow[name].null_count)
+    for name in ("tp", "fn", "fp"):
+        _check_bounds(arrow, name, 0, None)
+    for name in ("pacc", "precision", "iou", "pixel_accuracy", "occlusion_rate", "truncation_rate"):
+        _check_bounds(arrow, name, 0, 1)
+    unexplained = pc.sum(pc.equal(pc.is_null(arrow["pacc"]), pc.is_null(arrow["undefined_reason"]))).as_py()
+    if unexplained:
+        raise InvalidInput("pacc is undefined exactly where undefined_reason is given", field="pacc", value=unexplained)
+
+
+def _check_bounds(arrow: pa.Table, name: str, low: float, high: float | None) -> None:
+    least, most = pc.min_max(arrow[name]).as_py().values()
+    if least is not None and (least < low or (high is not None and most > high)):
+        limit = f"≥ {low}" if high is None else f"{low}…{high}"
+        raise InvalidInput("values out of bounds", field=name, value=(least, most), limit=limit)
