@@ -70,6 +70,10 @@ class Settings(BaseSettings):
     shutdown_seconds: Seconds = Field(5.0, description="a worker that is told to stop may go on for so long")
     worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is renewed")
     worker_max_memory_mb: int = Field(4_096, ge=256, description="a worker process that outgrows this is renewed")
+    render_engines: str = Field(
+        "raster,pyrender", description="engines that a render worker offers when they work on its machine"
+    )
+    infer_functions: str = Field("", description="functions that an inference worker offers; empty: all that are known")
     infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")
 
     # Logs

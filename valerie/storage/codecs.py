@@ -1,6 +1,6 @@
 """What is stored of each kind of product: arrays to bytes and back, exactly, bit for bit.
 
-Decoding checks every dtype and shape against each other before anything is built from them, so that a swapped, truncated
+Decoding checks every dtype and shape before anything is built from them, so that a swapped, truncated
 or forged object is a `CorruptArtifact` and never a wrong result. Decoded arrays are read-only.
 """
 
@@ -73,7 +73,7 @@ def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
     arrays, meta = frames.unpack("truth", data, key=key)
     class_map = _array(arrays, "class_map", np.uint8, (None, None), key)
     size = class_map.shape
-    persons = []
+    persons: list[PersonTruth] = []
     entries = meta.get("persons")
     if not isinstance(entries, list):
         raise _corrupt(key, "the persons are no list")

@@ -1,7 +1,7 @@
 """The envelope of stored arrays: safetensors bytes in one zstd frame with a checksum.
 
 Data only, and equal input gives equal bytes. Anybody can read it: decompress, then `safetensors.numpy.load`. Our own
-reader is strict: it believes no header before having checked it, and never allocates more than a declared and bounded size.
+reader is strict: it believes no header before it has checked it, and allocates no more than a declared, bounded size.
 """
 
 from __future__ import annotations
