@@ -1,0 +1,23 @@
+"""Designs that draw a stated number of variants: name to sampler."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import Final
+
+from valerie.parameters.samplers.base import Sampler, SamplerFactory, UnitPoints
+from valerie.parameters.samplers.latin_hypercube import LatinHypercubeSampler
+from valerie.parameters.samplers.quasi_monte_carlo import HaltonSampler, SobolSampler
+from valerie.parameters.samplers.random import RandomSampler
+
+__all__ = ["SAMPLERS", "Sampler", "SamplerFactory", "UnitPoints"]
+
+#: The built-in designs that are samplers; ``grid`` and ``points`` need none.
+SAMPLERS: Final = MappingProxyType[str, SamplerFactory](
+    {
+        "latin_hypercube": LatinHypercubeSampler,
+        "sobol": SobolSampler,
+        "halton": HaltonSampler,
+        "random": RandomSampler,
+    }
+)

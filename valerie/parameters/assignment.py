@@ -1,0 +1,130 @@
+"""One point of a parameter space, and the canonical JSON and digest that every identity in the project is made of."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final, Self
+
+import orjson
+
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value, wrap
+
+#: Hexadecimal characters of a digest: SHA-256 truncated to 128 bits.
+DIGEST_LENGTH: Final = 32
+#: Integral floats below this are written as integers; larger numbers keep their exponent.
+_INTEGRAL_LIMIT: Final = float(2**63)
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """One frozen point of a space.
+
+    Attributes:
+        index: place in the space, from 0.
+        block: index of the block that it comes from.
+        values: path to value, for what the spec varies or holds constant; everything else keeps the asset's default.
+    """
+
+    index: int
+    block: int
+    values: Mapping[str, Value]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+
+def canonical_json(value: object) -> bytes:
+    """The one JSON text of a value: keys sorted, no spaces, −0.0 as 0 and 45.0 as 45: equal inputs have equal bytes.
+
+    Takes None, bool, int, float, str, mappings with str keys, lists and tuples, and numpy scalars of these kinds.
+    True and 1 differ; a tuple equals a list.
+
+    Raises:
+        InvalidInput: NaN or infinity, an integer beyond 64 bits, or a type that has no canonical form.
+    """
+    try:
+        return orjson.dumps(_canonical(value), option=orjson.OPT_SORT_KEYS)
+    except TypeError as error:
+        raise InvalidInput(f"no canonical JSON: {error}") from None
+
+
+def digest(*parts: object) -> str:
+    """32 hexadecimal characters that stand for ``parts``: THE way every digest in the project is made.
+
+    SHA-256, truncated to 128 bits, over each part's kind, length and bytes, so that no two different sequences of
+    parts share an encoding. A part of type ``bytes`` is taken as it is; every other part as its `canonical_json`.
+    """
+    return DigestPrefix(*parts).digest()
+
+
+class DigestPrefix:
+    """The first parts of digests that share them: ``DigestPrefix(a, b).digest(c) == digest(a, b, c)``, hashed once."""
+
+    __slots__ = ("_hash",)
+
+    def __init__(self, *parts: object) -> None:
+        self._hash = hashlib.sha256()
+        _update(self._hash, parts)
+
+    def extended(self, *parts: object) -> Self:
+        """A longer prefix; this one stays as it is."""
+        longer = type(self)()
+        longer._hash = self._hash.copy()  # noqa: SLF001  its own class
+        _update(longer._hash, parts)  # noqa: SLF001
+        return longer
+
+    def digest(self, *parts: object) -> str:
+        """The digest of the prefix followed by ``parts``."""
+        hasher = self._hash.copy()
+        _update(hasher, parts)
+        return hasher.hexdigest()[:DIGEST_LENGTH]
+
+
+def canonical_values(values: Mapping[str, Value], definitions: Mapping[str, ParameterDefinition]) -> dict[str, Value]:
+    """``values`` (path to value) with every ANGLE reduced to [0, 360) degrees, so that −90 and 270 are one input."""
+    return {
+        path: wrap(float(value)) if path in definitions and definitions[path].type is ParameterType.ANGLE else value
+        for path, value in values.items()
+    }
+
+
+def _update(hasher: Any, parts: Iterable[object]) -> None:
+    for part in parts:
+        data = part if isinstance(part, bytes) else canonical_json(part)
+        hasher.update(b"%c%d:" % (98 if isinstance(part, bytes) else 106, len(data)))
+        hasher.update(data)
+
+
+def _canonical(value: Any) -> Any:
+    # The exact types come first: this runs for every product of every frame.
+    kind = type(value)
+    if kind is str or kind is int or kind is bool or value is None:
+        return value
+    if kind is float:
+        return _canonical_float(value)
+    if kind is dict:
+        return {key: _canonical(item) for key, item in value.items()}
+    if kind is list or kind is tuple:
+        return [_canonical(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _canonical(item) for key, item in value.items()}
+    if isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return _canonical_float(float(value))
+    if hasattr(value, "item") and getattr(value, "ndim", None) == 0:
+        return _canonical(value.item())
+    raise InvalidInput(f"{kind.__name__} has no canonical JSON", value=value)
+
+
+def _canonical_float(value: float) -> float | int:
+    if value.is_integer():
+        return int(value) if -_INTEGRAL_LIMIT < value < _INTEGRAL_LIMIT else value
+    if not math.isfinite(value):
+        raise InvalidInput("not a finite number", value=repr(value))
+    return value

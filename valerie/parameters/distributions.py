@@ -1,0 +1,333 @@
+"""How one parameter is varied: which values it takes in a grid, and how a number in [0, 1) becomes a value elsewhere.
+
+HOMOGENEOUS and GAUSSIAN are the paper's (section 4.0.1). All numbers are in the unit of the parameter's definition.
+Steps are counted in decimals: 0 … 1 in steps of 0.1 is 11 values, and the fourth of them is 0.3.
+
+A Gaussian x ~ N(μ, σ²) truncated to [a, b] has the quantile μ + σ·Φ⁻¹(Φ(α) + u·(Φ(β) − Φ(α))) with α = (a − μ)/σ and
+β = (b − μ)/σ.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_FLOOR, Decimal
+from functools import lru_cache
+from typing import Annotated, ClassVar, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import MAX_MAGNITUDE, TURN, ParameterDefinition, ParameterType, Value, wrap
+
+#: A range that misses its maximum by less than this share of a step reaches it.
+STEP_TOLERANCE: Final = Decimal("1e-9")
+
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
+Count = Annotated[int, Field(ge=1, strict=True)]
+
+
+class _Distribution(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    #: Whether a grid needs ``count``.
+    continuous: ClassVar[bool] = False
+
+    def check(self, definition: ParameterDefinition) -> None:
+        """Refuse what does not fit the definition.
+
+        Raises:
+            InvalidInput: names the distribution's own field (``step``, ``mean`` …).
+        """
+        raise NotImplementedError
+
+    def count(self, definition: ParameterDefinition) -> int | None:
+        """Number of values in a grid; None for a continuous distribution without ``count``."""
+        raise NotImplementedError
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:
+        """The k-th value in a grid, k = 0 … count − 1."""
+        raise NotImplementedError
+
+    def quantile(self, u: float, definition: ParameterDefinition) -> Value:
+        """The value at ``u`` in [0, 1); listed values have equal weight."""
+        count = self.count(definition)
+        assert count is not None, "continuous distributions have their own quantile"
+        return self.value(min(int(u * count), count - 1), definition)
+
+
+class Homogeneous(_Distribution):
+    """``minimum + k · step ≤ maximum``. An ANGLE drops its last value where it coincides with the first modulo 360."""
+
+    distribution: Literal["HOMOGENEOUS"] = "HOMOGENEOUS"
+    minimum: Number
+    maximum: Number
+    step: Number
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Self:
+        if self.step <= 0:
+            raise InvalidInput("the step must be above 0", field="step", value=self.step, limit="> 0")
+        if self.minimum > self.maximum:
+            raise InvalidInput(
+                "the minimum is above the maximum", field="minimum", value=self.minimum, limit=self.maximum
+            )
+        return self
+
+    def check(self, definition: ParameterDefinition) -> None:
+        _require_number(self.distribution, definition)
+        check_range(self.minimum, self.maximum, definition)
+        if definition.type is ParameterType.INT:
+            for name in ("minimum", "step"):
+                number = getattr(self, name)
+                if not number.is_integer():
+                    raise InvalidInput("an INT takes whole numbers", field=name, value=number)
+
+    @property
+    def _steps(self) -> Decimal:
+        return (_decimal(self.maximum) - _decimal(self.minimum)) / _decimal(self.step)
+
+    def count(self, definition: ParameterDefinition) -> int:
+        steps = int((self._steps + STEP_TOLERANCE).to_integral_value(ROUND_FLOOR))
+        if definition.type is ParameterType.ANGLE and steps > 0:
+            overlap = abs(steps - Decimal(TURN) / _decimal(self.step))
+            return steps if overlap <= STEP_TOLERANCE else steps + 1
+        return steps + 1
+
+    def reaches_maximum(self) -> bool:
+        """Whether the maximum is a whole number of steps from the minimum."""
+        return abs(self._steps - self._steps.to_integral_value()) <= STEP_TOLERANCE
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:
+        number = min(float(_decimal(self.minimum) + k * _decimal(self.step)), self.maximum)
+        return _typed(number, definition)
+
+
+class Gaussian(_Distribution):
+    """Normal, truncated to the declared range.
+
+    An ANGLE declared over a full turn is truncated to mean ± 180 and wrapped, since such a range has no ends. An INT
+    is the rounded value of a normal truncated to [minimum − ½, maximum + ½]. In a grid: the mid-quantiles (k + ½) /
+    count.
+    """
+
+    continuous: ClassVar[bool] = True
+
+    distribution: Literal["GAUSSIAN"] = "GAUSSIAN"
+    mean: Number
+    standard_deviation: Number
+    points: Count | None = Field(default=None, alias="count")
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, serialize_by_alias=True)
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Self:
+        if self.standard_deviation <= 0:
+            raise InvalidInput(
+                "the standard deviation must be above 0",
+                field="standard_deviation",
+                value=self.standard_deviation,
+                limit="> 0",
+            )
+        return self
+
+    def check(self, definition: ParameterDefinition) -> None:
+        _require_number(self.distribution, definition)
+        _, share_low, share_high = _truncation(self.mean, self.standard_deviation, *self._support(definition))
+        if share_high - share_low <= 0.0:
+            raise InvalidInput(
+                "the declared range lies too many standard deviations from the mean",
+                field="mean",
+                value=self.mean,
+                limit=definition.range_text,
+            )
+
+    def _support(self, definition: ParameterDefinition) -> tuple[float, float]:
+        low = -math.inf if definition.minimum is None else definition.minimum
+        high = math.inf if definition.maximum is None else definition.maximum
+        if definition.type is ParameterType.INT:
+            return low - 0.5, high + 0.5
+        if definition.type is ParameterType.ANGLE:
+            if high - low >= TURN:
+                return self.mean - TURN / 2, self.mean + TURN / 2
+            # The copy of the range that lies nearest to the mean.
+            turns = TURN * round((self.mean - (low + high) / 2) / TURN)
+            return low + turns, high + turns
+        return low, high
+
+    def count(self, definition: ParameterDefinition) -> int | None:  # noqa: ARG002  the protocol's signature
+        return self.points
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:
+        assert self.points is not None, "a grid of a continuous distribution has a count"
+        return self.quantile((k + 0.5) / self.points, definition)
+
+    def quantile(self, u: float, definition: ParameterDefinition) -> Value:
+        from scipy.special import ndtri
+
+        low, high = self._support(definition)
+        sign, share_low, share_high = _truncation(self.mean, self.standard_deviation, low, high)
+        z = sign * float(ndtri(share_low + (u if sign > 0 else 1.0 - u) * (share_high - share_low)))
+        # 12 digits: libraries of different machines may differ in the last bits, assignments must not.
+        number = float(f"{self.mean + self.standard_deviation * z:.12g}")
+        return _typed(min(max(number, low), high), definition)
+
+
+class Uniform(_Distribution):
+    """Every value of [minimum, maximum] is equally likely; without ends, of the declared range.
+
+    In a grid: the mid-quantiles (k + ½) / count.
+    """
+
+    continuous: ClassVar[bool] = True
+
+    distribution: Literal["UNIFORM"] = "UNIFORM"
+    minimum: Number | None = None
+    maximum: Number | None = None
+    points: Count | None = Field(default=None, alias="count")
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, serialize_by_alias=True)
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Self:
+        if self.minimum is not None and self.maximum is not None and self.minimum > self.maximum:
+            raise InvalidInput(
+                "the minimum is above the maximum", field="minimum", value=self.minimum, limit=self.maximum
+            )
+        return self
+
+    def check(self, definition: ParameterDefinition) -> None:
+        _require_number(self.distribution, definition)
+        low, high = self._ends(definition)
+        for name, end in (("minimum", low), ("maximum", high)):
+            if not math.isfinite(end):
+                raise InvalidInput("the declaration has no such end: give one", field=name)
+        if low > high:
+            raise InvalidInput("the minimum is above the maximum", field="minimum", value=low, limit=high)
+        check_range(low, high, definition)
+        if definition.type is ParameterType.INT and math.ceil(low) > math.floor(high):
+            raise InvalidInput("no whole number lies between the ends", field="minimum", value=low, limit=high)
+
+    def _ends(self, definition: ParameterDefinition) -> tuple[float, float]:
+        low = definition.minimum if self.minimum is None else self.minimum
+        high = definition.maximum if self.maximum is None else self.maximum
+        return -math.inf if low is None else low, math.inf if high is None else high
+
+    def count(self, definition: ParameterDefinition) -> int | None:  # noqa: ARG002  the protocol's signature
+        return self.points
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:
+        assert self.points is not None, "a grid of a continuous distribution has a count"
+        return self.quantile((k + 0.5) / self.points, definition)
+
+    def quantile(self, u: float, definition: ParameterDefinition) -> Value:
+        low, high = self._ends(definition)
+        if definition.type is ParameterType.INT:
+            first, last = math.ceil(low), math.floor(high)
+            return min(first + int(u * (last - first + 1)), last)
+        return _typed(min(max(low + u * (high - low), low), high), definition)
+
+
+class Choice(_Distribution):
+    """One of the listed values, in the order given."""
+
+    distribution: Literal["CHOICE"] = "CHOICE"
+    values: Annotated[tuple[Value, ...], Field(min_length=1)]
+
+    def check(self, definition: ParameterDefinition) -> None:
+        seen: set[Value] = set()
+        for i, value in enumerate(self.values):
+            checked = definition.check(value, field=f"values.{i}")
+            if checked in seen:
+                raise InvalidInput("listed twice", field=f"values.{i}", value=value)
+            seen.add(checked)
+
+    def count(self, definition: ParameterDefinition) -> int:  # noqa: ARG002  the protocol's signature
+        return len(self.values)
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:
+        return definition.check(self.values[k])
+
+
+class Constant(_Distribution):
+    """One value."""
+
+    distribution: Literal["CONSTANT"] = "CONSTANT"
+    constant: Value = Field(alias="value")
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, serialize_by_alias=True)
+
+    def check(self, definition: ParameterDefinition) -> None:
+        definition.check(self.constant, field="value")
+
+    def count(self, definition: ParameterDefinition) -> int:  # noqa: ARG002  the protocol's signature
+        return 1
+
+    def value(self, k: int, definition: ParameterDefinition) -> Value:  # noqa: ARG002  the protocol's signature
+        return definition.check(self.constant)
+
+
+Distribution = Annotated[
+    Homogeneous | Gaussian | Uniform | Choice | Constant,
+    Field(discriminator="distribution"),
+]
+
+
+def check_range(low: float, high: float, definition: ParameterDefinition) -> None:
+    """Refuse a range that leaves the declared one; an ANGLE's is compared modulo 360.
+
+    Raises:
+        InvalidInput: names ``minimum`` or ``maximum``.
+    """
+    if definition.type is ParameterType.ANGLE:
+        assert definition.minimum is not None, "an ANGLE has both bounds"
+        assert definition.maximum is not None, "an ANGLE has both bounds"
+        if high - low > TURN:
+            raise InvalidInput("an ANGLE spans at most a turn", field="maximum", value=high, limit=low + TURN)
+        if definition.maximum - definition.minimum >= TURN:
+            return
+        high += wrap(low, definition.minimum) - low
+        low = wrap(low, definition.minimum)
+    if definition.minimum is not None and low < definition.minimum:
+        raise InvalidInput("below the declared range", field="minimum", value=low, limit=definition.range_text)
+    if definition.maximum is not None and low > definition.maximum:
+        raise InvalidInput("above the declared range", field="minimum", value=low, limit=definition.range_text)
+    if definition.maximum is not None and high > definition.maximum:
+        raise InvalidInput("above the declared range", field="maximum", value=high, limit=definition.range_text)
+
+
+def _require_number(distribution: str, definition: ParameterDefinition) -> None:
+    if not definition.is_number:
+        raise InvalidInput(
+            f"{distribution} needs a number, and {definition.name} is {definition.type}",
+            field="distribution",
+            value=distribution,
+            limit="CHOICE or CONSTANT",
+        )
+
+
+def _decimal(number: float) -> Decimal:
+    return Decimal(repr(number))
+
+
+def _typed(number: float, definition: ParameterDefinition) -> Value:
+    if definition.type is ParameterType.ANGLE:
+        assert definition.minimum is not None, "an ANGLE has both bounds"
+        return wrap(number, definition.minimum)
+    if definition.type is ParameterType.INT:
+        rounded = math.floor(number + 0.5)
+        # A normal's support is half a unit wider than the range: its very end rounds outwards.
+        high = rounded if definition.maximum is None else math.floor(definition.maximum)
+        return min(rounded, high)
+    return number + 0.0
+
+
+@lru_cache(maxsize=4096)
+def _truncation(mean: float, deviation: float, low: float, high: float) -> tuple[float, float, float]:
+    """(sign, Φ(α), Φ(β)); above the mean everything is mirrored, since Φ keeps its precision in the lower tail."""
+    from scipy.special import ndtr
+
+    alpha, beta = (low - mean) / deviation, (high - mean) / deviation
+    sign = -1.0 if alpha > 0 else 1.0
+    if sign < 0:
+        alpha, beta = -beta, -alpha
+    return sign, float(ndtr(alpha)), float(ndtr(beta))

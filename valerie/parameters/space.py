@@ -1,0 +1,156 @@
+"""The validation parameter space (VPS) of one run: a sequence of assignments, described and indexed, never enumerated.
+
+    >>> along_x = Variation("p1", Homogeneous(minimum=0, maximum=9, step=1))
+    >>> space = ParameterSpace(definitions, [Block(variations=(along_x,))])
+    >>> len(space), space[3].values
+    (10, {'scene.person-1.pos.x': 3.0})
+
+A space is the union of its blocks, in order. Any assignment follows from (blocks, constants, seed, index) alone.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.assignment import Assignment
+from valerie.parameters.blocks import Block, Rows, Variation, at, rows_of
+from valerie.parameters.constraints import Constraint, compile_constraint
+from valerie.parameters.definitions import ParameterDefinition, Value
+from valerie.parameters.samplers import SAMPLERS, SamplerFactory
+
+
+class ParameterSpace:
+    """An immutable sequence of `Assignment`.
+
+    Args:
+        definitions: what may be varied, in force for this run. Blocks, constants and constraints may call a parameter
+            by its name or its path.
+        blocks: in order; an empty sequence is one variant of constants and defaults alone.
+        constants: name or path to value, for all blocks; a block's own constants and variations are stronger.
+        constraints: comparisons that a variant must meet; one that does not stays in the space and is rejected, so that
+            indexes mean the same with and without constraints.
+        seed: of all random designs; 0 is a seed like any other.
+        samplers: name to sampler of the designs beside ``grid`` and ``points``.
+
+    Raises:
+        InvalidInput, UnknownName: the field begins with ``blocks.N``, ``constants`` or ``constraints.N``.
+    """
+
+    def __init__(
+        self,
+        definitions: Iterable[ParameterDefinition],
+        blocks: Sequence[Block] = (),
+        *,
+        constants: Mapping[str, Value] | None = None,
+        constraints: Sequence[str] = (),
+        seed: int = 0,
+        samplers: Mapping[str, SamplerFactory] = SAMPLERS,
+    ) -> None:
+        self.definitions = {definition.path: definition for definition in definitions}
+        self._paths = {definition.name: path for path, definition in self.definitions.items()}
+        self.seed = seed
+        shared = self._constants(constants or {}, "constants")
+        self.blocks: tuple[Block, ...] = tuple(blocks) or (Block(),)
+        self._rows: list[Rows] = []
+        self._fixed: list[dict[str, Value]] = []
+        for i, block in enumerate(self.blocks):
+            try:
+                by_path = self._by_path(block)
+                fixed = shared | self._constants(block.constants or {}, "constants")
+                rows = rows_of(by_path, self.definitions, seed=seed, index=i, samplers=samplers)
+            except InvalidInput as problem:
+                raise at(f"blocks.{i}", problem) from None
+            self._rows.append(rows)
+            self._fixed.append(fixed)
+        self._ends = list(accumulate(rows.size for rows in self._rows))
+        self.constraints: tuple[Constraint, ...] = tuple(
+            compile_constraint(text, self.definitions.values(), field=f"constraints.{i}")
+            for i, text in enumerate(constraints)
+        )
+
+    def _path(self, name: str, field: str) -> str:
+        if name in self.definitions:
+            return name
+        if name not in self._paths:
+            raise UnknownName("parameter", name, (*self._paths, *self.definitions), field=field)
+        return self._paths[name]
+
+    def _constants(self, constants: Mapping[str, Value], field: str) -> dict[str, Value]:
+        checked: dict[str, Value] = {}
+        for name, value in constants.items():
+            path = self._path(name, f"{field}.{name}")
+            if path in checked:
+                raise InvalidInput("the parameter is given twice", field=f"{field}.{name}", value=path)
+            checked[path] = self.definitions[path].check(value, field=f"{field}.{name}")
+        return checked
+
+    def _by_path(self, block: Block) -> Block:
+        return Block(
+            design=block.design,
+            variations=tuple(
+                Variation(self._path(v.path, f"vary.{i}"), v.distribution) for i, v in enumerate(block.variations)
+            ),
+            count=block.count,
+            points=tuple(
+                {self._path(name, f"points.{i}.{name}"): value for name, value in point.items()}
+                for i, point in enumerate(block.points)
+            ),
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of variants, exact however large (``len`` stops at 2^63 − 1)."""
+        return self._ends[-1]
+
+    @property
+    def block_sizes(self) -> tuple[int, ...]:
+        return tuple(rows.size for rows in self._rows)
+
+    def __len__(self) -> int:
+        return self.size
+
+    def block_of(self, index: int) -> int:
+        """The block that variant ``index`` comes from.
+
+        Raises:
+            IndexError: not in 0 … size − 1.
+        """
+        if not 0 <= index < self.size:
+            raise IndexError(index)
+        return bisect_right(self._ends, index)
+
+    def __getitem__(self, index: int) -> Assignment:
+        if index < 0:
+            index += self.size
+        block = self.block_of(index)
+        ((_, values),) = self.values(index, index + 1)
+        return Assignment(index, block, values)
+
+    def __iter__(self) -> Iterator[Assignment]:
+        for index, (block, values) in enumerate(self.values(0, self.size)):
+            yield Assignment(index, block, values)
+
+    def values(self, start: int, stop: int) -> Iterator[tuple[int, dict[str, Value]]]:
+        """(block, path to value) of variants start … stop − 1: the fast way through a large space.
+
+        Each dictionary is the caller's own and holds the constants first.
+        """
+        stop = min(stop, self.size)
+        while start < stop:
+            block = self.block_of(start)
+            first = self._ends[block - 1] if block else 0
+            end = min(stop, self._ends[block])
+            fixed = self._fixed[block]
+            for row in self._rows[block].read(start - first, end - first):
+                yield block, ({**fixed, **row} if fixed else row)
+            start = end
+
+    def unmet_constraint(self, values: Mapping[str, Value]) -> Constraint | None:
+        """The first constraint that a variant does not meet; what ``values`` leaves out has its default."""
+        for constraint in self.constraints:
+            if not constraint.holds(values):
+                return constraint
+        return None
