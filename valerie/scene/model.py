@@ -1,10 +1,11 @@
 """The scene: a renderer-neutral, immutable value that every engine translates and none changes.
 
-Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along its
-own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
+Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
+its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
 A `Scene` is one concrete variant: `valerie.scene.variation.apply` makes it from an asset and an assignment. Meshes,
-materials and textures are shared by identity between scenes of one asset, so an engine may cache by ``id`` what it uploaded.
+materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
+identity what it uploaded.
 """
 
 from __future__ import annotations
@@ -99,13 +100,13 @@ class Node:
     """A named object in the scene graph.
 
     Attributes:
-        path: dotted path from the root, e.g. ``scene.car-3.door-1``; the last part is ``class-instance`` or a plain name.
+        path: dotted path from the root, e.g. ``scene.car-3.door-1``; its last part is ``class-instance`` or plain.
         transform: (4, 4) local to parent.
         meshes: drawn with this node's world transform.
         label_id: Cityscapes label id of every pixel; what a person carries is the person's. Inherited when loading.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
         movable: declared by the manifest (inherited): part of the movable layer, not of the background.
-        visible: False: present in the graph, not drawn (an absent person, an unchosen character).
+        visible: False: in the graph, not drawn (an absent person, an unchosen character); so is all below it, and says so.
     """
 
     path: str
@@ -168,7 +169,7 @@ class Sun:
     Attributes:
         azimuth: radians, clockwise from north seen from above; the street's bearing (of +y) is in `Environment`.
         elevation: radians above the horizon.
-        irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0 ≙ clear noon).
+        irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0: clear noon).
         angular_diameter: radians; sets the softness of shadows.
     """
 

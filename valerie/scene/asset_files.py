@@ -1,0 +1,97 @@
+"""Users' assets on disk: one folder with ``manifest.yaml`` and the glTF files that it lists."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from valerie.errors import InvalidInput
+from valerie.parameters.assignment import digest
+from valerie.scene.manifest import Manifest, parse_manifest
+from valerie.scene.model import Scene
+
+MANIFEST_FILE: Final = "manifest.yaml"
+MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
+#: Largest glTF file that is opened.
+MAX_FILE_BYTES: Final = 1024**3
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML without aliases (they can grow without bound) and without a key given twice (the last would win)."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not accepted")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        twice = {str(key) for key in keys if keys.count(key) > 1}
+        if twice:
+            raise yaml.YAMLError(f"given twice: {', '.join(sorted(twice))}")
+        return super().construct_mapping(node, deep)
+
+
+def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
+    """Read and validate a folder's manifest and digest its files.
+
+    Returns:
+        The manifest, the digest over the bytes of all files of the asset, and the glTF files by name.
+
+    Raises:
+        InvalidInput: no or no valid manifest, a file that is missing, too large or outside the folder.
+    """
+    path = _inside(folder, MANIFEST_FILE, limit=MAX_MANIFEST_BYTES, field=MANIFEST_FILE)
+    raw = path.read_bytes()
+    try:
+        data = yaml.load(raw.decode("utf-8"), Loader=_StrictLoader)  # noqa: S506  a SafeLoader, made stricter
+    except UnicodeDecodeError as error:
+        raise InvalidInput("not UTF-8", field=MANIFEST_FILE, value=f"byte {error.start}") from None
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InvalidInput(f"not readable as YAML: {error}", field=MANIFEST_FILE) from None
+    if isinstance(data, dict):
+        data.setdefault("name", folder.resolve().name)
+    manifest = parse_manifest(data, source=MANIFEST_FILE)
+    if not manifest.files:
+        raise InvalidInput("an asset has at least one glTF file", field=f"{MANIFEST_FILE}.files")
+    files = {
+        name: _inside(folder, name, limit=MAX_FILE_BYTES, field=f"{MANIFEST_FILE}.files.{index}")
+        for index, name in enumerate(manifest.files)
+    }
+    hashes = {name: _sha256(file) for name, file in files.items()}
+    return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes), files
+
+
+def read_scene(manifest: Manifest, files: Mapping[str, Path]) -> Scene:
+    """Read the glTF files of an asset into one scene, labelled as the manifest says.
+
+    Raises:
+        InvalidInput: a file is broken, or two files contradict each other.
+    """
+    from valerie.scene.gltf import load_gltf, merge
+
+    parts = {name: load_gltf(path) for name, path in files.items()}
+    return merge(parts, manifest)
+
+
+def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
+    """The file ``name`` of ``folder``, if it is a regular file inside of it (links followed) and not too large."""
+    root = folder.resolve()
+    path = (root / name).resolve()
+    if not path.is_relative_to(root):
+        raise InvalidInput("the file lies outside the asset's folder", field=field, value=name)
+    if not path.is_file():
+        raise InvalidInput("the asset has no such file", field=field, value=name)
+    size = path.stat().st_size
+    if size > limit:
+        raise InvalidInput("the file is too large", field=field, value=f"{size} bytes", limit=f"{limit} bytes")
+    return path
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

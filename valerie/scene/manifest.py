@@ -1,0 +1,226 @@
+"""The manifest of an asset: what it is, what may vary, what moves, where one can stand.
+
+The same document is the ``manifest.yaml`` of a user's asset and the value that a generated asset makes. It is cheap:
+the API, the planner and the control loop read it without meshes, trimesh or GL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.labels import label_of_node_class
+from valerie.parameters.definitions import ParameterDefinition
+from valerie.parameters.paths import parse_path
+from valerie.scene.naming import ROOT, is_node_name
+
+#: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
+MAX_COORDINATE_M: Final = 10_000.0
+
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
+Point = tuple[Coordinate, Coordinate]
+Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
+AssetName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Footprint(_Document):
+    """Ground that something occupies.
+
+    Attributes:
+        path: node that stands there, e.g. ``scene.car-2``.
+        polygon: corners (x, y) in metres, world; simple, either orientation.
+        reason: what is said of a person who would stand in it, e.g. ``inside building-3``; made from the path if empty.
+        height_m: how far it reaches above z = 0; None: farther than any camera.
+    """
+
+    path: str
+    polygon: Polygon
+    reason: str = ""
+    height_m: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    @property
+    def text(self) -> str:
+        """The reason as words: ``inside building-3``."""
+        return self.reason or f"inside {self.path.rpartition('.')[2]}"
+
+
+class GroundRegion(_Document):
+    """A part of the ground at one height.
+
+    Attributes:
+        polygon: corners (x, y) in metres, world; its border belongs to it.
+        height: z in metres.
+    """
+
+    polygon: Polygon
+    height: float = Field(ge=-1000, le=1000, allow_inf_nan=False)
+
+
+class Manifest(_Document):
+    """What an asset declares about itself.
+
+    Attributes:
+        name: how specs call the asset.
+        files: glTF files of a user's asset, relative to the manifest; empty for generated assets.
+        bearing_deg: compass bearing of +y, clockwise from north.
+        extent: x0, y0, x1, y1 in metres: where a person may be at all.
+        parameters: what may vary, with type, range, unit and default.
+        movable: nodes (with all below them) that belong to the movable layer instead of the background.
+        obstacles: where no person can stand.
+        ground: heights of the ground; later regions win, elsewhere z = 0.
+        persons: nodes that are pedestrians under test.
+        grounded: nodes whose z follows the ground below their (x, y); by default the persons.
+        person_radius_m: the circle that a standing person needs.
+        cameras: camera names, e.g. ``camera-1``.
+        node_classes: class by path, for nodes whose names do not tell.
+
+    Raises:
+        InvalidInput, UnknownName: parts contradict each other; `parse_manifest` reports pydantic's findings so too.
+    """
+
+    manifest_version: Literal[1] = 1
+    name: AssetName
+    title: str = ""
+    description: str = ""
+    files: tuple[str, ...] = ()
+    bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
+    extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+    parameters: tuple[ParameterDefinition, ...] = ()
+    movable: tuple[str, ...] = ()
+    obstacles: tuple[Footprint, ...] = ()
+    ground: tuple[GroundRegion, ...] = ()
+    persons: tuple[str, ...] = ()
+    grounded: tuple[str, ...] = ()
+    person_radius_m: float = Field(default=0.3, ge=0, le=5, allow_inf_nan=False)
+    cameras: tuple[str, ...] = Field(min_length=1)
+    node_classes: dict[str, str] = Field(default_factory=dict)
+
+    def __hash__(self) -> int:
+        # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
+        return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _persons_stand_on_the_ground(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "grounded" not in given and "persons" in given:
+            return {**given, "grounded": given["persons"]}
+        return given
+
+    @field_validator("files")
+    @classmethod
+    def _plain_files(cls, files: tuple[str, ...]) -> tuple[str, ...]:
+        for index, file in enumerate(files):
+            if not file.lower().endswith((".glb", ".gltf")):
+                raise InvalidInput("not a glTF file", field=f"files.{index}", value=file, limit=".glb or .gltf")
+        return files
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        x0, y0, x1, y1 = self.extent
+        if x0 >= x1 or y0 >= y1:
+            raise InvalidInput("not x0 < x1 and y0 < y1", field="extent", value=self.extent)
+        for field in ("movable", "persons", "grounded"):
+            _check_paths(field, getattr(self, field))
+        for path, node_class in self.node_classes.items():
+            _check_paths("node_classes", (path,))
+            label_of_node_class(node_class, field=f"node_classes.{path}")
+        for index, camera in enumerate(self.cameras):
+            if not is_node_name(camera):
+                raise InvalidInput("not a camera name", field=f"cameras.{index}", value=camera, limit="as camera-1")
+        for path in self.grounded:
+            if path.count(".") != 1:
+                raise InvalidInput(
+                    "what follows the ground hangs directly below the scene", field="grounded", value=path
+                )
+        for field in ("cameras", "movable", "persons", "grounded", "files"):
+            _check_distinct(field, getattr(self, field))
+        _check_distinct("parameters", [p.name for p in self.parameters])
+        _check_distinct("parameters", [p.path for p in self.parameters])
+        for index, definition in enumerate(self.parameters):
+            if definition.path.removesuffix(".pos.z") in self.grounded:
+                raise InvalidInput(
+                    "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
+                )
+        return self
+
+    @cached_property
+    def by_path(self) -> Mapping[str, ParameterDefinition]:
+        """Declared parameters by path."""
+        return {definition.path: definition for definition in self.parameters}
+
+    def definition(self, path: str, *, field: str = "") -> ParameterDefinition:
+        """The declaration of a path.
+
+        Raises:
+            UnknownName: nothing of that path is declared; the message lists near matches.
+        """
+        try:
+            return self.by_path[path]
+        except KeyError:
+            raise UnknownName("parameter", path, self.by_path, field=field) from None
+
+    def require_camera(self, name: str, *, field: str = "") -> str:
+        """``name``, if it is a camera of this asset.
+
+        Raises:
+            UnknownName: it is not.
+        """
+        if name not in self.cameras:
+            raise UnknownName("camera", name, self.cameras, field=field)
+        return name
+
+    def is_movable(self, path: str) -> bool:
+        """Whether a node, or an attribute below it, belongs to the movable layer."""
+        return any(path == movable or path.startswith(movable + ".") for movable in self.movable)
+
+
+def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
+    """Validate a manifest read from YAML or JSON.
+
+    Args:
+        data: what the document holds.
+        source: named in errors, e.g. ``manifest.yaml``.
+
+    Raises:
+        InvalidInputs: every problem that was found, each with its dotted field.
+        InvalidInput, UnknownName: a contradiction.
+    """
+    if not isinstance(data, dict):
+        raise InvalidInput("the document is no mapping", field=source, value=type(data).__name__)
+    unknown = [str(key) for key in data if key not in Manifest.model_fields]
+    if unknown:
+        raise UnknownName("field", unknown[0], Manifest.model_fields, field=source)
+    try:
+        return Manifest.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInputs(
+            [
+                InvalidInput(
+                    problem["msg"],
+                    field=".".join((source, *map(str, problem["loc"]))),
+                    value=None if isinstance(problem["input"], dict) else problem["input"],
+                )
+                for problem in error.errors(include_url=False)
+            ]
+        ) from None
+
+
+def _check_paths(field: str, paths: tuple[str, ...]) -> None:
+    for path in paths:
+        parts = parse_path(path, field=field)
+        if parts[0] != ROOT:
+            raise InvalidInput("not a node of the scene", field=field, value=path, limit="scene.…")
+
+
+def _check_distinct(field: str, names: list[str] | tuple[str, ...]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InvalidInput("named twice", field=field, value=", ".join(twice))

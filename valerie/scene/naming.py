@@ -1,0 +1,125 @@
+"""What names in the scene graph mean: ``ObjectClass-ObjectInstanceID`` gives class and instance (paper, section 5.1).
+
+The first node on the way from the root whose name parses as a class is *the object*: everything below it inherits its
+label and instance, even a part whose own name would parse. ``car-3.door-1`` is the car's, and what a person carries is
+the person's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from valerie.errors import InvalidInput
+from valerie.labels import BY_ID, CITYSCAPES, MAX_INSTANCE, instance_id, label_of_node_class
+
+#: Root of every path of the scene graph.
+ROOT = "scene"
+#: Where the sun and the environment are addressed; they are no nodes with meshes.
+SUN_PATH = "scene.sun-1"
+ENVIRONMENT_PATH = "scene.environment-1"
+
+_CLASSES = {label.node_class: label for label in CITYSCAPES}
+_OBJECT_NAME = re.compile(r"([A-Za-z][A-Za-z0-9_-]*)-([0-9]{1,4})")
+_NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+class ObjectLabel(NamedTuple):
+    """What the ground truth calls a node: label id, and instance id (0 for classes without instances)."""
+
+    label_id: int
+    instance_id: int
+
+
+UNLABELLED = ObjectLabel(0, 0)
+
+
+def parse_object_name(name: str) -> tuple[str, int] | None:
+    """``traffic-light-3`` to ``("traffic-light", 3)``; None when the name has no instance number.
+
+    The class is not checked: see `object_label`.
+    """
+    match = _OBJECT_NAME.fullmatch(name)
+    return (match[1], int(match[2])) if match else None
+
+
+def object_label(name: str) -> ObjectLabel | None:
+    """Label and instance that a node's own name states; None when it names no known class.
+
+    Raises:
+        InvalidInput: the instance number is above 999.
+    """
+    parsed = parse_object_name(name)
+    if parsed is None or parsed[0] not in _CLASSES:
+        return None
+    label = _CLASSES[parsed[0]]
+    if parsed[1] > MAX_INSTANCE:
+        raise InvalidInput("instance number too large", field=name, value=parsed[1], limit=MAX_INSTANCE)
+    return ObjectLabel(label.id, instance_id(label, parsed[1]))
+
+
+def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict[str, ObjectLabel]:
+    """Label and instance of every path.
+
+    Args:
+        paths: parents before children.
+        node_classes: class by path, for nodes whose names do not tell; wins over names and is inherited (``static`` is the
+            class of what nobody evaluates). The instance is the number at the end of the name, else one is counted up.
+
+    Raises:
+        UnknownName: a class that does not exist.
+        InvalidInput: two objects with the same instance id, or a number above 999.
+    """
+    labels: dict[str, ObjectLabel] = {}
+    roots: dict[int, str] = {}
+    pending: list[tuple[str, str]] = []
+    for path in paths:
+        parent, _, name = path.rpartition(".")
+        if path in node_classes:
+            label = label_of_node_class(node_classes[path], field=f"node_classes.{path}")
+            parsed = parse_object_name(name)
+            own = ObjectLabel(label.id, instance_id(label, parsed[1]) if parsed else 0)
+            if label.has_instances and parsed is None:
+                pending.append((path, label.node_class))
+        elif labels.get(parent, UNLABELLED).label_id:
+            labels[path] = labels[parent]
+            continue
+        else:
+            own = object_label(name) or UNLABELLED
+        labels[path] = own
+        _claim(roots, own, path)
+    for path, node_class in pending:
+        label = _CLASSES[node_class]
+        number = next(n for n in range(1, MAX_INSTANCE + 2) if instance_id(label, n) not in roots)
+        own = ObjectLabel(label.id, instance_id(label, number))
+        _claim(roots, own, path)
+        for below in [p for p in labels if (p == path or p.startswith(path + ".")) and labels[p].instance_id == 0]:
+            labels[below] = own
+    return labels
+
+
+def _claim(roots: dict[int, str], own: ObjectLabel, path: str) -> None:
+    if not own.instance_id:
+        return
+    other = roots.setdefault(own.instance_id, path)
+    if other != path:
+        name = BY_ID[own.label_id].name
+        raise InvalidInput(
+            f"{other} and {path} are the same {name} (instance id {own.instance_id}); number them differently",
+            field=path,
+        )
+
+
+def is_node_name(name: str) -> bool:
+    """Whether a name may stand in a path: letters, digits, _ and single -, starting with a letter."""
+    return _NODE_NAME.fullmatch(name) is not None
+
+
+def node_name(given: str | None, index: int) -> str:
+    """A name that may stand in a path, made from what a file gives: ``Cube.001`` is ``Cube_001``, none ``node_7``."""
+    cleaned = re.sub(r"-{2,}", "-", _NOT_IN_NAMES.sub("_", given or "")).strip("-")
+    if not cleaned:
+        return f"node_{index}"
+    return cleaned if is_node_name(cleaned) else f"node_{cleaned}"
