@@ -160,7 +160,7 @@ def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
 
 
 def _solve(gram: NDArray[np.float64], moment: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares from normal equations, (…, P, P) and (…, P); the shortest solution where a draw leaves them singular."""
+    """Least squares from normal equations, (…, P, P) and (…, P); the shortest solution of singular ones."""
     solved: NDArray[np.float64] = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment[..., None]
     return solved[..., 0]
 

@@ -1,0 +1,87 @@
+"""Which frames to look at: the extremes that numbers point to, one picture each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.frames import present
+from valerie.analysis.summary import OCCLUDED
+from valerie.analysis.table import EvaluationTable, combine
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One person in one frame, and how each function saw it.
+
+    Attributes:
+        title: why it was chosen.
+        frame_id, sensor, camera, character: what it is.
+        distance_m, occlusion_rate, pixel_area_percent: of the person; None where undefined.
+        pacc: per function, 0…1.
+    """
+
+    title: str
+    frame_id: str
+    sensor: str
+    camera: str
+    character: str
+    distance_m: float | None
+    occlusion_rate: float | None
+    pixel_area_percent: float | None
+    pacc: dict[str, float]
+
+
+def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
+    """Best seen, worst in plain sight, worst of all, most occluded, most disputed; each frame at most once."""
+    usable = present(table) & np.isfinite(table.numbers("pacc"))
+    if not usable.any():
+        return ()
+    instance = np.nan_to_num(table.numbers("instance_id"))
+    key = combine([table.codes("frame_id").index, table.codes("sensor").index, instance])
+    key = np.where(usable, key, -1)
+    rows = np.flatnonzero(usable)
+    keys, first, inverse = np.unique(key[rows], return_index=True, return_inverse=True)
+    pacc = table.numbers("pacc")[rows]
+    n = np.bincount(inverse)
+    mean = np.bincount(inverse, weights=pacc) / n
+    least, most = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
+    np.minimum.at(least, inverse, pacc)
+    np.maximum.at(most, inverse, pacc)
+    occlusion = np.nan_to_num(table.numbers("occlusion_rate")[rows[first]], nan=0.0)
+    plain = occlusion <= OCCLUDED
+    wishes: list[tuple[str, NDArray[np.float64]]] = [
+        ("Best seen", mean),
+        ("Worst in plain sight", np.where(plain, -mean, -np.inf)),
+        ("Worst of all", -mean),
+        ("Most occluded", np.where(occlusion > 0, occlusion, -np.inf)),
+        ("Most disputed", np.where(most > least, most - least, -np.inf)),
+    ]
+    chosen: list[Example] = []
+    for title, score in wishes:
+        for place in np.argsort(-score, kind="stable"):
+            if not np.isfinite(score[place]):
+                break
+            example = _example(table, title, rows[inverse == place])
+            if all(example.frame_id != other.frame_id for other in chosen):
+                chosen.append(example)
+                break
+    return tuple(chosen)
+
+
+def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Example:
+    found = table.arrow.take(rows).to_pylist()
+    row = found[0]
+    return Example(
+        title=title,
+        frame_id=row["frame_id"],
+        sensor=row["sensor"],
+        camera=row["camera"],
+        character=row["character"] or "",
+        distance_m=row["distance_m"],
+        occlusion_rate=row["occlusion_rate"],
+        pixel_area_percent=row["pixel_area_percent"],
+        pacc={r["function"]: r["pacc"] for r in found},
+    )

@@ -1,0 +1,144 @@
+"""The numbers behind a plot: which points, curves and bins a panel shows. `plots` draws them, with either library."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from valerie.analysis.frames import ALL, Group, characters, rows_of
+from valerie.analysis.table import EvaluationTable
+from valerie.analysis.trends import Axis, Trends, axis_of
+
+#: Of a panel with more points than this, a random share is drawn (curves and bins always rest on all).
+MAX_POINTS: Final = 2500
+#: Colours that remain apart in all common forms of colour blindness (Okabe & Ito 2008) and in grey.
+COMBINED_COLOR: Final = "#d55e00"
+CHARACTER_COLORS: Final = ("#1b1b1b", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+CHARACTER_SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross", "star")
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How a character looks in every plot of a report: colour and symbol both tell it."""
+
+    color: str
+    symbol: str
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """The persons of one character: x in shown units, pACC in per cent, and the frame of each."""
+
+    character: str
+    style: Style
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    frames: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A regression curve and its 95 % band: x in shown units, pACC in per cent; clipped to 0…100 for drawing."""
+
+    character: str
+    style: Style
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """One binned mean of all characters: centre of the bin, mean and 95 % interval in per cent."""
+
+    x: float
+    y: float
+    low: float
+    high: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """pACC over one axis for one function: everything that is drawn.
+
+    Attributes:
+        axis: what x is.
+        function, sensor: who looked.
+        points: per character; ``drawn`` of ``total`` points.
+        lines: per character, then combined.
+        marks: binned means with an interval, all characters.
+    """
+
+    axis: Axis
+    function: str
+    sensor: str
+    points: tuple[Points, ...]
+    lines: tuple[Line, ...]
+    marks: tuple[Mark, ...]
+    drawn: int
+    total: int
+
+
+def styles(names: Sequence[str]) -> dict[str, Style]:
+    """Style of each character; with two, the darker name takes black and the other blue, as in the paper."""
+    found = {
+        name: Style(CHARACTER_COLORS[i % len(CHARACTER_COLORS)], CHARACTER_SYMBOLS[i % len(CHARACTER_SYMBOLS)])
+        for i, name in enumerate(names)
+    }
+    return {**found, ALL: Style(COMBINED_COLOR, "square-open")}
+
+
+def make_panel(table: EvaluationTable, trends: Trends, column: str, function: str, sensor: str, *, seed: int) -> Panel:
+    """Collect one panel.
+
+    Args:
+        table: the run's evaluations.
+        trends: its trends.
+        column: the x column.
+        function: who looked.
+        sensor: behind which setting.
+        seed: of the choice of points where there are more than `MAX_POINTS`.
+    """
+    axis = axis_of(column)
+    names = characters(table)
+    style = styles(names)
+    x, pacc, frames = table.numbers(column), table.numbers("pacc"), table.arrow["frame_id"]
+    usable = rows_of(table, Group(function, sensor, ALL)) & np.isfinite(x) & np.isfinite(pacc)
+    total = int(np.count_nonzero(usable))
+    chosen = np.flatnonzero(usable)
+    if total > MAX_POINTS:
+        chosen = np.sort(np.random.default_rng(seed).choice(chosen, MAX_POINTS, replace=False))
+    shown = np.zeros(len(table), np.bool_)
+    shown[chosen] = True
+    points = []
+    for name in names:
+        rows = np.flatnonzero(shown & rows_of(table, Group(function, sensor, name)))
+        xs, ys = np.round(x[rows] * axis.scale, 4), np.round(pacc[rows] * 100, 2)
+        ids = tuple(frames.take(rows).to_pylist())
+        points.append(Points(name, style[name], tuple(xs.tolist()), tuple(ys.tolist()), ids))
+    lines, marks = [], []
+    for trend in trends.of(column, function, sensor):
+        if trend.curve is not None:
+            curve = trend.curve
+            y, low, high = (np.clip(np.array(v) * 100, 0, 100) for v in (curve.y, curve.low, curve.high))
+            xs = np.array(curve.x) * axis.scale
+            series = (tuple(np.round(v, 4).tolist()) for v in (xs, y, low, high))
+            lines.append(Line(trend.character, style[trend.character], *series))
+        if trend.character == ALL or len(names) == 1:
+            marks = [
+                Mark(
+                    (b.low + b.high) / 2 * axis.scale,
+                    b.mean * 100,
+                    b.mean_interval.low * 100,
+                    b.mean_interval.high * 100,
+                    f"{b.low * axis.scale:g}–{b.high * axis.scale:g} {axis.unit}: n = {b.n}",
+                )
+                for b in trend.bins
+                if b.mean_interval is not None
+            ]
+    return Panel(axis, function, sensor, tuple(points), tuple(lines), tuple(marks), len(chosen), total)
