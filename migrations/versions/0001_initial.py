@@ -1,0 +1,267 @@
+"""runs, variants, frames, evaluations, products
+
+Revision: 0001
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+from alembic import op
+from sqlalchemy.dialects import postgresql
+
+revision = "0001"
+down_revision = None
+branch_labels = None
+depends_on = None
+
+
+def upgrade() -> None:
+    op.create_table(
+        "leases",
+        sa.Column("name", sa.String(length=64), nullable=False),
+        sa.Column("owner", sa.String(length=64), nullable=False),
+        sa.Column("until", sa.Float(), nullable=False),
+        sa.PrimaryKeyConstraint("name", name=op.f("pk_leases")),
+    )
+    op.create_table(
+        "products",
+        sa.Column("digest", sa.String(length=32), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("state", sa.String(length=16), nullable=False),
+        sa.Column("route", sa.String(length=120), nullable=False),
+        sa.Column("cache_group", sa.String(length=32), nullable=False),
+        sa.Column("input_a", sa.String(length=32), nullable=True),
+        sa.Column("input_b", sa.String(length=32), nullable=True),
+        sa.Column("attempts", sa.Integer(), nullable=False),
+        sa.Column("lease_owner", sa.String(length=64), nullable=True),
+        sa.Column("lease_until", sa.Float(), nullable=True),
+        sa.Column("sent_at", sa.Float(), nullable=True),
+        sa.Column(
+            "error", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
+        ),
+        sa.Column("bytes", sa.BigInteger(), nullable=True),
+        sa.Column("pixels", sa.BigInteger(), nullable=True),
+        sa.Column("cpu_seconds", sa.Float(), nullable=True),
+        sa.Column("finished_at", sa.Float(), nullable=True),
+        sa.PrimaryKeyConstraint("digest", name=op.f("pk_products")),
+    )
+    with op.batch_alter_table("products", schema=None) as batch_op:
+        batch_op.create_index("ix_products_input_a", ["input_a"], unique=False)
+        batch_op.create_index("ix_products_input_b", ["input_b"], unique=False)
+        batch_op.create_index(
+            "ix_products_unfinished",
+            ["state", "route"],
+            unique=False,
+            sqlite_where=sa.text("state IN ('waiting','ready','running')"),
+            postgresql_where=sa.text("state IN ('waiting','ready','running')"),
+        )
+
+    op.create_table(
+        "runs",
+        sa.Column("id", sa.String(length=32), nullable=False),
+        sa.Column("name", sa.String(length=200), nullable=False),
+        sa.Column("state", sa.String(length=32), nullable=False),
+        sa.Column("reason", sa.Text(), nullable=True),
+        sa.Column(
+            "spec", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
+        ),
+        sa.Column("spec_digest", sa.String(length=32), nullable=False),
+        sa.Column("asset_digest", sa.String(length=32), nullable=False),
+        sa.Column("pins", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True),
+        sa.Column("parent_run", sa.String(length=32), nullable=True),
+        sa.Column("iteration", sa.Integer(), nullable=False),
+        sa.Column("variant_count", sa.BigInteger(), nullable=False),
+        sa.Column("next_index", sa.BigInteger(), nullable=False),
+        sa.Column("rejected_count", sa.BigInteger(), nullable=False),
+        sa.Column(
+            "progress", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
+        ),
+        sa.Column(
+            "summary", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
+        ),
+        sa.Column("idempotency_key", sa.String(length=200), nullable=True),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
+        sa.ForeignKeyConstraint(["parent_run"], ["runs.id"], name=op.f("fk_runs_parent_run"), ondelete="SET NULL"),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_runs")),
+        sa.UniqueConstraint("idempotency_key", name=op.f("uq_runs_idempotency_key")),
+    )
+    with op.batch_alter_table("runs", schema=None) as batch_op:
+        batch_op.create_index("ix_runs_created_at", ["created_at"], unique=False)
+        batch_op.create_index("ix_runs_state", ["state"], unique=False)
+
+    op.create_table(
+        "workers",
+        sa.Column("id", sa.String(length=64), nullable=False),
+        sa.Column("stage", sa.String(length=16), nullable=False),
+        sa.Column("host", sa.String(length=200), nullable=False),
+        sa.Column("pid", sa.Integer(), nullable=False),
+        sa.Column(
+            "offers", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
+        ),
+        sa.Column("started_at", sa.Float(), nullable=False),
+        sa.Column("seen_at", sa.Float(), nullable=False),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_workers")),
+    )
+    op.create_table(
+        "blocks",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("first", sa.BigInteger(), nullable=False),
+        sa.Column("last", sa.BigInteger(), nullable=False),
+        sa.Column("closed", sa.Boolean(), nullable=False),
+        sa.Column(
+            "counts", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
+        ),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_blocks_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "number", name=op.f("pk_blocks")),
+    )
+    op.create_table(
+        "person_scores",
+        sa.Column("digest", sa.String(length=32), nullable=False),
+        sa.Column("instance_id", sa.Integer(), nullable=False),
+        sa.Column("tp", sa.Integer(), nullable=False),
+        sa.Column("fn", sa.Integer(), nullable=False),
+        sa.Column("pacc", sa.Float(), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["digest"], ["products.digest"], name=op.f("fk_person_scores_digest"), ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("digest", "instance_id", name=op.f("pk_person_scores")),
+    )
+    op.create_table(
+        "person_views",
+        sa.Column("truth", sa.String(length=32), nullable=False),
+        sa.Column("instance_id", sa.Integer(), nullable=False),
+        sa.Column("pixel_area", sa.Integer(), nullable=False),
+        sa.Column("pixel_area_percent", sa.Float(), nullable=False),
+        sa.Column("pixel_area_amodal", sa.Integer(), nullable=False),
+        sa.Column("occlusion_rate", sa.Float(), nullable=True),
+        sa.Column("truncation_rate", sa.Float(), nullable=True),
+        sa.Column("distance_m", sa.Float(), nullable=True),
+        sa.Column("depth_m", sa.Float(), nullable=True),
+        sa.Column("box", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True),
+        sa.Column(
+            "amodal_box", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
+        ),
+        sa.Column("undefined_reason", sa.String(length=64), nullable=True),
+        sa.ForeignKeyConstraint(["truth"], ["products.digest"], name=op.f("fk_person_views_truth"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("truth", "instance_id", name=op.f("pk_person_views")),
+    )
+    op.create_table(
+        "scores",
+        sa.Column("digest", sa.String(length=32), nullable=False),
+        sa.Column("confusion", sa.LargeBinary(), nullable=False),
+        sa.Column("tp", sa.Integer(), nullable=False),
+        sa.Column("fp", sa.Integer(), nullable=False),
+        sa.Column("fn", sa.Integer(), nullable=False),
+        sa.Column("tn", sa.Integer(), nullable=False),
+        sa.Column("pacc", sa.Float(), nullable=True),
+        sa.Column("precision", sa.Float(), nullable=True),
+        sa.Column("iou", sa.Float(), nullable=True),
+        sa.Column("pixel_accuracy", sa.Float(), nullable=True),
+        sa.Column("miou", sa.Float(), nullable=True),
+        sa.Column("fwiou", sa.Float(), nullable=True),
+        sa.Column("macc", sa.Float(), nullable=True),
+        sa.ForeignKeyConstraint(["digest"], ["products.digest"], name=op.f("fk_scores_digest"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("digest", name=op.f("pk_scores")),
+    )
+    op.create_table(
+        "variants",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("index", sa.BigInteger(), nullable=False),
+        sa.Column("block", sa.Integer(), nullable=False),
+        sa.Column(
+            "assignment", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
+        ),
+        sa.Column("rejection", sa.Text(), nullable=True),
+        sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_variants_run_id"), ondelete="CASCADE"),
+        sa.PrimaryKeyConstraint("run_id", "index", name=op.f("pk_variants")),
+    )
+    op.create_table(
+        "frames",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("variant_index", sa.BigInteger(), nullable=False),
+        sa.Column("camera_index", sa.Integer(), nullable=False),
+        sa.Column("time_index", sa.Integer(), nullable=False),
+        sa.Column("background", sa.String(length=32), nullable=False),
+        sa.Column("layer", sa.String(length=32), nullable=False),
+        sa.Column("truth", sa.String(length=32), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["run_id", "variant_index"],
+            ["variants.run_id", "variants.index"],
+            name="fk_frames_variant",
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint("run_id", "variant_index", "camera_index", "time_index", name=op.f("pk_frames")),
+    )
+    with op.batch_alter_table("frames", schema=None) as batch_op:
+        batch_op.create_index("ix_frames_background", ["background"], unique=False)
+        batch_op.create_index("ix_frames_layer", ["layer"], unique=False)
+        batch_op.create_index("ix_frames_truth", ["truth"], unique=False)
+
+    op.create_table(
+        "evaluations",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("variant_index", sa.BigInteger(), nullable=False),
+        sa.Column("camera_index", sa.Integer(), nullable=False),
+        sa.Column("time_index", sa.Integer(), nullable=False),
+        sa.Column("sensor_index", sa.Integer(), nullable=False),
+        sa.Column("function_index", sa.Integer(), nullable=False),
+        sa.Column("prediction", sa.String(length=32), nullable=False),
+        sa.Column("scores", sa.String(length=32), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["run_id", "variant_index", "camera_index", "time_index"],
+            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
+            name="fk_evaluations_frame",
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint(
+            "run_id",
+            "variant_index",
+            "camera_index",
+            "time_index",
+            "sensor_index",
+            "function_index",
+            name=op.f("pk_evaluations"),
+        ),
+    )
+    with op.batch_alter_table("evaluations", schema=None) as batch_op:
+        batch_op.create_index("ix_evaluations_prediction", ["prediction"], unique=False)
+        batch_op.create_index("ix_evaluations_scores", ["scores"], unique=False)
+
+
+def downgrade() -> None:
+    with op.batch_alter_table("evaluations", schema=None) as batch_op:
+        batch_op.drop_index("ix_evaluations_scores")
+        batch_op.drop_index("ix_evaluations_prediction")
+
+    op.drop_table("evaluations")
+    with op.batch_alter_table("frames", schema=None) as batch_op:
+        batch_op.drop_index("ix_frames_truth")
+        batch_op.drop_index("ix_frames_layer")
+        batch_op.drop_index("ix_frames_background")
+
+    op.drop_table("frames")
+    op.drop_table("variants")
+    op.drop_table("scores")
+    op.drop_table("person_views")
+    op.drop_table("person_scores")
+    op.drop_table("blocks")
+    op.drop_table("workers")
+    with op.batch_alter_table("runs", schema=None) as batch_op:
+        batch_op.drop_index("ix_runs_state")
+        batch_op.drop_index("ix_runs_created_at")
+
+    op.drop_table("runs")
+    with op.batch_alter_table("products", schema=None) as batch_op:
+        batch_op.drop_index(
+            "ix_products_unfinished",
+            sqlite_where=sa.text("state IN ('waiting','ready','running')"),
+            postgresql_where=sa.text("state IN ('waiting','ready','running')"),
+        )
+        batch_op.drop_index("ix_products_input_b")
+        batch_op.drop_index("ix_products_input_a")
+
+    op.drop_table("products")
+    op.drop_table("leases")

@@ -1,0 +1,45 @@
+"""`python -m services.api`: the API with the control loop; `--control-only`: the loop alone."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+
+import uvicorn
+
+from services.api.app import create_app
+from valerie.db.migrate import migrate
+from valerie.logs import configure_logging
+from valerie.pipeline.context import open_context
+from valerie.pipeline.control import ControlLoop
+from valerie.settings import load_settings
+
+
+def main() -> None:
+    """Run until told to stop."""
+    parser = argparse.ArgumentParser(prog="services.api", description=__doc__)
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--control-only", action="store_true", help="the control loop without the API")
+    group.add_argument("--no-control", action="store_true", help="the API without the control loop")
+    group.add_argument("--migrate-only", action="store_true", help="bring the database up to date and end")
+    arguments = parser.parse_args()
+    settings = load_settings()
+    configure_logging(settings)
+    if arguments.migrate_only:
+        migrate(open_context(settings).engine)
+        return
+    if arguments.control_only:
+        context = open_context(settings)
+        migrate(context.engine)
+        stop = threading.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: stop.set())
+        ControlLoop(context).run(stop)
+        return
+    app = create_app(settings, control=not arguments.no_control)
+    uvicorn.run(app, host=settings.api_host, port=settings.api_port, log_config=None, access_log=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""The control module: REST API, dashboard and, unless told otherwise, the control loop in a thread of this process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib import resources
+from importlib.metadata import PackageNotFoundError, version
+
+from fastapi import FastAPI
+from fastapi.responses import RedirectResponse
+from fastapi.staticfiles import StaticFiles
+
+from services.api import problems
+from services.api.protection import Protection
+from services.api.routers import catalog, health, results, runs
+from valerie.db.migrate import migrate
+from valerie.pipeline.context import open_context
+from valerie.pipeline.control import ControlLoop
+from valerie.settings import Settings, load_settings
+
+
+def create_app(settings: Settings | None = None, *, control: bool = True) -> FastAPI:
+    """The ASGI application.
+
+    Args:
+        settings: read from the environment when not given.
+        control: also run the control loop; False where it runs alone (`python -m services.api --control-only`).
+
+    Raises:
+        InvalidInput: it would listen to the network without a token.
+        Conflict: the database was written by a newer version.
+    """
+    settings = settings or load_settings()
+    settings.require_token()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        context = open_context(settings)
+        migrate(context.engine)
+        context.store.check()
+        loop = ControlLoop(context) if control else None
+        app.state.context, app.state.control = context, loop
+        stop = threading.Event()
+        thread = threading.Thread(target=loop.run, args=(stop,), name="control", daemon=True) if loop else None
+        if thread is not None:
+            thread.start()
+        yield
+        stop.set()
+        if loop is not None and thread is not None:
+            loop.wake()
+            thread.join(timeout=10)
+        context.engine.dispose()
+
+    app = FastAPI(
+        title="VALERIE",
+        version=_version(),
+        summary="Validation of perception DNNs by systematic variation of synthetic scenes",
+        lifespan=lifespan,
+    )
+    problems.install(app)
+    app.add_middleware(Protection, settings=settings)  # type: ignore[arg-type]
+    for module in (runs, results, catalog, health):
+        app.include_router(module.router)
+    pages = resources.files("services.api") / "dashboard"
+    app.mount("/dashboard", StaticFiles(directory=str(pages), html=True), name="dashboard")
+
+    @app.get("/", include_in_schema=False)
+    def home() -> RedirectResponse:
+        return RedirectResponse("/dashboard/")
+
+    return app
+
+
+def _version() -> str:
+    try:
+        return version("valerie")
+    except PackageNotFoundError:
+        return "0+unknown"

@@ -1,0 +1,66 @@
+"""What endpoints are given: the process's context, and pieces of requests that several share."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from typing import Annotated, Any
+
+import orjson
+from fastapi import Depends, Path, Query, Request
+
+from valerie.errors import InvalidInput
+from valerie.pipeline.context import Context
+
+
+def _context(request: Request) -> Context:
+    context: Context = request.app.state.context
+    return context
+
+
+def wake_control(request: Request) -> None:
+    """Let the control loop of this process look at once (another process's looks by itself)."""
+    loop = request.app.state.control
+    if loop is not None:
+        loop.wake()
+
+
+ContextDependency = Annotated[Context, Depends(_context)]
+RunId = Annotated[str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run")]
+FrameId = Annotated[
+    str,
+    Path(
+        pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$",
+        description="run.variant.camera.time",
+    ),
+]
+Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
+Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the page before")]
+
+
+def split_frame_id(frame_id: str) -> tuple[str, int, int, int]:
+    """(run, variant, camera, time) of a frame id."""
+    run, variant, camera, time = frame_id.split(".")
+    return run, int(variant), int(camera), int(time)
+
+
+def encode_cursor(*values: Any) -> str:
+    """An opaque cursor that holds ``values``."""
+    return base64.urlsafe_b64encode(orjson.dumps(values)).decode().rstrip("=")
+
+
+def decode_cursor(cursor: str | None, *types: type) -> tuple[Any, ...] | None:
+    """Values of a cursor made by `encode_cursor`; None without one.
+
+    Raises:
+        InvalidInput: not one of ours.
+    """
+    if cursor is None:
+        return None
+    try:
+        values = orjson.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
+    except (binascii.Error, ValueError):
+        values = None
+    if not isinstance(values, list) or [type(value) for value in values] != list(types):
+        raise InvalidInput("not a cursor of this list", field="cursor", value=cursor)
+    return tuple(values)

@@ -1,0 +1,115 @@
+"""What stands between the network and the endpoints: the token, the size of a body, and headers for browsers."""
+
+from __future__ import annotations
+
+import hmac
+from http import HTTPStatus
+from urllib.parse import urlsplit
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from services.api.problems import problem
+from valerie.settings import Settings
+
+#: Answered without a token: what a load balancer asks. The dashboard's files hold no data; its page asks for the token.
+_OPEN_PATHS = ("/healthz", "/readyz")
+_OPEN_PREFIXES = ("/dashboard",)
+
+_LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
+
+_HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"SAMEORIGIN"),
+)
+
+
+class Protection:
+    """ASGI middleware: bearer token (compared in constant time), body limit, safe headers."""
+
+    def __init__(self, app: ASGIApp, *, settings: Settings) -> None:
+        self._app = app
+        self._token = settings.api_token.get_secret_value().encode() if settings.api_token else None
+        self._limit = settings.max_body_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope)
+        if not self._authorized(request):
+            refusal = problem(HTTPStatus.UNAUTHORIZED, "Unauthorized", "a bearer token is needed (Authorization header)")
+            refusal.headers["WWW-Authenticate"] = "Bearer"
+            await refusal(scope, receive, send)
+            return
+        if self._foreign(request):
+            refusal = problem(
+                HTTPStatus.FORBIDDEN, "Forbidden", "requests of another site's pages, or to another name, are refused"
+            )
+            await refusal(scope, receive, send)
+            return
+        declared = request.headers.get("content-length", "0")
+        if not declared.isdigit() or int(declared) > self._limit:
+            await self._too_large(declared)(scope, receive, send)
+            return
+        body = await self._body(receive)
+        if body is None:
+            await self._too_large("a longer stream")(scope, receive, send)
+            return
+
+        sent = False
+
+        async def replay() -> Message:
+            nonlocal sent
+            if sent:
+                return await receive()
+            sent = True
+            return {"type": "http.request", "body": body, "more_body": False}
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", []), *_HEADERS]
+            await send(message)
+
+        await self._app(scope, replay, with_headers)
+
+    def _authorized(self, request: Request) -> bool:
+        path = request.url.path
+        if self._token is None or path in _OPEN_PATHS or path == "/" or path.startswith(_OPEN_PREFIXES):
+            return True
+        scheme, _, given = request.headers.get("authorization", "").partition(" ")
+        return scheme.lower() == "bearer" and hmac.compare_digest(given.strip().encode(), self._token)
+
+    def _foreign(self, request: Request) -> bool:
+        """Whether a web page of another origin, or a name that was bound to this address, asks (without a token)."""
+        if self._token is not None:
+            return False
+        host = urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
+        origin = request.headers.get("origin")
+        return host not in _LOOPBACK_NAMES or (origin is not None and urlsplit(origin).netloc != request.headers["host"])
+
+    async def _body(self, receive: Receive) -> bytes | None:
+        """The whole body, or None as soon as it is longer than the limit (a stream declares no length)."""
+        parts: list[bytes] = []
+        size = 0
+        while True:
+            message = await receive()
+            if message["type"] != "http.request":
+                return b"".join(parts)
+            parts.append(message.get("body", b""))
+            size += len(parts[-1])
+            if size > self._limit:
+                return None
+            if not message.get("more_body", False):
+                return b"".join(parts)
+
+    def _too_large(self, value: str) -> Response:
+        return problem(
+            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            "InvalidInput",
+            f"the request body is too large: {value} bytes; limit: {self._limit}",
+            errors=[{"field": "body", "message": "too large", "value": value, "limit": self._limit}],
+        )

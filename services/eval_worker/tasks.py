@@ -1,0 +1,24 @@
+"""The tasks of the evaluation queue."""
+
+from __future__ import annotations
+
+from celery import Celery
+
+from valerie.broker import EVALUATE, FINISH
+from valerie.pipeline.child import Child
+from valerie.pipeline.finish import finish_run
+
+
+def register(app: Celery) -> Child:
+    """Declare the tasks on ``app``; returns the holder of the child process's context."""
+    child = Child()
+
+    @app.task(name=EVALUATE)  # type: ignore[untyped-decorator]
+    def evaluate(digests: list[str]) -> None:
+        child.run(digests)
+
+    @app.task(name=FINISH)  # type: ignore[untyped-decorator]
+    def finish(run_id: str) -> None:
+        finish_run(child.context, run_id)
+
+    return child

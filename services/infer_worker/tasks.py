@@ -1,0 +1,19 @@
+"""The task of the inference queues."""
+
+from __future__ import annotations
+
+from celery import Celery
+
+from valerie.broker import INFER
+from valerie.pipeline.child import Child
+
+
+def register(app: Celery) -> Child:
+    """Declare the task on ``app``; returns the holder of the child process's context."""
+    child = Child()
+
+    @app.task(name=INFER)  # type: ignore[untyped-decorator]
+    def infer(digests: list[str]) -> None:
+        child.run(digests)
+
+    return child

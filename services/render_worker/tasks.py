@@ -1,0 +1,19 @@
+"""The task of the render queues."""
+
+from __future__ import annotations
+
+from celery import Celery
+
+from valerie.broker import RENDER
+from valerie.pipeline.child import Child
+
+
+def register(app: Celery) -> Child:
+    """Declare the task on ``app``; returns the holder of the child process's context."""
+    child = Child()
+
+    @app.task(name=RENDER)  # type: ignore[untyped-decorator]
+    def render(digests: list[str]) -> None:
+        child.run(digests)
+
+    return child

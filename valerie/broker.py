@@ -1,0 +1,137 @@
+"""All messages of the system: the Celery app, the queues, the names of the tasks and how they are sent.
+
+The database is the queue of record; a message is a doorbell: a short list of product digests that share a warm cache. A
+message may be lost, doubled or late without harm: workers claim products by compare-and-set, the sweeper rings again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+# A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
+# reads this when it is imported.
+os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
+
+from celery import Celery
+from kombu.exceptions import OperationalError
+from redis.exceptions import RedisError
+
+from valerie.errors import TransientError
+from valerie.settings import Settings
+
+RENDER: Final = "valerie.render"
+INFER: Final = "valerie.infer"
+EVALUATE: Final = "valerie.evaluate"
+FINISH: Final = "valerie.finish"
+
+#: Queue of evaluation and finishing: integer counting gives the same result on every machine, so it has no numeric class.
+EVAL_QUEUE: Final = "eval"
+
+_TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
+
+#: Products per message, by kind: large enough to spread overhead, small enough that a killed worker loses little.
+CHUNK: Final = {"background": 1, "layer": 12, "truth": 12, "prediction": 6, "evaluation": 24}
+
+
+def route_of(stage: str, name: str, numeric_class: str) -> str:
+    """Queue of what only workers of one numeric class may make, e.g. ``render.raster.llvmpipe-15``."""
+    return f"{stage}.{name}.{numeric_class}"
+
+
+def create_app(settings: Settings) -> Celery:
+    """The Celery app of one process; built from settings, never a global."""
+    app = Celery("valerie", broker=settings.broker_url, set_as_current=False)
+    app.conf.update(
+        accept_content=["json"],
+        task_serializer="json",
+        result_backend=None,
+        task_ignore_result=True,
+        task_store_errors_even_if_ignored=False,
+        # A message is acknowledged when its work is done, and handed back when the process that did it died.
+        task_acks_late=True,
+        task_reject_on_worker_lost=True,
+        task_default_queue=EVAL_QUEUE,
+        task_create_missing_queues=True,
+        worker_prefetch_multiplier=1,
+        worker_concurrency=1,
+        worker_soft_shutdown_timeout=settings.shutdown_seconds,
+        worker_enable_soft_shutdown_on_idle=False,
+        worker_max_tasks_per_child=settings.worker_max_tasks,
+        worker_max_memory_per_child=settings.worker_max_memory_mb * 1024,
+        worker_enable_remote_control=False,
+        worker_send_task_events=False,
+        worker_hijack_root_logger=False,
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,
+        worker_cancel_long_running_tasks_on_connection_loss=False,
+        broker_transport_options={
+            # Longer than any task: a message that outlives it is doubled, which the claim makes harmless.
+            "visibility_timeout": settings.visibility_timeout_seconds,
+            # kombu's own cadence restores about every 100 s; a killed worker's messages shall be back in seconds.
+            "unacked_restore_interval": 1,
+            "unacked_restore_throttle": 1,
+            "unacked_restore_limit": 1000,
+            "socket_timeout": 30,
+            "socket_connect_timeout": 5,
+            "socket_keepalive": True,
+            "retry_on_timeout": True,
+        },
+        broker_transport="redis" if settings.broker_url.startswith("redis") else None,
+        timezone="UTC",
+    )
+    return app
+
+
+class Broker:
+    """Sends messages and looks at queues; one per process."""
+
+    def __init__(self, app: Celery) -> None:
+        self._app = app
+
+    def send_products(self, ready: Iterable[tuple[str, str, str, str]]) -> None:
+        """Ring for products that became ready.
+
+        Args:
+            ready: (digest, kind, route, cache group). One message holds products of one route, kind and group.
+
+        Raises:
+            TransientError: the broker does not answer; the sweeper will ring again.
+        """
+        batches: dict[tuple[str, str, str], list[str]] = {}
+        for digest, kind, route, group in ready:
+            batches.setdefault((route, kind, group), []).append(digest)
+        for (route, kind, _), digests in batches.items():
+            task = _TASK_OF_STAGE[route.partition(".")[0]]
+            for start in range(0, len(digests), CHUNK[kind]):
+                self._send(task, [digests[start : start + CHUNK[kind]]], route)
+
+    def send_finish(self, run_id: str) -> None:
+        """Ask an evaluation worker to finish a run."""
+        self._send(FINISH, [run_id], EVAL_QUEUE)
+
+    def queue_length(self, route: str) -> int:
+        """Messages that wait in a queue, without those that a worker holds.
+
+        Raises:
+            TransientError: the broker does not answer.
+        """
+        try:
+            with self._app.connection_for_read() as connection:
+                client = connection.default_channel.client
+                return int(client.llen(route))
+        except (OperationalError, RedisError, OSError) as error:
+            raise TransientError(f"the broker does not answer: {error}") from error
+
+    def _send(self, task: str, arguments: Sequence[Any], queue: str) -> None:
+        try:
+            self._app.send_task(
+                task,
+                args=arguments,
+                queue=queue,
+                ignore_result=True,
+                retry_policy={"max_retries": 1, "interval_start": 0.1, "interval_max": 0.2},
+            )
+        except (OperationalError, RedisError, OSError) as error:
+            raise TransientError(f"the broker does not answer: {error}") from error

@@ -1,0 +1,91 @@
+"""Opening the database: SQLite in WAL mode with BEGIN IMMEDIATE, or Postgres through psycopg 3; one URL decides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import DBAPIError, OperationalError
+
+from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
+
+#: A writer waits this long for its turn; with eight writing processes SQLite starves one for seconds.
+_BUSY_TIMEOUT_MS = 30_000
+
+
+def open_engine(url: str) -> Engine:
+    """An engine for ``sqlite:///path`` or ``postgresql://…``.
+
+    SQLite: every transaction begins with BEGIN IMMEDIATE, since a deferred one that reads and then writes fails with
+    "database is locked" at once whatever the busy timeout (a snapshot cannot be upgraded).
+
+    Raises:
+        InvalidInput: another kind of database.
+    """
+    parsed = make_url(url)
+    backend = parsed.get_backend_name()
+    if backend == "sqlite":
+        engine = create_engine(parsed, connect_args={"timeout": _BUSY_TIMEOUT_MS / 1000}, pool_pre_ping=False)
+        event.listen(engine, "connect", _prepare_sqlite)
+        event.listen(engine, "begin", _begin_immediate)
+        return engine
+    if backend == "postgresql":
+        return create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4)
+    raise InvalidInput("unknown kind of database", field="database_url", value=backend, limit="sqlite or postgresql")
+
+
+def _prepare_sqlite(connection: Any, _record: object) -> None:
+    # The driver must not open transactions by itself: the "begin" event below does.
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.execute(f"PRAGMA busy_timeout={_BUSY_TIMEOUT_MS}")
+    cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.close()
+
+
+def _begin_immediate(connection: Connection) -> None:
+    read_only = connection.get_execution_options().get("valerie_read_only", False)
+    connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
+
+
+@contextmanager
+def writing(engine: Engine) -> Iterator[Connection]:
+    """One transaction that writes; commits at the end, rolls back on any error.
+
+    Raises:
+        StorageFull: no space left for the database.
+        TransientError: the database is locked or cannot be reached: worth another try.
+    """
+    with translated(), engine.begin() as connection:
+        yield connection
+
+
+@contextmanager
+def reading(engine: Engine) -> Iterator[Connection]:
+    """One consistent view that does not write, and on SQLite takes no write lock."""
+    with translated(), engine.connect() as connection:
+        connection = connection.execution_options(valerie_read_only=True)
+        yield connection
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Turn the driver's errors into ours, so that nobody above needs to know the driver."""
+    try:
+        yield
+    except OperationalError as error:
+        text = str(error.orig).lower()
+        if "full" in text or "no space" in text:
+            raise StorageFull(f"the database has no space left: {error.orig}") from error
+        if "readonly" in text or "unable to open" in text:
+            raise StorageUnavailable(f"the database cannot be written: {error.orig}") from error
+        raise TransientError(f"the database did not answer: {error.orig}") from error
+    except DBAPIError as error:
+        if error.connection_invalidated:
+            raise TransientError(f"the connection to the database was lost: {error.orig}") from error
+        raise

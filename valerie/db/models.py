@@ -1,0 +1,276 @@
+"""The tables. Documents are JSON columns; whatever one filters, joins or plots by has a column of its own.
+
+Products belong to no run. A *frame* links a variant to its background, layer and truth; an *evaluation* links a frame, one
+sensor setting and one function to its prediction and scores. What nobody links is not computed, and `gc` frees it.
+Product digests (32 hexadecimal characters) are primary keys: rows can be written without asking which are there.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Float,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    text,
+)
+from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+#: Every constraint has a name that follows from what it constrains, so that migrations can name it on both databases.
+NAMING = {
+    "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+    "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+    "ck": "ck_%(table_name)s_%(constraint_name)s",
+    "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+    "pk": "pk_%(table_name)s",
+}
+Document = JSON().with_variant(JSONB(), "postgresql")
+Digest = String(32)
+
+
+class Base(DeclarativeBase):
+    metadata = MetaData(naming_convention=NAMING)
+    type_annotation_map = {dict[str, Any]: Document, datetime: DateTime(timezone=True)}  # noqa: RUF012
+
+
+class Run(Base):
+    """One validation run: its spec, what it pinned at submission, how far it was fed, what came of it."""
+
+    __tablename__ = "runs"
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    name: Mapped[str] = mapped_column(String(200))
+    state: Mapped[str] = mapped_column(String(32))
+    #: Why it is paused, waits or failed; shown to people as it is.
+    reason: Mapped[str | None] = mapped_column(Text)
+    spec: Mapped[dict[str, Any]]
+    spec_digest: Mapped[str] = mapped_column(Digest)
+    asset_digest: Mapped[str] = mapped_column(Digest)
+    #: {"engine": …, "truth": …, "functions": {name: {"digest": …, "numeric_class": …}}}; None until workers offer them.
+    pins: Mapped[dict[str, Any] | None]
+    parent_run: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
+    iteration: Mapped[int] = mapped_column(default=0)
+    variant_count: Mapped[int] = mapped_column(BigInteger)
+    #: Variants 0 … next_index−1 have rows.
+    next_index: Mapped[int] = mapped_column(BigInteger, default=0)
+    rejected_count: Mapped[int] = mapped_column(BigInteger, default=0)
+    #: Latest progress document, written by the control loop.
+    progress: Mapped[dict[str, Any] | None]
+    summary: Mapped[dict[str, Any] | None]
+    idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
+    created_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+
+    __table_args__ = (Index("ix_runs_state", "state"), Index("ix_runs_created_at", "created_at"))
+
+
+class Block(Base):
+    """A stretch of consecutive variants; a closed block is never counted again, which keeps progress cheap."""
+
+    __tablename__ = "blocks"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    first: Mapped[int] = mapped_column(BigInteger)
+    last: Mapped[int] = mapped_column(BigInteger)
+    closed: Mapped[bool] = mapped_column(default=False)
+    counts: Mapped[dict[str, Any]]
+
+
+class Variant(Base):
+    """One point of the parameter space; ``assignment`` maps paths to values (angles in degrees)."""
+
+    __tablename__ = "variants"
+
+    run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
+    index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
+    block: Mapped[int]
+    assignment: Mapped[dict[str, Any]]
+    #: Why no frame was made of it, in words; None for an accepted variant.
+    rejection: Mapped[str | None] = mapped_column(Text)
+
+
+class Product(Base):
+    """One computed thing, addressed by the digest of its true inputs."""
+
+    __tablename__ = "products"
+
+    digest: Mapped[str] = mapped_column(Digest, primary_key=True)
+    kind: Mapped[str] = mapped_column(String(16))
+    state: Mapped[str] = mapped_column(String(16))
+    #: Queue of the workers that can make it: stage and numeric class.
+    route: Mapped[str] = mapped_column(String(120))
+    #: Products with one group share a warm cache (same asset, camera and light; same network).
+    cache_group: Mapped[str] = mapped_column(Digest)
+    #: What must be done first.
+    input_a: Mapped[str | None] = mapped_column(Digest)
+    input_b: Mapped[str | None] = mapped_column(Digest)
+    attempts: Mapped[int] = mapped_column(default=0)
+    lease_owner: Mapped[str | None] = mapped_column(String(64))
+    #: Unix seconds; a lease that ended belongs to nobody.
+    lease_until: Mapped[float | None] = mapped_column(Float)
+    #: Unix seconds of the last message, or the earliest time of the next after a transient failure.
+    sent_at: Mapped[float | None] = mapped_column(Float)
+    #: {"stage", "type", "message", "attempts"} of what failed for good, {"cause": digest} where an input did.
+    error: Mapped[dict[str, Any] | None]
+    bytes: Mapped[int | None] = mapped_column(BigInteger)
+    pixels: Mapped[int | None] = mapped_column(BigInteger)
+    cpu_seconds: Mapped[float | None] = mapped_column(Float)
+    finished_at: Mapped[float | None] = mapped_column(Float)
+
+    __table_args__ = (
+        Index("ix_products_input_a", "input_a"),
+        Index("ix_products_input_b", "input_b"),
+        # The sweeper and the window look only at what is unfinished: a small index however large the table.
+        Index(
+            "ix_products_unfinished",
+            "state",
+            "route",
+            sqlite_where=text("state IN ('waiting','ready','running')"),
+            postgresql_where=text("state IN ('waiting','ready','running')"),
+        ),
+    )
+
+
+class Frame(Base):
+    """(variant, camera, time index) and the products that it links to."""
+
+    __tablename__ = "frames"
+
+    run_id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    variant_index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
+    camera_index: Mapped[int] = mapped_column(primary_key=True)
+    time_index: Mapped[int] = mapped_column(primary_key=True, default=0)
+    background: Mapped[str] = mapped_column(Digest)
+    layer: Mapped[str] = mapped_column(Digest)
+    truth: Mapped[str] = mapped_column(Digest)
+
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["run_id", "variant_index"],
+            ["variants.run_id", "variants.index"],
+            ondelete="CASCADE",
+            name="fk_frames_variant",
+        ),
+        Index("ix_frames_background", "background"),
+        Index("ix_frames_layer", "layer"),
+        Index("ix_frames_truth", "truth"),
+    )
+
+
+class Evaluation(Base):
+    """(frame, sensor setting, function) and the products that it links to."""
+
+    __tablename__ = "evaluations"
+
+    run_id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    variant_index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
+    camera_index: Mapped[int] = mapped_column(primary_key=True)
+    time_index: Mapped[int] = mapped_column(primary_key=True, default=0)
+    sensor_index: Mapped[int] = mapped_column(primary_key=True)
+    function_index: Mapped[int] = mapped_column(primary_key=True)
+    prediction: Mapped[str] = mapped_column(Digest)
+    scores: Mapped[str] = mapped_column(Digest)
+
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["run_id", "variant_index", "camera_index", "time_index"],
+            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
+            ondelete="CASCADE",
+            name="fk_evaluations_frame",
+        ),
+        Index("ix_evaluations_prediction", "prediction"),
+        Index("ix_evaluations_scores", "scores"),
+    )
+
+
+class PersonView(Base):
+    """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person."""
+
+    __tablename__ = "person_views"
+
+    truth: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
+    instance_id: Mapped[int] = mapped_column(primary_key=True)
+    pixel_area: Mapped[int]
+    pixel_area_percent: Mapped[float] = mapped_column(Float)
+    pixel_area_amodal: Mapped[int]
+    occlusion_rate: Mapped[float | None] = mapped_column(Float)
+    truncation_rate: Mapped[float | None] = mapped_column(Float)
+    distance_m: Mapped[float | None] = mapped_column(Float)
+    depth_m: Mapped[float | None] = mapped_column(Float)
+    #: x0, y0, x1, y1 in pixels, end exclusive; None when nothing is seen.
+    box: Mapped[list[int] | None] = mapped_column(Document)
+    amodal_box: Mapped[list[int] | None] = mapped_column(Document)
+    #: Why pACC has no value here; None where it has one.
+    undefined_reason: Mapped[str | None] = mapped_column(String(64))
+
+
+class Score(Base):
+    """Counts of one frame and one function, and the ratios that follow from them."""
+
+    __tablename__ = "scores"
+
+    digest: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
+    #: (19, 20) int64 little-endian, zstd: rows truth, columns prediction, last column void.
+    confusion: Mapped[bytes] = mapped_column(LargeBinary)
+    tp: Mapped[int] = mapped_column(Integer)
+    fp: Mapped[int] = mapped_column(Integer)
+    fn: Mapped[int] = mapped_column(Integer)
+    tn: Mapped[int] = mapped_column(Integer)
+    pacc: Mapped[float | None] = mapped_column(Float)
+    precision: Mapped[float | None] = mapped_column(Float)
+    iou: Mapped[float | None] = mapped_column(Float)
+    pixel_accuracy: Mapped[float | None] = mapped_column(Float)
+    miou: Mapped[float | None] = mapped_column(Float)
+    fwiou: Mapped[float | None] = mapped_column(Float)
+    macc: Mapped[float | None] = mapped_column(Float)
+
+
+class PersonScore(Base):
+    """tp and fn of one person in one evaluation."""
+
+    __tablename__ = "person_scores"
+
+    digest: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
+    instance_id: Mapped[int] = mapped_column(primary_key=True)
+    tp: Mapped[int]
+    fn: Mapped[int]
+    pacc: Mapped[float | None] = mapped_column(Float)
+
+
+class Worker(Base):
+    """A worker process that said it is alive, and what it can make."""
+
+    __tablename__ = "workers"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    stage: Mapped[str] = mapped_column(String(16))
+    host: Mapped[str] = mapped_column(String(200))
+    pid: Mapped[int]
+    #: [{"stage", "name", "numeric_class", "route", …}]: engines or functions.
+    offers: Mapped[list[dict[str, Any]]] = mapped_column(Document)
+    started_at: Mapped[float] = mapped_column(Float)
+    seen_at: Mapped[float] = mapped_column(Float)
+
+
+class Lease(Base):
+    """A named role that one process holds at a time, such as the control loop."""
+
+    __tablename__ = "leases"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(64))
+    until: Mapped[float] = mapped_column(Float)

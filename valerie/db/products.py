@@ -1,0 +1,432 @@
+"""Every query about products: what is ready, who makes it, what became of it.
+
+States: *waiting* (inputs are missing) → *ready* (a message may be under way) → *running* (leased) → *done* or *failed*;
+*parked* is what nobody links at present. All changes are compare-and-set, so every message may be lost or doubled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Connection, bindparam, func, select, text, update
+from sqlalchemy.dialects import postgresql, sqlite
+
+from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
+
+#: (digest, kind, route, cache group): what the broker needs to ring for a product.
+Ready = tuple[str, str, str, str]
+
+_READY_COLUMNS = (Product.digest, Product.kind, Product.route, Product.cache_group)
+_UNFINISHED = ("waiting", "ready", "running")
+#: SQLite allows 32,766 bound values in a statement; stay far below.
+_MANY = 500
+
+_INPUTS_NOT_DONE = text(
+    "NOT EXISTS (SELECT 1 FROM products AS i WHERE i.digest IN (products.input_a, products.input_b) AND i.state <> 'done')"
+)
+
+
+def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert rows; those whose primary key is there already are left as they are."""
+    if not rows:
+        return
+    build = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    connection.execute(build(model.__table__).on_conflict_do_nothing(), list(rows))
+
+
+def revive(connection: Connection, digests: Iterable[str]) -> None:
+    """Let what failed for good or was parked be tried again (a new run or a retry asks for it)."""
+    for some in _slices(digests):
+        connection.execute(
+            update(Product)
+            .where(Product.digest.in_(some), Product.state.in_(("failed", "parked")))
+            .values(state="waiting", attempts=0, error=None, lease_owner=None, lease_until=None, sent_at=None)
+        )
+
+
+def promote(connection: Connection, digests: Iterable[str], now: float) -> list[Ready]:
+    """Those of ``digests`` that wait for nothing more become ready; returns them."""
+    ready: list[Ready] = []
+    for some in _slices(digests):
+        ready += _promote(connection, Product.digest.in_(some), now)
+    return ready
+
+
+def promote_dependents(connection: Connection, inputs: Iterable[str], now: float) -> list[Ready]:
+    """What waited for ``inputs`` and now has all it needs becomes ready; returns it.
+
+    Call it in a transaction of its own, after the one that finished the inputs: of two workers that finish the two inputs of
+    one product at the same time, the later then sees both.
+    """
+    ready: list[Ready] = []
+    for some in _slices(inputs):
+        ready += _promote(connection, Product.input_a.in_(some) | Product.input_b.in_(some), now)
+    return ready
+
+
+def promote_all(connection: Connection, now: float) -> list[Ready]:
+    """Sweep: whatever waits although all its inputs are done becomes ready."""
+    return _promote(connection, Product.state == "waiting", now)
+
+
+def _promote(connection: Connection, condition: Any, now: float) -> list[Ready]:
+    statement = (
+        update(Product)
+        .where(Product.state == "waiting", condition, _INPUTS_NOT_DONE)
+        .values(state="ready", sent_at=now)
+        .returning(*_READY_COLUMNS)
+    )
+    return [tuple(row) for row in connection.execute(statement)]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Where a claimed product comes from: one of the frames (and evaluations) that link to it.
+
+    ``sensor_index`` and ``function_index`` are set for predictions and evaluations only.
+    """
+
+    digest: str
+    kind: str
+    attempts: int
+    run_id: str
+    variant_index: int
+    assignment: dict[str, Any]
+    camera_index: int
+    background: str
+    layer: str
+    truth: str
+    prediction: str | None = None
+    sensor_index: int | None = None
+    function_index: int | None = None
+
+
+def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
+    """Lease those of ``digests`` that are ready; the rest is leased, finished or gone and is passed over.
+
+    A product that no active run links to is parked instead.
+    """
+    statement = (
+        update(Product)
+        .where(Product.digest.in_(digests), Product.state == "ready")
+        .values(
+            state="running",
+            lease_owner=owner,
+            lease_until=now + lease_seconds,
+            attempts=Product.attempts + 1,
+        )
+        .returning(Product.digest, Product.kind, Product.attempts)
+    )
+    claimed = {row.digest: row for row in connection.execute(statement)}
+    jobs: list[Job] = []
+    orphans: list[str] = []
+    for digest in digests:  # the order of the message is the order of the warm cache
+        row = claimed.pop(digest, None)
+        if row is None:
+            continue
+        job = _job(connection, digest, row.kind, row.attempts)
+        if job is None:
+            orphans.append(digest)
+        else:
+            jobs.append(job)
+    if orphans:
+        connection.execute(
+            update(Product)
+            .where(Product.digest.in_(orphans))
+            .values(state="parked", lease_owner=None, lease_until=None)
+        )
+    return jobs
+
+
+_FRAME_COLUMNS = (
+    Frame.run_id,
+    Frame.variant_index,
+    Variant.assignment,
+    Frame.camera_index,
+    Frame.background,
+    Frame.layer,
+    Frame.truth,
+)
+_VARIANT_OF_FRAME = (Variant.run_id == Frame.run_id) & (Variant.index == Frame.variant_index)
+_FRAME_OF_EVALUATION = (
+    (Frame.run_id == Evaluation.run_id)
+    & (Frame.variant_index == Evaluation.variant_index)
+    & (Frame.camera_index == Evaluation.camera_index)
+    & (Frame.time_index == Evaluation.time_index)
+)
+
+
+def _frame_job(column: Any) -> Any:
+    return (
+        select(*_FRAME_COLUMNS)
+        .join(Run, Run.id == Frame.run_id)
+        .join(Variant, _VARIANT_OF_FRAME)
+        .where(column == bindparam("digest"), Run.state == "running")
+        .limit(1)
+    )
+
+
+def _evaluation_job(column: Any) -> Any:
+    return (
+        select(*_FRAME_COLUMNS, Evaluation.prediction, Evaluation.sensor_index, Evaluation.function_index)
+        .join(Frame, _FRAME_OF_EVALUATION)
+        .join(Run, Run.id == Frame.run_id)
+        .join(Variant, _VARIANT_OF_FRAME)
+        .where(column == bindparam("digest"), Run.state == "running")
+        .limit(1)
+    )
+
+
+_JOB_OF_KIND = {
+    "background": _frame_job(Frame.background),
+    "layer": _frame_job(Frame.layer),
+    "truth": _frame_job(Frame.truth),
+    "prediction": _evaluation_job(Evaluation.prediction),
+    "evaluation": _evaluation_job(Evaluation.scores),
+}
+
+
+def _job(connection: Connection, digest: str, kind: str, attempts: int) -> Job | None:
+    row = connection.execute(_JOB_OF_KIND[kind], {"digest": digest}).mappings().first()
+    return None if row is None else Job(digest=digest, kind=kind, attempts=attempts, **row)
+
+
+def renew(connection: Connection, digests: Sequence[str], *, owner: str, until: float) -> None:
+    """Heartbeat: prolong the leases that ``owner`` still holds."""
+    connection.execute(
+        update(Product)
+        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == "running")
+        .values(lease_until=until)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A product whose artifact is stored, with the rows that say what it holds."""
+
+    digest: str
+    bytes: int
+    pixels: int
+    cpu_seconds: float
+    person_views: tuple[dict[str, Any], ...] = ()
+    score: dict[str, Any] | None = None
+    person_scores: tuple[dict[str, Any], ...] = ()
+
+
+def publish(connection: Connection, finished: Sequence[Finished], *, owner: str, now: float) -> None:
+    """Mark products done and write their rows; what ``owner`` no longer holds was done by someone else, with equal bytes."""
+    connection.execute(
+        update(Product.__table__)  # type: ignore[arg-type]
+        .where(
+            Product.__table__.c.digest == bindparam("product"),
+            Product.__table__.c.state == "running",
+            Product.__table__.c.lease_owner == owner,
+        )
+        .values(
+            state="done",
+            lease_owner=None,
+            lease_until=None,
+            error=None,
+            bytes=bindparam("size"),
+            pixels=bindparam("area"),
+            cpu_seconds=bindparam("cpu"),
+            finished_at=now,
+        ),
+        [{"product": f.digest, "size": f.bytes, "area": f.pixels, "cpu": f.cpu_seconds} for f in finished],
+    )
+    insert_ignoring(connection, PersonView, [row for f in finished for row in f.person_views])
+    insert_ignoring(connection, Score, [f.score for f in finished if f.score is not None])
+    insert_ignoring(connection, PersonScore, [row for f in finished for row in f.person_scores])
+
+
+def hand_back(
+    connection: Connection, digests: Sequence[str], *, owner: str, not_before: float, count_attempt: bool = True
+) -> None:
+    """Give leased products back after a transient fault; the sweeper rings for them when ``not_before`` has passed."""
+    attempts = Product.attempts if count_attempt else Product.attempts - 1
+    connection.execute(
+        update(Product)
+        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == "running")
+        .values(state="ready", lease_owner=None, lease_until=None, sent_at=not_before, attempts=attempts)
+    )
+
+
+def fail(connection: Connection, digest: str, *, owner: str | None, error: Mapping[str, Any], now: float) -> None:
+    """Record that a product failed for good, and with it all that waits for it."""
+    condition = [Product.digest == digest]
+    if owner is not None:
+        condition.append(Product.lease_owner == owner)
+    changed = connection.execute(
+        update(Product)
+        .where(*condition, Product.state.in_(_UNFINISHED))
+        .values(state="failed", error=dict(error), lease_owner=None, lease_until=None, finished_at=now)
+    )
+    if changed.rowcount:
+        fail_dependents(connection, [digest], now)
+
+
+def fail_dependents(connection: Connection, failed: Sequence[str], now: float) -> None:
+    """What waits for a failed product fails with it, naming the cause."""
+    causes = list(failed)
+    while causes:
+        cause = causes.pop()
+        rows = connection.execute(
+            update(Product)
+            .where(Product.state == "waiting", (Product.input_a == cause) | (Product.input_b == cause))
+            .values(state="failed", error={"cause": cause}, finished_at=now)
+            .returning(Product.digest)
+        )
+        causes += [row.digest for row in rows]
+
+
+def forget(connection: Connection, digests: Sequence[str]) -> None:
+    """A finished product's object is gone or damaged: it has to be made again."""
+    connection.execute(
+        update(Product)
+        .where(Product.digest.in_(digests), Product.state == "done")
+        .values(state="waiting", sent_at=None)
+    )
+
+
+def await_inputs(connection: Connection, digests: Sequence[str], *, owner: str) -> None:
+    """Give leased products back to wait for inputs that have to be made again."""
+    connection.execute(
+        update(Product)
+        .where(Product.digest.in_(digests), Product.lease_owner == owner, Product.state == "running")
+        .values(state="waiting", lease_owner=None, lease_until=None)
+    )
+
+
+def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
+    """Sweep: what a dead worker held becomes ready again, or fails when that happened ``max_attempts`` times."""
+    hopeless = connection.execute(
+        select(Product.digest, Product.kind, Product.attempts).where(
+            Product.state == "running", Product.lease_until < now, Product.attempts >= max_attempts
+        )
+    ).all()
+    for row in hopeless:
+        error = {
+            "stage": row.kind,
+            "type": "WorkerLost",
+            "message": f"the worker process died or hung in each of {row.attempts} attempts",
+            "attempts": row.attempts,
+        }
+        fail(connection, row.digest, owner=None, error=error, now=now)
+    rows = connection.execute(
+        update(Product)
+        .where(Product.state == "running", Product.lease_until < now)
+        .values(state="ready", lease_owner=None, lease_until=None, sent_at=now)
+        .returning(*_READY_COLUMNS)
+    )
+    return [tuple(row) for row in rows]
+
+
+def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Ready]:
+    """Sweep: ready products for which nobody rang since ``before`` (a lost message, or a pause after a fault)."""
+    rows = connection.execute(
+        select(*_READY_COLUMNS).where(Product.state == "ready", Product.sent_at < before).limit(limit)
+    )
+    return [tuple(row) for row in rows]
+
+
+def mark_sent(connection: Connection, digests: Iterable[str], now: float) -> None:
+    """Remember when products were rung for."""
+    for some in _slices(digests):
+        connection.execute(
+            update(Product).where(Product.digest.in_(some), Product.state == "ready").values(sent_at=now)
+        )
+
+
+def fail_orphaned_dependents(connection: Connection, now: float) -> None:
+    """Sweep: whatever waits for a failed input fails too."""
+    failed = connection.execute(
+        text(
+            "SELECT DISTINCT i.digest FROM products AS w JOIN products AS i ON i.digest IN (w.input_a, w.input_b) "
+            "WHERE w.state = 'waiting' AND i.state = 'failed'"
+        )
+    ).scalars()
+    fail_dependents(connection, list(failed), now)
+
+
+def unfinished_count(connection: Connection) -> int:
+    """Products that wait, are ready or run: what the feeding window bounds."""
+    return connection.scalar(select(func.count()).select_from(Product).where(Product.state.in_(_UNFINISHED))) or 0
+
+
+def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
+    """(route, state, count) of all unfinished products."""
+    rows = connection.execute(
+        select(Product.route, Product.state, func.count())
+        .where(Product.state.in_(_UNFINISHED))
+        .group_by(Product.route, Product.state)
+    )
+    return [tuple(row) for row in rows]
+
+
+def done_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
+    """Those of ``digests`` that are there already."""
+    found: set[str] = set()
+    for some in _slices(digests):
+        found.update(
+            connection.scalars(select(Product.digest).where(Product.digest.in_(some), Product.state == "done"))
+        )
+    return found
+
+
+def known_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
+    """Those of ``digests`` that have a row, in whatever state."""
+    found: set[str] = set()
+    for some in _slices(digests):
+        found.update(connection.scalars(select(Product.digest).where(Product.digest.in_(some))))
+    return found
+
+
+def recorded_costs(connection: Connection, *, sample: int = 400) -> dict[tuple[str, str], tuple[float, float, float]]:
+    """Mean (CPU seconds, bytes, pixels) per (kind, route) over the newest finished products of each kind."""
+    costs: dict[tuple[str, str], tuple[float, float, float]] = {}
+    for kind in _JOB_OF_KIND:
+        newest = (
+            select(Product.route, Product.cpu_seconds, Product.bytes, Product.pixels)
+            .where(Product.kind == kind, Product.state == "done", Product.cpu_seconds.is_not(None))
+            .order_by(Product.finished_at.desc())
+            .limit(sample)
+            .subquery()
+        )
+        rows = connection.execute(
+            select(
+                newest.c.route, func.avg(newest.c.cpu_seconds), func.avg(newest.c.bytes), func.avg(newest.c.pixels)
+            ).group_by(newest.c.route)
+        )
+        for route, cpu_seconds, size, pixels in rows:
+            costs[kind, route] = (float(cpu_seconds), float(size), float(pixels))
+    return costs
+
+
+def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
+    """(digest, kind) of products that no frame and no evaluation links to, and nobody makes at present."""
+    rows = connection.execute(
+        text(
+            "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE background = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE layer = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest) LIMIT :limit"
+        ),
+        {"limit": limit},
+    )
+    return [tuple(row) for row in rows]
+
+
+def delete(connection: Connection, digests: Iterable[str]) -> None:
+    """Remove product rows; what hangs on them goes with them."""
+    for some in _slices(digests):
+        connection.execute(Product.__table__.delete().where(Product.__table__.c.digest.in_(some)))  # type: ignore[attr-defined]
+
+
+def _slices(digests: Iterable[str]) -> Iterable[list[str]]:
+    everything = list(digests)
+    for start in range(0, len(everything), _MANY):
+        yield everything[start : start + _MANY]

@@ -1,0 +1,285 @@
+"""Every query about results: the long table (one row per person in an evaluation), frames, failures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from sqlalchemy import Connection, Row, Select, and_, func, or_, select
+from sqlalchemy.orm import aliased
+
+from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Score, Variant
+from valerie.errors import InvalidInput, NotFound, UnknownName
+
+_OF_FRAME = and_(
+    Evaluation.run_id == Frame.run_id,
+    Evaluation.variant_index == Frame.variant_index,
+    Evaluation.camera_index == Frame.camera_index,
+    Evaluation.time_index == Frame.time_index,
+)
+_OF_VARIANT = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
+
+#: Columns of the long table that can be filtered and sorted by, and what they are in the database.
+COLUMNS: Final[dict[str, Any]] = {
+    "variant_index": Frame.variant_index,
+    "camera_index": Frame.camera_index,
+    "time_index": Frame.time_index,
+    "sensor_index": Evaluation.sensor_index,
+    "function_index": Evaluation.function_index,
+    "instance_id": PersonView.instance_id,
+    "pixel_area": PersonView.pixel_area,
+    "pixel_area_percent": PersonView.pixel_area_percent,
+    "pixel_area_amodal": PersonView.pixel_area_amodal,
+    "occlusion_rate": PersonView.occlusion_rate,
+    "truncation_rate": PersonView.truncation_rate,
+    "distance_m": PersonView.distance_m,
+    "depth_m": PersonView.depth_m,
+    "undefined_reason": PersonView.undefined_reason,
+    "tp": PersonScore.tp,
+    "fn": PersonScore.fn,
+    "pacc": PersonScore.pacc,
+    "frame_tp": Score.tp,
+    "frame_fp": Score.fp,
+    "frame_fn": Score.fn,
+    "frame_tn": Score.tn,
+    "frame_pacc": Score.pacc,
+    "precision": Score.precision,
+    "iou": Score.iou,
+    "pixel_accuracy": Score.pixel_accuracy,
+    "miou": Score.miou,
+    "fwiou": Score.fwiou,
+    "macc": Score.macc,
+}
+
+_KEY = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
+_COMPARISONS: Final[dict[str, Any]] = {
+    "eq": lambda column, value: column == value,
+    "ne": lambda column, value: column != value,
+    "lt": lambda column, value: column < value,
+    "le": lambda column, value: column <= value,
+    "gt": lambda column, value: column > value,
+    "ge": lambda column, value: column >= value,
+    "null": lambda column, value: column.is_(None) if value else column.is_not(None),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """One condition on the long table, e.g. ``Filter("distance_m", "gt", 25.0)``.
+
+    ``comparison`` is one of eq, ne, lt, le, gt, ge, null (value True: is NULL).
+    """
+
+    column: str
+    comparison: str
+    value: float | int | str | bool
+
+
+def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
+    """SELECT of the evaluated part of a run: one row per (frame, sensor, function, person), with the assignment.
+
+    Raises:
+        UnknownName: a filter names no column or comparison.
+    """
+    query = (
+        select(*(column.label(name) for name, column in COLUMNS.items()), Variant.assignment)
+        .select_from(Evaluation)
+        .join(Frame, _OF_FRAME)
+        .join(Variant, _OF_VARIANT)
+        .join(Score, Score.digest == Evaluation.scores)
+        .join(PersonView, PersonView.truth == Frame.truth)
+        .outerjoin(
+            PersonScore,
+            and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),
+        )
+        .where(Evaluation.run_id == run_id)
+    )
+    for condition in filters:
+        query = query.where(_condition(condition))
+    return query
+
+
+def rows(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
+    """The whole long table, streamed, in the order of the variants."""
+    query = long_table(run_id).order_by(*(COLUMNS[name] for name in _KEY))
+    yield from connection.execution_options(yield_per=5_000).execute(query)
+
+
+def page(
+    connection: Connection,
+    run_id: str,
+    *,
+    filters: Sequence[Filter],
+    sort: str,
+    descending: bool,
+    limit: int,
+    offset: int,
+) -> tuple[list[Row[Any]], int]:
+    """Rows of the long table, and how many there are in all.
+
+    Raises:
+        UnknownName: ``sort`` or a filter names no column.
+    """
+    if sort not in COLUMNS:
+        raise UnknownName("column", sort, COLUMNS, field="sort")
+    query = long_table(run_id, filters=filters)
+    total = connection.scalar(select(func.count()).select_from(query.subquery())) or 0
+    column = COLUMNS[sort]
+    order = [column.is_(None), column.desc() if descending else column.asc()]
+    order += [COLUMNS[name] for name in _KEY if name != sort]
+    return list(connection.execute(query.order_by(*order).limit(limit).offset(offset))), int(total)
+
+
+def _condition(condition: Filter) -> Any:
+    if condition.column not in COLUMNS:
+        raise UnknownName("column", condition.column, COLUMNS, field="filter")
+    if condition.comparison not in _COMPARISONS:
+        raise UnknownName("comparison", condition.comparison, _COMPARISONS, field=f"filter.{condition.column}")
+    column = COLUMNS[condition.column]
+    textual = condition.column == "undefined_reason"
+    if condition.comparison != "null" and isinstance(condition.value, str) is not textual:
+        raise InvalidInput(
+            "wrong type of value",
+            field=f"filter.{condition.column}",
+            value=condition.value,
+            limit="text" if textual else "a number",
+        )
+    return _COMPARISONS[condition.comparison](column, condition.value)
+
+
+def frame(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> Row[Any]:
+    """Links of one frame with its variant's assignment.
+
+    Raises:
+        NotFound: no such frame.
+    """
+    row = connection.execute(
+        select(*Frame.__table__.columns, Variant.assignment)
+        .join(Variant, _OF_VARIANT)
+        .where(
+            Frame.run_id == run_id,
+            Frame.variant_index == variant,
+            Frame.camera_index == camera,
+            Frame.time_index == time,
+        )
+    ).first()
+    if row is None:
+        raise NotFound("frame", f"{run_id}/{variant}/{camera}/{time}")
+    return row
+
+
+def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, int], limit: int) -> list[Row[Any]]:
+    """Frames after a (variant, camera, time), in order, with the states of their products."""
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    variant, camera, time = after
+    return list(
+        connection.execute(
+            select(
+                Frame.variant_index,
+                Frame.camera_index,
+                Frame.time_index,
+                Frame.background,
+                Frame.layer,
+                Frame.truth,
+                background.state.label("background_state"),
+                layer.state.label("layer_state"),
+                truth.state.label("truth_state"),
+            )
+            .join(background, background.digest == Frame.background)
+            .join(layer, layer.digest == Frame.layer)
+            .join(truth, truth.digest == Frame.truth)
+            .where(
+                Frame.run_id == run_id,
+                or_(
+                    Frame.variant_index > variant,
+                    and_(Frame.variant_index == variant, Frame.camera_index > camera),
+                    and_(Frame.variant_index == variant, Frame.camera_index == camera, Frame.time_index > time),
+                ),
+            )
+            .order_by(Frame.variant_index, Frame.camera_index, Frame.time_index)
+            .limit(limit)
+        )
+    )
+
+
+def frame_evaluations(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> list[Row[Any]]:
+    """Evaluations of one frame: links, states and scores."""
+    prediction, scores = aliased(Product), aliased(Product)
+    return list(
+        connection.execute(
+            select(
+                Evaluation.sensor_index,
+                Evaluation.function_index,
+                Evaluation.prediction,
+                Evaluation.scores,
+                prediction.state.label("prediction_state"),
+                scores.state.label("scores_state"),
+                *(column for column in Score.__table__.columns if column.name != "digest"),
+            )
+            .join(prediction, prediction.digest == Evaluation.prediction)
+            .join(scores, scores.digest == Evaluation.scores)
+            .outerjoin(Score, Score.digest == Evaluation.scores)
+            .where(
+                Evaluation.run_id == run_id,
+                Evaluation.variant_index == variant,
+                Evaluation.camera_index == camera,
+                Evaluation.time_index == time,
+            )
+            .order_by(Evaluation.sensor_index, Evaluation.function_index)
+        )
+    )
+
+
+def person_views(connection: Connection, truth: str) -> list[Row[Any]]:
+    """Visibility of the persons in one truth product."""
+    return list(
+        connection.execute(
+            select(*PersonView.__table__.columns).where(PersonView.truth == truth).order_by(PersonView.instance_id)
+        )
+    )
+
+
+def product(connection: Connection, digest: str) -> Row[Any]:
+    """The row of one product.
+
+    Raises:
+        NotFound: no such product.
+    """
+    row = connection.execute(select(*Product.__table__.columns).where(Product.digest == digest)).first()
+    if row is None:
+        raise NotFound("product", digest)
+    return row
+
+
+def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[dict[str, Any]]:
+    """What failed for good in a run: (variant, camera, …), stage, error and attempts, one entry per link."""
+    frame_links = [
+        select(
+            Frame.variant_index, Frame.camera_index, Frame.time_index, Product.digest, Product.kind, Product.error
+        ).join(Product, Product.digest == column)
+        for column in (Frame.background, Frame.layer, Frame.truth)
+    ]
+    evaluation_links = [
+        select(
+            Evaluation.variant_index,
+            Evaluation.camera_index,
+            Evaluation.time_index,
+            Product.digest,
+            Product.kind,
+            Product.error,
+        ).join(Product, Product.digest == column)
+        for column in (Evaluation.prediction, Evaluation.scores)
+    ]
+    found: list[dict[str, Any]] = []
+    for table, queries in ((Frame, frame_links), (Evaluation, evaluation_links)):
+        for query in queries:
+            rows = connection.execute(
+                query.where(table.run_id == run_id, Product.state == "failed")
+                .order_by(table.variant_index, table.camera_index)
+                .limit(limit - len(found))
+            ).mappings()
+            found += [dict(row) for row in rows]
+            if len(found) >= limit:
+                return found
+    return found

@@ -1,0 +1,220 @@
+"""Every query about runs: their rows, blocks, variants, frames and links, and how far they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, Row, case, delete, func, insert, or_, select, union, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import aliased
+
+from valerie.db.models import Block, Evaluation, Frame, Product, Run, Variant
+from valerie.errors import Conflict, NotFound
+
+ACTIVE = ("submitted", "running", "paused", "finishing")
+
+
+def now_utc() -> datetime:
+    return datetime.now(UTC)
+
+
+def create(connection: Connection, values: dict[str, Any]) -> str:
+    """Insert a run and return its id; with a known idempotency key, the id of the run that has it.
+
+    Raises:
+        Conflict: the idempotency key belongs to a run with another spec.
+    """
+    key = values.get("idempotency_key")
+    if key is not None:
+        known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
+        if known is not None:
+            if known.spec_digest != values["spec_digest"]:
+                raise Conflict(f"the idempotency key {key!r} was used for another spec (run {known.id})")
+            return str(known.id)
+    try:
+        connection.execute(insert(Run).values(**values))
+    except IntegrityError as error:
+        raise Conflict(f"the run could not be stored: {error.orig}") from error
+    return str(values["id"])
+
+
+def get(connection: Connection, run_id: str) -> Row[Any]:
+    """The whole row of a run.
+
+    Raises:
+        NotFound: no such run.
+    """
+    row = connection.execute(select(*Run.__table__.columns).where(Run.id == run_id)).first()
+    if row is None:
+        raise NotFound("run", run_id)
+    return row
+
+
+def page(
+    connection: Connection, *, limit: int, before: tuple[datetime, str] | None = None, state: str | None = None
+) -> list[Row[Any]]:
+    """Runs, newest first; ``before`` is the (created_at, id) of the last one seen."""
+    query = select(*Run.__table__.columns).order_by(Run.created_at.desc(), Run.id.desc()).limit(limit)
+    if before is not None:
+        created, run_id = before
+        query = query.where(or_(Run.created_at < created, (Run.created_at == created) & (Run.id < run_id)))
+    if state is not None:
+        query = query.where(Run.state == state)
+    return list(connection.execute(query))
+
+
+def in_states(connection: Connection, states: Sequence[str]) -> list[Row[Any]]:
+    """All runs in one of ``states``, oldest first."""
+    return list(
+        connection.execute(select(*Run.__table__.columns).where(Run.state.in_(states)).order_by(Run.created_at, Run.id))
+    )
+
+
+def change_state(
+    connection: Connection,
+    run_id: str,
+    *,
+    expected: Sequence[str],
+    state: str,
+    reason: str | None = None,
+    **values: Any,
+) -> bool:
+    """Move a run from one of ``expected`` to ``state``; False when it was in none of them (someone else was faster)."""
+    changed = connection.execute(
+        update(Run).where(Run.id == run_id, Run.state.in_(expected)).values(state=state, reason=reason, **values)
+    )
+    return changed.rowcount == 1
+
+
+def set_values(connection: Connection, run_id: str, **values: Any) -> None:
+    """Set columns of a run."""
+    connection.execute(update(Run).where(Run.id == run_id).values(**values))
+
+
+def remove(connection: Connection, run_id: str) -> None:
+    """Delete a run with its variants, frames and links; products stay until `gc` finds nobody linking them."""
+    for table in (Evaluation, Frame, Variant, Block):
+        connection.execute(delete(table).where(table.run_id == run_id))
+    connection.execute(delete(Run).where(Run.id == run_id))
+
+
+def linked_digests(connection: Connection, run_id: str, states: Sequence[str]) -> list[str]:
+    """Digests of the run's products in one of ``states``."""
+    links = union(
+        select(Frame.background).where(Frame.run_id == run_id),
+        select(Frame.layer).where(Frame.run_id == run_id),
+        select(Frame.truth).where(Frame.run_id == run_id),
+        select(Evaluation.prediction).where(Evaluation.run_id == run_id),
+        select(Evaluation.scores).where(Evaluation.run_id == run_id),
+    ).subquery()
+    return list(
+        connection.scalars(
+            select(Product.digest).join(links, links.c[0] == Product.digest).where(Product.state.in_(states))
+        )
+    )
+
+
+def open_blocks(connection: Connection, run_id: str) -> list[Row[Any]]:
+    """Blocks that are not finished yet."""
+    return list(
+        connection.execute(
+            select(Block.number, Block.first, Block.last, Block.counts)
+            .where(Block.run_id == run_id, Block.closed.is_(False))
+            .order_by(Block.number)
+        )
+    )
+
+
+def closed_counts(connection: Connection, run_id: str) -> list[tuple[int, dict[str, int]]]:
+    """(number, counts) of the finished blocks."""
+    rows = connection.execute(select(Block.number, Block.counts).where(Block.run_id == run_id, Block.closed.is_(True)))
+    return [tuple(row) for row in rows]
+
+
+def close_block(connection: Connection, run_id: str, number: int, counts: dict[str, int]) -> None:
+    """A block is finished; its counts are final until a retry opens it again."""
+    connection.execute(
+        update(Block).where(Block.run_id == run_id, Block.number == number).values(closed=True, counts=counts)
+    )
+
+
+def reopen_blocks(connection: Connection, run_id: str) -> None:
+    """Count every block again (after a retry)."""
+    connection.execute(update(Block).where(Block.run_id == run_id).values(closed=False))
+
+
+def count_block(connection: Connection, run_id: str, first: int, last: int) -> dict[str, int]:
+    """How far the variants ``first`` … ``last`` are.
+
+    Returns:
+        frames, rendered, render_failed; evaluations, inferred, infer_failed, evaluated, eval_failed. A frame is rendered when
+        its background, layer and truth are done; a failure counts at the stage where it happened and at those after it.
+    """
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    states = (background.state, layer.state, truth.state)
+    done = (states[0] == "done") & (states[1] == "done") & (states[2] == "done")
+    failed = (states[0] == "failed") | (states[1] == "failed") | (states[2] == "failed")
+    frames = connection.execute(
+        select(func.count(), func.sum(case((done, 1), else_=0)), func.sum(case((failed, 1), else_=0)))
+        .select_from(Frame)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .where(Frame.run_id == run_id, Frame.variant_index.between(first, last))
+    ).one()
+    prediction, scores = aliased(Product), aliased(Product)
+
+    def total(condition: Any) -> Any:
+        return func.sum(case((condition, 1), else_=0))
+
+    evaluations = connection.execute(
+        select(
+            func.count(),
+            total(prediction.state == "done"),
+            total(prediction.state == "failed"),
+            total(scores.state == "done"),
+            total(scores.state == "failed"),
+        )
+        .select_from(Evaluation)
+        .join(prediction, prediction.digest == Evaluation.prediction)
+        .join(scores, scores.digest == Evaluation.scores)
+        .where(Evaluation.run_id == run_id, Evaluation.variant_index.between(first, last))
+    ).one()
+    names = (
+        "frames",
+        "rendered",
+        "render_failed",
+        "evaluations",
+        "inferred",
+        "infer_failed",
+        "evaluated",
+        "eval_failed",
+    )
+    return dict(zip(names, (int(value or 0) for value in (*frames, *evaluations)), strict=True))
+
+
+def rejections(connection: Connection, run_id: str) -> dict[str, int]:
+    """Rejected variants by reason."""
+    rows = connection.execute(
+        select(Variant.rejection, func.count())
+        .where(Variant.run_id == run_id, Variant.rejection.is_not(None))
+        .group_by(Variant.rejection)
+    )
+    return {str(reason): int(count) for reason, count in rows}
+
+
+def variants_page(
+    connection: Connection, run_id: str, *, after: int, limit: int, rejected: bool | None = None
+) -> list[Row[Any]]:
+    """Variants with an index above ``after``, ascending."""
+    query = (
+        select(Variant.index, Variant.block, Variant.assignment, Variant.rejection)
+        .where(Variant.run_id == run_id, Variant.index > after)
+        .order_by(Variant.index)
+        .limit(limit)
+    )
+    if rejected is not None:
+        query = query.where(Variant.rejection.is_not(None) if rejected else Variant.rejection.is_(None))
+    return list(connection.execute(query))

@@ -1,0 +1,57 @@
+"""Reading finished products back: whole frames, ground truth, predictions."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import CorruptArtifact, NotFound
+from valerie.pipeline.stages import MissingInput
+from valerie.rendering.base import GroundTruth, LinearImage
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+from valerie.storage.store import ArtifactStore
+
+_KEPT_BACKGROUNDS = 3
+Decoded = TypeVar("Decoded")
+
+
+class ProductReader:
+    """Readers see whole frames: background and layer are put together here, and nowhere else.
+
+    Each method raises `MissingInput` when an object is gone or damaged.
+    """
+
+    def __init__(self, store: ArtifactStore) -> None:
+        self._store = store
+        self._backgrounds: OrderedDict[str, LinearImage] = OrderedDict()
+
+    def frame(self, background: str, layer: str) -> LinearImage:
+        """The linear image of a frame."""
+        return self._read("layer", layer, codecs.decode_layer).over(self._background(background))
+
+    def truth(self, digest: str) -> GroundTruth:
+        """Ground truth of a frame."""
+        return self._read("truth", digest, codecs.decode_truth)
+
+    def prediction(self, digest: str) -> NDArray[np.uint8]:
+        """(H, W) uint8 train ids."""
+        return self._read("prediction", digest, codecs.decode_prediction)
+
+    def _background(self, digest: str) -> LinearImage:
+        if digest not in self._backgrounds:
+            self._backgrounds[digest] = self._read("background", digest, codecs.decode_image)
+            while len(self._backgrounds) > _KEPT_BACKGROUNDS:
+                self._backgrounds.popitem(last=False)
+        self._backgrounds.move_to_end(digest)
+        return self._backgrounds[digest]
+
+    def _read(self, kind: str, digest: str, decode: Callable[[bytes], Decoded]) -> Decoded:
+        try:
+            return decode(self._store.get(product_key(kind, digest)))
+        except (NotFound, CorruptArtifact) as error:
+            raise MissingInput(kind, digest) from error

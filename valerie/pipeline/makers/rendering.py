@@ -1,0 +1,112 @@
+"""Makes backgrounds, movable layers and ground truth with the engines of this process."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from valerie import plugins
+from valerie.db.products import Finished, Job
+from valerie.errors import TransientError
+from valerie.pipeline.context import Context
+from valerie.pipeline.makers.resolved import RunCache
+from valerie.rendering.base import Renderer, View
+from valerie.scene.variation import apply
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+
+
+class RenderMaker:
+    """Engines are opened at their first use and stay open: one context per process and engine."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._runs = RunCache(context)
+        self._engines: dict[str, Renderer] = {}
+        self._truth: Any = None
+
+    def make(self, job: Job) -> Finished:
+        """See `valerie.pipeline.stages.Maker`."""
+        started = time.process_time()
+        run = self._runs.run(job.run_id)
+        resolved = run.resolved
+        scene = apply(job.assignment, self._runs.asset(run))
+        resolution = resolved.spec.resolution
+        view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
+        views: tuple[dict[str, Any], ...] = ()
+        if job.kind == "truth":
+            from valerie.rendering.visibility import measure
+
+            truth = self._truth_pass(run.pins["truth"]["numeric_class"]).truth(scene, view)
+            views = tuple(_view_row(job.digest, one) for one in measure(truth, scene, view)) or (
+                _no_person(job.digest),
+            )
+            data = codecs.encode_truth(truth)
+        else:
+            engine = self._engine(resolved.spec.renderer, run.pins["engine"]["numeric_class"])
+            if job.kind == "background":
+                data = codecs.encode_image(engine.background(scene, view))
+            else:
+                data = codecs.encode_layer(engine.layer(scene, view))
+        self._context.store.put(product_key(job.kind, job.digest), data)
+        return Finished(
+            digest=job.digest,
+            bytes=len(data),
+            pixels=view.width * view.height,
+            cpu_seconds=time.process_time() - started,
+            person_views=views,
+        )
+
+    def _engine(self, name: str, numeric_class: str) -> Renderer:
+        if name not in self._engines:
+            self._engines[name] = plugins.create_renderer(name)
+        engine = self._engines[name]
+        _require_class(name, engine.numeric_class, numeric_class)
+        return engine
+
+    def _truth_pass(self, numeric_class: str) -> Any:
+        if self._truth is None:
+            self._truth = plugins.create_truth_pass()
+        _require_class("truth", self._truth.numeric_class, numeric_class)
+        return self._truth
+
+
+def _require_class(name: str, actual: str, pinned: str) -> None:
+    """A driver that changed under a running worker must not mix its pixels into a run."""
+    if actual != pinned:
+        raise TransientError(f"{name} runs as {actual} here, but the run pinned {pinned}")
+
+
+def _view_row(truth: str, view: Any) -> dict[str, Any]:
+    return {
+        "truth": truth,
+        "instance_id": view.instance_id,
+        "pixel_area": view.pixel_area,
+        "pixel_area_percent": view.pixel_area_percent,
+        "pixel_area_amodal": view.pixel_area_amodal,
+        "occlusion_rate": view.occlusion_rate,
+        "truncation_rate": view.truncation_rate,
+        "distance_m": view.distance_m,
+        "depth_m": view.depth_m,
+        "box": None if view.box is None else list(view.box),
+        "amodal_box": None if view.amodal_box is None else list(view.amodal_box),
+        "undefined_reason": view.undefined_reason,
+    }
+
+
+def _no_person(truth: str) -> dict[str, Any]:
+    """A frame without any person still has its row, so that it is missing from no result in silence."""
+    return {
+        "truth": truth,
+        "instance_id": 0,
+        "pixel_area": 0,
+        "pixel_area_percent": 0.0,
+        "pixel_area_amodal": 0,
+        "occlusion_rate": None,
+        "truncation_rate": None,
+        "distance_m": None,
+        "depth_m": None,
+        "box": None,
+        "amodal_box": None,
+        "undefined_reason": "absent",
+    }

@@ -1,0 +1,116 @@
+"""Pictures for people and functions: the sensor stage's output, truth and predictions painted, as PNG."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from valerie.errors import UnknownName
+from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.rendering.base import GroundTruth, LinearImage
+from valerie.sensing.sensor import SensorSetting, develop
+
+#: Kinds of picture of a frame; those of the second line need a function.
+KINDS: Final = ("picture", "truth", "instances", "depth", "prediction", "overlay", "errors")
+
+_HIT, _MISS, _FALSE = (0, 158, 115), (213, 94, 0), (204, 121, 167)  # Okabe and Ito: told apart by everyone
+
+
+def picture_of(image: LinearImage, sensor: SensorSetting, assignment: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """What the function under test sees: (H, W, 3) uint8 sRGB, with the ``sensor.*`` values of the variant."""
+    varied = {path: value for path, value in assignment.items() if path.startswith("sensor.")}
+    return develop(image.pixels, sensor.with_assignment(varied))
+
+
+class FramePainter:
+    """Draws the frames of one store."""
+
+    def __init__(self, reader: ProductReader) -> None:
+        self._reader = reader
+
+    def paint(
+        self,
+        kind: str,
+        *,
+        background: str,
+        layer: str,
+        truth: str,
+        prediction: str | None,
+        sensor: SensorSetting,
+        assignment: Mapping[str, Any],
+    ) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 sRGB.
+
+        Args:
+            kind: one of `KINDS`.
+            background, layer, truth, prediction: digests of finished products.
+            sensor, assignment: make the picture from the linear image.
+
+        Raises:
+            UnknownName: no such kind, or it needs a prediction and there is none.
+            MissingInput: an object is gone.
+        """
+        if kind not in KINDS or (prediction is None and kind in ("prediction", "overlay", "errors")):
+            raise UnknownName("kind of picture", kind, KINDS if prediction else KINDS[:4], field="kind")
+        if kind == "truth":
+            return colorize(self._reader.truth(truth).class_map)
+        if kind == "instances":
+            return _instances(self._reader.truth(truth))
+        if kind == "depth":
+            return _depth(self._reader.truth(truth).depth)
+        if kind == "prediction" and prediction is not None:
+            return colorize(to_label_ids(self._reader.prediction(prediction)))
+        picture = picture_of(self._reader.frame(background, layer), sensor, assignment)
+        if kind == "picture" or prediction is None:
+            return picture
+        predicted = self._reader.prediction(prediction)
+        if kind == "overlay":
+            return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
+        return _errors(picture, to_train_ids(self._reader.truth(truth).class_map), predicted)
+
+
+def png(pixels: NDArray[np.uint8]) -> bytes:
+    """(H, W, 3) uint8 as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=3)
+    return buffer.getvalue()
+
+
+def _errors(picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Persons only: found (green), missed (orange), falsely seen (purple) over a grey picture."""
+    grey = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    person, seen = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
+    for mask, color in ((person & seen, _HIT), (person & ~seen, _MISS), (~person & seen, _FALSE)):
+        grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
+    return grey
+
+
+def _blend(
+    below: NDArray[np.uint8], above: NDArray[np.uint8], mask: NDArray[np.bool_], strength: float
+) -> NDArray[np.uint8]:
+    mixed = below.copy()
+    mixed[mask] = np.rint(below[mask] * (1 - strength) + above[mask] * strength).astype(np.uint8)
+    return mixed
+
+
+def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
+    """Every instance in a colour of its own over a darkened class map."""
+    painted = colorize(truth.class_map) // 3
+    for number in np.unique(truth.instance_map[truth.instance_map > 0]):
+        shade = np.array([(number * 67) % 156 + 100, (number * 131) % 156 + 100, (number * 29) % 156 + 100], np.uint8)
+        painted[truth.instance_map == number] = shade
+    return painted
+
+
+def _depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Near is bright; logarithmic between 1 m and 200 m, nothing hit is black."""
+    with np.errstate(divide="ignore"):
+        nearness = 1.0 - np.log(np.clip(depth, 1.0, 200.0)) / np.log(200.0)
+    grey = np.where(np.isfinite(depth), 30 + nearness * 225, 0).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)

@@ -1,0 +1,202 @@
+"""The life of a product in a worker: claim → compute → store → publish → ring for what became ready.
+
+No transaction is open while computing; a heartbeat thread renews the leases. Everything here may be killed at any moment:
+what was stored but not published is stored again with equal bytes, what was claimed comes back when its lease ends.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final, Protocol
+
+import structlog
+
+from valerie.db import products
+from valerie.db.engine import writing
+from valerie.db.products import Finished, Job
+from valerie.errors import (
+    StorageFull,
+    StorageUnavailable,
+    TransientError,
+    ValerieError,
+)
+from valerie.pipeline.context import Context
+from valerie.pipeline.lifecycle import pause_for_storage
+from valerie.storage.keys import product_key
+
+log = structlog.get_logger()
+
+#: Finished products are published together at most this late: a killed worker loses no more work than that.
+_PUBLISH_SECONDS: Final = 1.0
+#: Pause before the second, third … attempt after a transient fault.
+_BACKOFF_SECONDS: Final = (1.0, 5.0, 30.0)
+
+
+class MissingInput(ValerieError):
+    """The stored object of a finished input is gone or damaged; it has to be made again.
+
+    Args:
+        kind: of the input.
+        digest: of the input.
+    """
+
+    def __init__(self, kind: str, digest: str) -> None:
+        self.kind, self.digest = kind, digest
+        super().__init__(f"the object of {kind} {digest} is missing or damaged")
+
+
+class Maker(Protocol):
+    """Computes products of one stage and stores their objects."""
+
+    def make(self, job: Job) -> Finished:
+        """Compute and store one product.
+
+        Raises:
+            MissingInput: an input's object is gone.
+            TransientError: worth another try.
+            ValerieError: it will never work.
+        """
+        ...
+
+
+def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
+    """Make those of ``digests`` that are still wanted; record what became of each."""
+    settings = context.settings
+    with writing(context.engine) as connection:
+        jobs = products.claim(
+            connection, digests, owner=context.owner, now=time.time(), lease_seconds=settings.lease_seconds
+        )
+    if not jobs:
+        return
+    pending = {job.digest for job in jobs}
+    finished: list[Finished] = []
+    with _heartbeat(context, pending):
+        last = time.monotonic()
+        for job in jobs:
+            made = _attempt(context, maker, job)
+            if made is not None:
+                finished.append(made)
+            if finished and time.monotonic() - last > _PUBLISH_SECONDS:
+                _publish(context, finished)
+                pending.difference_update(f.digest for f in finished)
+                finished, last = [], time.monotonic()
+        if finished:
+            _publish(context, finished)
+
+
+def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
+    """One product; what goes wrong is recorded, never raised, so that the rest of the message is done."""
+    try:
+        return maker.make(job)
+    except MissingInput as error:
+        _ask_again(context, job, error)
+    except (StorageFull, StorageUnavailable) as error:
+        log.error("stage.storage", digest=job.digest, error=str(error))
+        _hand_back(context, job, seconds=0.0, count_attempt=False)
+        pause_for_storage(context, error)
+    except TransientError as error:
+        if job.attempts >= context.settings.max_attempts:
+            _fail(context, job, error)
+        else:
+            log.warning("stage.retry", digest=job.digest, kind=job.kind, attempts=job.attempts, error=str(error))
+            _hand_back(context, job, seconds=_BACKOFF_SECONDS[min(job.attempts, len(_BACKOFF_SECONDS)) - 1])
+    except MemoryError as error:
+        if job.attempts >= context.settings.max_attempts:
+            _fail(context, job, error)
+        else:
+            _hand_back(context, job, seconds=_BACKOFF_SECONDS[0])
+    except Exception as error:
+        # Also a defect of ours or of an engine must end as a recorded failure of this product, not as a stuck run.
+        if not isinstance(error, ValerieError):
+            log.exception("stage.defect", digest=job.digest, kind=job.kind)
+        _fail(context, job, error)
+    return None
+
+
+def _publish(context: Context, finished: Sequence[Finished]) -> None:
+    now = time.time()
+    with writing(context.engine) as connection:
+        products.publish(connection, finished, owner=context.owner, now=now)
+    # In a transaction of its own: see promote_dependents.
+    with writing(context.engine) as connection:
+        ready = products.promote_dependents(connection, [f.digest for f in finished], now)
+    if ready:
+        try:
+            context.broker.send_products(sorted(ready, key=lambda item: (item[2], item[3])))
+        except TransientError as error:
+            log.warning("stage.broker", reason=str(error))  # the sweeper rings again
+
+
+def _fail(context: Context, job: Job, error: BaseException) -> None:
+    document = {
+        "stage": job.kind,
+        "type": type(error).__name__,
+        "message": str(error)[:2000] or type(error).__name__,
+        "attempts": job.attempts,
+    }
+    log.error("stage.failed", digest=job.digest, **document)
+    with writing(context.engine) as connection:
+        products.fail(connection, job.digest, owner=context.owner, error=document, now=time.time())
+
+
+def _hand_back(context: Context, job: Job, *, seconds: float, count_attempt: bool = True) -> None:
+    # The sweeper rings for what is ready and was not rung for in a while; `not_before` lies that while in the past.
+    with writing(context.engine) as connection:
+        products.hand_back(
+            connection,
+            [job.digest],
+            owner=context.owner,
+            not_before=time.time() + seconds - _RESEND_LEAD_SECONDS,
+            count_attempt=count_attempt,
+        )
+
+
+#: Equals the sweeper's patience with unanswered messages, so that a pause of n seconds lasts n seconds.
+_RESEND_LEAD_SECONDS: Final = 20.0
+
+
+def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
+    if job.attempts >= context.settings.max_attempts:
+        _fail(context, job, error)
+        return
+    log.warning("stage.input_lost", digest=job.digest, input=error.digest)
+    now = time.time()
+    context.store.delete(product_key(error.kind, error.digest))  # a damaged object must not be taken for the new one
+    with writing(context.engine) as connection:
+        products.await_inputs(connection, [job.digest], owner=context.owner)
+        products.forget(connection, [error.digest])
+        ready = products.promote(connection, [error.digest], now)
+    try:
+        context.broker.send_products(ready)
+    except TransientError as failure:
+        log.warning("stage.broker", reason=str(failure))
+
+
+@contextmanager
+def _heartbeat(context: Context, pending: set[str]) -> Iterator[None]:
+    """Renew the leases of ``pending`` while the body computes."""
+    stop = threading.Event()
+
+    def beat() -> None:
+        while not stop.wait(context.settings.heartbeat_seconds):
+            try:
+                with writing(context.engine) as connection:
+                    products.renew(
+                        connection,
+                        list(pending),
+                        owner=context.owner,
+                        until=time.time() + context.settings.lease_seconds,
+                    )
+            except TransientError as error:
+                log.warning("stage.heartbeat", reason=str(error))
+
+    thread = threading.Thread(target=beat, name="heartbeat", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(timeout=5)

@@ -1,0 +1,77 @@
+"""From the rows of a run to its long table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from sqlalchemy import Engine
+
+from valerie.analysis.table import EvaluationTable
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.labels import PERSON
+from valerie.runs.spec import ResolvedRun
+
+
+def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
+    """Name of a frame in URLs, tables and on the command line: ``run.variant.camera.time``."""
+    return f"{run_id}.{variant}.{camera}.{time}"
+
+
+def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> EvaluationTable:
+    """The long table of what is evaluated so far."""
+    return EvaluationTable.from_rows(_rows(engine, run_id, resolved), varied_types(resolved))
+
+
+def varied_types(resolved: ResolvedRun) -> dict[str, str]:
+    """Path to type of the parameters that the run varies."""
+    varied = set(resolved.space.varied)
+    return {d.path: d.type.value for d in resolved.manifest.parameters if d.path in varied}
+
+
+def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
+    """One row of the long table from one row of the database."""
+    nobody = row.instance_id == 0
+    return {
+        "run_id": run_id,
+        "variant_index": row.variant_index,
+        "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
+        "camera": resolved.cameras[row.camera_index],
+        "character": None if nobody else _character(row, resolved),
+        "sensor": resolved.spec.sensors[row.sensor_index].name,
+        "function": resolved.spec.functions[row.function_index],
+        "instance_id": None if nobody else row.instance_id,
+        "pixel_area": None if nobody else row.pixel_area,
+        "pixel_area_percent": None if nobody else row.pixel_area_percent,
+        "pixel_area_amodal": None if nobody else row.pixel_area_amodal,
+        "occlusion_rate": row.occlusion_rate,
+        "truncation_rate": row.truncation_rate,
+        "distance_m": row.distance_m,
+        "depth_m": row.depth_m,
+        "tp": row.tp or 0,
+        "fn": row.fn or 0,
+        "pacc": row.pacc,
+        "undefined_reason": row.undefined_reason,
+        "precision": row.precision,
+        "iou": row.iou,
+        "pixel_accuracy": row.pixel_accuracy,
+        "fp": row.frame_fp,
+        **{path: row.assignment.get(path) for path in varied},
+    }
+
+
+def _rows(engine: Engine, run_id: str, resolved: ResolvedRun) -> Iterator[dict[str, Any]]:
+    varied = varied_types(resolved)
+    with reading(engine) as connection:
+        for row in results.rows(connection, run_id):
+            yield table_row(row, run_id, resolved, varied)
+
+
+def _character(row: Any, resolved: ResolvedRun) -> str | None:
+    """Which pedestrian it is: the value of its CATEGORICAL parameter ``character``."""
+    path = f"scene.{PERSON.node_class}-{row.instance_id % 1000}.character"
+    value = row.assignment.get(path)
+    if value is None:
+        value = next((d.default for d in resolved.manifest.parameters if d.path == path), None)
+    return None if value is None else str(value)

@@ -1,0 +1,161 @@
+"""A worker process: says what it can make, stays visible as alive, and consumes the queues of its numeric classes.
+
+The process that Celery forks for the work opens its own database connections and its own GL context or network; the parent
+only supervises, so that a crash of a driver is a lost child, not a lost worker.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import structlog
+
+from valerie.broker import EVAL_QUEUE, route_of
+from valerie.db import processes
+from valerie.db.engine import open_engine, writing
+from valerie.errors import MissingDependency, TransientError
+from valerie.pipeline.context import process_name
+from valerie.settings import Settings
+
+log = structlog.get_logger()
+
+_SEEN_EVERY_SECONDS = 3.0
+_PROBE_TIMEOUT_SECONDS = 120.0
+
+
+class Presence:
+    """Keeps a worker's row and health file fresh from a thread until `leave`."""
+
+    def __init__(self, settings: Settings, stage: str, offers: Sequence[dict[str, Any]]) -> None:
+        self._engine = open_engine(settings.database_url)
+        self._stop = threading.Event()
+        now = time.time()
+        self._values: dict[str, Any] = {
+            "id": process_name(),
+            "stage": stage,
+            "host": os.uname().nodename,
+            "pid": os.getpid(),
+            "offers": list(offers),
+            "started_at": now,
+            "seen_at": now,
+        }
+        self._health = settings.data_dir / "health" / f"{stage}-{os.uname().nodename}-{os.getpid()}"
+        self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
+
+    def join(self) -> None:
+        """Become visible.
+
+        Raises:
+            TransientError: the database does not answer.
+        """
+        self._health.parent.mkdir(parents=True, exist_ok=True)
+        with writing(self._engine) as connection:
+            processes.register_worker(connection, self._values)
+        self._health.touch()
+        self._thread.start()
+
+    def leave(self) -> None:
+        """Say goodbye; what fails here is forgotten by time."""
+        self._stop.set()
+        self._thread.join(timeout=2 * _SEEN_EVERY_SECONDS)
+        self._health.unlink(missing_ok=True)
+        try:
+            with writing(self._engine) as connection:
+                processes.remove_worker(connection, self._values["id"])
+        except TransientError as error:
+            log.warning("worker.goodbye", reason=str(error))
+
+    def _run(self) -> None:
+        while not self._stop.wait(_SEEN_EVERY_SECONDS):
+            try:
+                now = time.time()
+                with writing(self._engine) as connection:
+                    if not processes.worker_seen(connection, self._values["id"], now):
+                        processes.register_worker(connection, {**self._values, "seen_at": now})
+                self._health.touch()
+            except (TransientError, OSError) as error:
+                log.warning("worker.presence", reason=str(error))
+
+
+def render_offers(engines: Sequence[str]) -> list[dict[str, Any]]:
+    """What this machine renders with: each engine probed in a process of its own, since a driver may crash.
+
+    Raises:
+        MissingDependency: none of ``engines`` works here; says why.
+    """
+    offers: list[dict[str, Any]] = []
+    complaints: list[str] = []
+    for engine in engines:
+        try:
+            offers += _probe("valerie.rendering.probe", engine)
+        except MissingDependency as error:
+            complaints.append(str(error))
+            log.warning("worker.engine_unavailable", engine=engine, reason=str(error))
+    if not offers:
+        raise MissingDependency("no render engine works on this machine: " + "; ".join(complaints))
+    unique = {(offer["name"], offer["numeric_class"]): offer for offer in offers}
+    return [
+        {"stage": "render", "route": route_of("render", offer["name"], offer["numeric_class"]), **offer}
+        for offer in unique.values()
+    ]
+
+
+def infer_offers(functions: Sequence[str]) -> list[dict[str, Any]]:
+    """Functions under test that run here, with the numeric class that the inference engine really has.
+
+    Raises:
+        MissingDependency: the inference engine is not installed.
+    """
+    return [
+        {"stage": "infer", "route": route_of("infer", "torch", offer["numeric_class"]), **offer}
+        for offer in _probe("valerie.perception.probe", *functions)
+    ]
+
+
+def _probe(module: str, *arguments: str) -> list[dict[str, Any]]:
+    """Run ``python -m module arguments`` and read the JSON list that it prints last."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", module, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_TIMEOUT_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise MissingDependency(f"{module} {' '.join(arguments)} hung") from error
+    lines = done.stdout.strip().splitlines()
+    if done.returncode != 0 or not lines:
+        words = (done.stderr or done.stdout).strip().splitlines() or ["no output"]
+        raise MissingDependency(f"{' '.join(arguments) or module}: {words[-1]}")
+    offers: list[dict[str, Any]] = json.loads(lines[-1])
+    return offers
+
+
+def consume(app: Any, name: str, queues: Sequence[str]) -> None:
+    """Run the Celery worker of this process until it is told to stop."""
+    app.worker_main(
+        [
+            "worker",
+            "--pool=prefork",
+            "--concurrency=1",
+            f"--queues={','.join(queues)}",
+            f"--hostname={name}-{os.getpid()}@%h",
+            "--without-gossip",
+            "--without-mingle",
+            "--without-heartbeat",
+            "--loglevel=WARNING",
+        ]
+    )
+
+
+def queues_of(offers: Sequence[dict[str, Any]]) -> list[str]:
+    """The queues that a worker with these offers consumes."""
+    return sorted({str(offer["route"]) for offer in offers}) or [EVAL_QUEUE]
