@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final, NamedTuple
@@ -104,8 +104,13 @@ class Constraint:
             return False
 
 
-def compile_constraint(text: str, definitions: Iterable[ParameterDefinition], *, field: str = "") -> Constraint:
+def compile_constraint(text: str, names: Mapping[str, ParameterDefinition], *, field: str = "") -> Constraint:
     """Parse and type-check a constraint.
+
+    Args:
+        text: as the grammar above.
+        names: what may be spoken of, by every name that it has.
+        field: where the constraint stands, for errors.
 
     Raises:
         InvalidInput: it does not follow the grammar, compares different kinds, or is too long or too deeply nested.
@@ -113,7 +118,7 @@ def compile_constraint(text: str, definitions: Iterable[ParameterDefinition], *,
     """
     if len(text) > MAX_LENGTH:
         raise InvalidInput("the constraint is too long", field=field, value=len(text), limit=f"{MAX_LENGTH} characters")
-    parser = _Parser(text, definitions, field)
+    parser = _Parser(text, names, field)
     term = parser.parse()
     return Constraint(text, frozenset(parser.paths), term.evaluate)
 
@@ -121,12 +126,8 @@ def compile_constraint(text: str, definitions: Iterable[ParameterDefinition], *,
 class _Parser:
     """Recursive descent over the grammar above; each method reads one rule and returns its term."""
 
-    def __init__(self, text: str, definitions: Iterable[ParameterDefinition], field: str) -> None:
-        self._text, self._field = text, field
-        self._names: dict[str, ParameterDefinition] = {}
-        for definition in definitions:
-            self._names.setdefault(definition.name, definition)
-            self._names.setdefault(definition.path, definition)
+    def __init__(self, text: str, names: Mapping[str, ParameterDefinition], field: str) -> None:
+        self._text, self._names, self._field = text, names, field
         self._tokens = self._tokenize()
         self._next = 0
         self._depth = 0

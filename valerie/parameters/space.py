@@ -19,6 +19,7 @@ from valerie.parameters.assignment import Assignment
 from valerie.parameters.blocks import Block, Rows, Variation, at, rows_of
 from valerie.parameters.constraints import Constraint, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, Value
+from valerie.parameters.distributions import Constant
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 
 
@@ -34,6 +35,7 @@ class ParameterSpace:
             indexes mean the same with and without constraints.
         seed: of all random designs; 0 is a seed like any other.
         samplers: name to sampler of the designs beside ``grid`` and ``points``.
+        aliases: further names of parameters, to their paths.
 
     Raises:
         InvalidInput, UnknownName: the field begins with ``blocks.N``, ``constants`` or ``constraints.N``.
@@ -48,9 +50,13 @@ class ParameterSpace:
         constraints: Sequence[str] = (),
         seed: int = 0,
         samplers: Mapping[str, SamplerFactory] = SAMPLERS,
+        aliases: Mapping[str, str] | None = None,
     ) -> None:
         self.definitions = {definition.path: definition for definition in definitions}
-        self._paths = {definition.name: path for path, definition in self.definitions.items()}
+        by_name = {definition.name: definition for definition in self.definitions.values()}
+        further = {alias: self.definitions[path] for alias, path in (aliases or {}).items()}
+        #: Every name and path to its definition; a name is stronger than an alias.
+        self.names = further | self.definitions | by_name
         self.seed = seed
         shared = self._constants(constants or {}, "constants")
         self.blocks: tuple[Block, ...] = tuple(blocks) or (Block(),)
@@ -67,16 +73,13 @@ class ParameterSpace:
             self._fixed.append(fixed)
         self._ends = list(accumulate(rows.size for rows in self._rows))
         self.constraints: tuple[Constraint, ...] = tuple(
-            compile_constraint(text, self.definitions.values(), field=f"constraints.{i}")
-            for i, text in enumerate(constraints)
+            compile_constraint(text, self.names, field=f"constraints.{i}") for i, text in enumerate(constraints)
         )
 
     def _path(self, name: str, field: str) -> str:
-        if name in self.definitions:
-            return name
-        if name not in self._paths:
-            raise UnknownName("parameter", name, (*self._paths, *self.definitions), field=field)
-        return self._paths[name]
+        if name not in self.names:
+            raise UnknownName("parameter", name, self.names, field=field)
+        return self.names[name].path
 
     def _constants(self, constants: Mapping[str, Value], field: str) -> dict[str, Value]:
         checked: dict[str, Value] = {}
@@ -148,9 +151,31 @@ class ParameterSpace:
                 yield block, ({**fixed, **row} if fixed else row)
             start = end
 
-    def unmet_constraint(self, values: Mapping[str, Value]) -> Constraint | None:
-        """The first constraint that a variant does not meet; what ``values`` leaves out has its default."""
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Paths that may have more than one value in the run, in the order in which the blocks mention them."""
+        found: dict[str, None] = {}
+        held: dict[str, set[Value]] = {}
+        for block, fixed in zip(self.blocks, self._fixed, strict=True):
+            for variation in block.variations:
+                if not isinstance(variation.distribution, Constant):
+                    found.setdefault(self._path(variation.path, "vary"))
+            for point in block.points:
+                found.update(dict.fromkeys(self._path(name, "points") for name in point))
+            for path, value in fixed.items():
+                held.setdefault(path, set()).add(value)
+        for path, values in held.items():
+            everywhere = all(path in fixed for fixed in self._fixed)
+            if len(values if everywhere else values | {self.definitions[path].default}) > 1:
+                found.setdefault(path)
+        return tuple(found)
+
+    def violated(self, values: Mapping[str, Value]) -> str | None:
+        """Why a variant is rejected: the first constraint that it does not meet; None if it meets all.
+
+        What ``values`` (path to value) leaves out has its default.
+        """
         for constraint in self.constraints:
             if not constraint.holds(values):
-                return constraint
+                return f"the constraint {constraint.text} is not met"
         return None

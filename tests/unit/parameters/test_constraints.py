@@ -27,9 +27,12 @@ DEFINITIONS = (
 )  # fmt: skip
 
 
+NAMES = {name: d for d in DEFINITIONS for name in (d.path, d.name)}
+
+
 def holds(text: str, p1: float = 0.0, p2: float = 0.0, **more: Any) -> bool:
     values = {"scene.person-1.pos.x": p1, "scene.person-1.pos.y": p2, **more}
-    return compile_constraint(text, DEFINITIONS).holds(values)
+    return compile_constraint(text, NAMES).holds(values)
 
 
 @given(st.integers(-5, 5), st.integers(-5, 5))
@@ -51,7 +54,7 @@ def test_names_with_dots_and_hyphens_and_paths_are_understood() -> None:
 
 
 def test_what_a_variant_does_not_say_has_its_default() -> None:
-    assert compile_constraint("character == 'yellow-shirt' and lit", DEFINITIONS).holds({})
+    assert compile_constraint("character == 'yellow-shirt' and lit", NAMES).holds({})
 
 
 def test_signs_may_be_typographic() -> None:
@@ -59,7 +62,7 @@ def test_signs_may_be_typographic() -> None:
 
 
 def test_a_constraint_names_the_parameters_that_it_speaks_of() -> None:
-    constraint = compile_constraint("p1 < 1 or not lit", DEFINITIONS)
+    constraint = compile_constraint("p1 < 1 or not lit", NAMES)
     assert constraint.paths == {"scene.person-1.pos.x", "scene.lamp-1.on"}
 
 
@@ -79,30 +82,30 @@ def test_a_division_by_zero_is_not_met() -> None:
 )  # fmt: skip
 def test_what_is_no_constraint_is_refused_with_its_field(text: str) -> None:
     with pytest.raises(InvalidInput) as problem:
-        compile_constraint(text, DEFINITIONS, field="constraints.0")
+        compile_constraint(text, NAMES, field="constraints.0")
     assert problem.value.field == "constraints.0"
 
 
 @pytest.mark.parametrize("text", ["__import__('os')", "lambda: 1", "p3 < 1", "open('x') == 1", "person-1.poss.x < 1"])
 def test_an_unknown_name_is_refused_and_never_executed(text: str) -> None:
     with pytest.raises(UnknownName):
-        compile_constraint(text, DEFINITIONS)
+        compile_constraint(text, NAMES)
 
 
 def test_an_unknown_choice_lists_near_matches() -> None:
     with pytest.raises(UnknownName, match="did you mean yellow-shirt"):
-        compile_constraint("character == 'yelow-shirt'", DEFINITIONS)
+        compile_constraint("character == 'yelow-shirt'", NAMES)
 
 
 def test_an_error_says_where() -> None:
     with pytest.raises(InvalidInput, match=r"'!' is not expected here \(character 6\)"):
-        compile_constraint("p1 < !", DEFINITIONS)
+        compile_constraint("p1 < !", NAMES)
 
 
 @given(st.text(alphabet="p12 <>=()+-*/'.andortlsecr\n", max_size=40))
 def test_any_text_is_compiled_or_refused(text: str) -> None:
     try:
-        constraint = compile_constraint(text, DEFINITIONS)
+        constraint = compile_constraint(text, NAMES)
     except InvalidInput:
         return
     assert constraint.holds({}) in (True, False)

@@ -206,8 +206,28 @@ def test_a_continuous_distribution_in_a_grid_takes_its_mid_quantiles() -> None:
 
 def test_a_constraint_rejects_without_moving_the_indexes() -> None:
     space = ParameterSpace(DEFINITIONS, [block(x=steps(0, 3, 1))], constraints=["p1 != 2", "person-1.pos.y < 1"])
-    unmet = [space.unmet_constraint(a.values) for a in space]
-    assert [constraint and constraint.text for constraint in unmet] == [None, None, "p1 != 2", None]
+    reasons = [space.violated(a.values) for a in space]
+    assert reasons == [None, None, "the constraint p1 != 2 is not met", None]
+
+
+def test_a_parameter_may_have_further_names() -> None:
+    space = ParameterSpace(
+        DEFINITIONS, constants={"across": 3}, constraints=["across < 4 and p1 > 2"], aliases={"across": X}
+    )
+    assert space[0].values == {X: 3.0}
+    assert space.violated(space[0].values) is None
+
+
+def test_varied_is_what_has_more_than_one_value() -> None:
+    space = ParameterSpace(
+        DEFINITIONS,
+        [
+            block(heading=Uniform(count=2), x=Constant(value=1)),
+            Block(design="points", points=({"p1": 1}, {"p1": 2}), constants={CHARACTER: "black-outfit"}),
+        ],
+        constants={Y: 3},
+    )
+    assert space.varied == (HEADING, X, CHARACTER)
 
 
 def test_a_sampler_of_ones_own_is_a_class_with_one_method() -> None:
