@@ -1,0 +1,1 @@
+"""The segmentation networks that ship with VALERIE, in plain torch."""

@@ -1,0 +1,99 @@
+"""Semantic FPN, Detectron2's network for semantic segmentation.
+
+A feature pyramid (Lin et al. 2017, doi:10.1109/CVPR.2017.106) with the semantic branch of Panoptic FPN (Kirillov et al.
+2019, doi:10.1109/CVPR.2019.00656).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from torch import Tensor, nn
+from torch.nn import functional
+
+from valerie.perception.networks.blocks import conv_bn_relu
+from valerie.perception.networks.resnet import ResNet, ResNetSettings
+
+
+@dataclass(frozen=True, slots=True)
+class SemanticFpnSettings:
+    """Size of a semantic FPN.
+
+    Attributes:
+        backbone: the ResNet; its output stride is 32.
+        pyramid_channels: channels of every level of the pyramid (Detectron2: 256).
+        head_channels: channels of the scale heads (Detectron2: 128).
+    """
+
+    backbone: ResNetSettings
+    pyramid_channels: int = 256
+    head_channels: int = 128
+
+
+class FeaturePyramid(nn.Module):
+    """Lateral 1×1 convolutions, a top-down sum with nearest-neighbour upsampling, and 3×3 output convolutions."""
+
+    def __init__(self, channels_in: tuple[int, ...], channels: int) -> None:
+        super().__init__()
+        self.lateral = nn.ModuleList([nn.Conv2d(c, channels, 1) for c in channels_in])
+        self.output = nn.ModuleList([nn.Conv2d(channels, channels, 3, padding=1) for _ in channels_in])
+
+    def forward(self, features: tuple[Tensor, ...]) -> list[Tensor]:
+        """Maps of strides 4, 8, 16, 32 to as many maps of ``channels`` channels, finest first."""
+        levels: list[Tensor] = []
+        above: Tensor | None = None
+        for index in reversed(range(len(features))):
+            level: Tensor = self.lateral[index](features[index])
+            if above is not None:
+                level = level + functional.interpolate(above, size=level.shape[-2:], mode="nearest")
+            levels.append(self.output[index](level))
+            above = level
+        return levels[::-1]
+
+
+class ScaleHead(nn.Module):
+    """3×3 convolutions, each but that of the finest level followed by twofold upsampling, down to stride 4."""
+
+    def __init__(self, channels_in: int, channels: int, doublings: int) -> None:
+        super().__init__()
+        self.doublings = doublings
+        self.convs = nn.ModuleList(
+            [conv_bn_relu(channels_in if i == 0 else channels, channels, 3) for i in range(max(1, doublings))]
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, channels_in, h, w) to (N, channels, h · 2^doublings, w · 2^doublings)."""
+        for conv in self.convs:
+            x = conv(x)
+            if self.doublings:
+                x = functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+        return x
+
+
+class SemanticFpn(nn.Module):
+    """Feature pyramid, one head per scale, their sum, and a 1×1 predictor."""
+
+    #: Stride of the logits.
+    stride: Final = 4
+
+    def __init__(self, settings: SemanticFpnSettings, num_classes: int) -> None:
+        super().__init__()
+        self.backbone = ResNet(settings.backbone)
+        self.fpn = FeaturePyramid(self.backbone.channels, settings.pyramid_channels)
+        self.heads = nn.ModuleList(
+            [
+                ScaleHead(settings.pyramid_channels, settings.head_channels, doublings)
+                for doublings in range(len(self.backbone.channels))
+            ]
+        )
+        self.predictor = nn.Conv2d(settings.head_channels, num_classes, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, 3, H, W) normalised picture, H and W multiples of 32, to (N, classes, H / 4, W / 4) logits."""
+        levels = self.fpn(self.backbone(x))
+        total: Tensor = self.heads[0](levels[0])
+        for head, level in zip(self.heads[1:], levels[1:], strict=True):
+            total = total + head(level)
+        logits: Tensor = self.predictor(total)
+        return logits

@@ -1,0 +1,83 @@
+"""What every perception function must keep; subclass in a test module and override the ``function`` fixture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from valerie.labels import NUM_TRAIN_CLASSES, VOID
+from valerie.perception.base import PerceptionFunction
+
+
+class PerceptionContract:
+    """Tests of one function; collected by pytest through a subclass whose name starts with ``Test``."""
+
+    @pytest.fixture(scope="class")
+    def function(self) -> Iterator[PerceptionFunction]:
+        """The loaded function under test; the subclass must override this and close it after the tests."""
+        raise NotImplementedError("override the fixture 'function' in the subclass")
+
+    @pytest.fixture(scope="class")
+    def picture(self) -> NDArray[np.uint8]:
+        """(90, 150, 3) uint8: gradients and coloured boxes, of a size that no network's stride divides."""
+        rows, columns = np.mgrid[0:90, 0:150]
+        picture = np.stack([rows * 2, columns, 255 - rows - columns // 2], axis=2).clip(0, 255).astype(np.uint8)
+        picture[30:70, 40:60] = (220, 210, 30)
+        picture[20:80, 100:112] = (15, 15, 20)
+        return picture
+
+    @pytest.mark.parametrize(("height", "width"), [(1, 1), (31, 33), (64, 96), (90, 150), (135, 240)])
+    def test_the_label_map_has_the_size_of_the_picture(
+        self, function: PerceptionFunction, height: int, width: int
+    ) -> None:
+        labels = function.predict(np.full((height, width, 3), 127, np.uint8))
+        assert labels.shape == (height, width)
+        assert labels.dtype == np.uint8
+
+    def test_only_declared_train_ids_are_predicted(
+        self, function: PerceptionFunction, picture: NDArray[np.uint8]
+    ) -> None:
+        assert set(np.unique(function.predict(picture))) <= {*range(NUM_TRAIN_CLASSES), VOID}
+
+    def test_the_same_picture_gives_the_same_labels(
+        self, function: PerceptionFunction, picture: NDArray[np.uint8]
+    ) -> None:
+        first = function.predict(picture)
+        function.predict(picture[::-1])
+        np.testing.assert_array_equal(function.predict(picture), first)
+
+    def test_the_picture_is_not_changed(self, function: PerceptionFunction, picture: NDArray[np.uint8]) -> None:
+        given = picture.copy()
+        function.predict(given)
+        np.testing.assert_array_equal(given, picture)
+
+    def test_a_read_only_picture_is_accepted(self, function: PerceptionFunction, picture: NDArray[np.uint8]) -> None:
+        frozen = picture.copy()
+        frozen.setflags(write=False)
+        np.testing.assert_array_equal(function.predict(frozen), function.predict(picture))
+
+    def test_a_strided_picture_gives_the_labels_of_its_copy(
+        self, function: PerceptionFunction, picture: NDArray[np.uint8]
+    ) -> None:
+        view = picture[:, ::-1]
+        np.testing.assert_array_equal(function.predict(view), function.predict(view.copy()))
+
+    def test_a_result_is_not_overwritten_by_the_next_one(
+        self, function: PerceptionFunction, picture: NDArray[np.uint8]
+    ) -> None:
+        first = function.predict(picture)
+        kept = first.copy()
+        function.predict(255 - picture)
+        np.testing.assert_array_equal(first, kept)
+
+    def test_the_card_and_the_numeric_class_say_what_runs(self, function: PerceptionFunction) -> None:
+        card = function.card
+        assert card.name
+        assert card.architecture
+        assert len(card.digest) == 64
+        assert int(card.digest, 16) >= 0
+        assert card.engine in function.numeric_class
+        assert card.precision in function.numeric_class
