@@ -15,12 +15,12 @@ from valerie.perception.base import PerceptionFunction
 class PerceptionContract:
     """Tests of one function; collected by pytest through a subclass whose name starts with ``Test``."""
 
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def function(self) -> Iterator[PerceptionFunction]:
         """The loaded function under test; the subclass must override this and close it after the tests."""
         raise NotImplementedError("override the fixture 'function' in the subclass")
 
-    @pytest.fixture(scope="class")
+    @pytest.fixture
     def picture(self) -> NDArray[np.uint8]:
         """(90, 150, 3) uint8: gradients and coloured boxes, of a size that no network's stride divides."""
         rows, columns = np.mgrid[0:90, 0:150]
