@@ -6,7 +6,7 @@ the API, the planner and the control loop read it without meshes, trimesh or GL.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -14,8 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import label_of_node_class
-from valerie.parameters.definitions import ParameterDefinition
+from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
+from valerie.scene.attributes import resolve
 from valerie.scene.naming import ROOT, is_node_name
 
 #: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
@@ -109,10 +110,17 @@ class Manifest(_Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _persons_stand_on_the_ground(cls, given: Any) -> Any:
-        if isinstance(given, dict) and "grounded" not in given and "persons" in given:
-            return {**given, "grounded": given["persons"]}
-        return given
+    def _fill_in(cls, given: Any) -> Any:
+        """Persons stand on the ground, and what an attribute's row tells need not be declared again."""
+        if not isinstance(given, dict):
+            return given
+        filled = dict(given)
+        if "persons" in filled:
+            filled.setdefault("grounded", filled["persons"])
+        cameras, parameters = filled.get("cameras"), filled.get("parameters")
+        if isinstance(cameras, list | tuple) and isinstance(parameters, list | tuple):
+            filled["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
+        return filled
 
     @field_validator("files")
     @classmethod
@@ -144,7 +152,13 @@ class Manifest(_Document):
             _check_distinct(field, getattr(self, field))
         _check_distinct("parameters", [p.name for p in self.parameters])
         _check_distinct("parameters", [p.path for p in self.parameters])
+        paths = {definition.path for definition in self.parameters}
+        for path in self.persons:
+            if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
+                # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
+                raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
         for index, definition in enumerate(self.parameters):
+            _check_attribute(definition, self.cameras, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:
                 raise InvalidInput(
                     "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
@@ -211,6 +225,38 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
                 for problem in error.errors(include_url=False)
             ]
         ) from None
+
+
+def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
+    if not isinstance(parameter, dict):
+        return parameter
+    path = parameter.get("path", parameter.get("scene_graph_ref"))
+    if not isinstance(path, str):
+        return parameter
+    _, attribute = resolve(path, [str(camera) for camera in cameras], field=f"parameters.{path}")
+    return {"type": attribute.type, "unit": attribute.unit, "affects": attribute.affects, **parameter}
+
+
+def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], field: str) -> None:
+    """Type, unit, range and stage are those of the attribute's row: a wrong stage would reuse wrong products."""
+    _, attribute = resolve(definition.path, cameras, field=field)
+    for name in ("type", "unit", "affects"):
+        declared, own = getattr(definition, name), getattr(attribute, name)
+        if declared != own:
+            raise InvalidInput(
+                f"{definition.path} has another {name}", field=f"{field}.{name}", value=str(declared), limit=str(own)
+            )
+    low, high = attribute.minimum, attribute.maximum
+    if definition.type is ParameterType.FLOAT and (
+        (low is not None and (definition.minimum is None or definition.minimum < low))
+        or (high is not None and (definition.maximum is None or definition.maximum > high))
+    ):
+        raise InvalidInput(
+            f"the range of {definition.path} is wider than sensible",
+            field=f"{field}.minimum",
+            value=definition.range_text,
+            limit=f"{low}…{high}",
+        )
 
 
 def _check_paths(field: str, paths: tuple[str, ...]) -> None:

@@ -106,7 +106,7 @@ class Node:
         label_id: Cityscapes label id of every pixel; what a person carries is the person's. Inherited when loading.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
         movable: declared by the manifest (inherited): part of the movable layer, not of the background.
-        visible: False: in the graph, not drawn (an absent person, an unchosen character); so is all below it, and says so.
+        visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
     """
 
     path: str

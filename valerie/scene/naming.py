@@ -65,8 +65,9 @@ def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict
 
     Args:
         paths: parents before children.
-        node_classes: class by path, for nodes whose names do not tell; wins over names and is inherited (``static`` is the
-            class of what nobody evaluates). The instance is the number at the end of the name, else one is counted up.
+        node_classes: class by path, for nodes whose names do not tell; wins over names and is inherited (``static`` is
+            the class of what nobody evaluates). The instance is the number at the end of the name,
+            else one is counted up.
 
     Raises:
         UnknownName: a class that does not exist.

@@ -81,7 +81,7 @@ class Pose:
     def matrix(self) -> Matrix:
         """(4, 4) object to parent."""
         result = np.eye(4)
-        result[:3, :3] = rotation(*self.angles) * np.asarray(self.scale)
+        result[:3, :3] = rotation(*self.angles) * np.asarray(self.scale) + 0.0  # −0.0 becomes 0.0
         result[:3, 3] = self.position
         return result
 

@@ -1,0 +1,152 @@
+"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset.
+
+Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
+radius that a person needs, and a grid over the ground tells which few of them are near a point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import shapely
+
+from valerie.parameters.definitions import Value
+from valerie.scene.attributes import ABSENT
+from valerie.scene.manifest import Footprint, Manifest
+from valerie.scene.naming import ROOT
+
+#: Edge of a grid cell, metres.
+_CELL_M: Final = 2.0
+#: A camera needs less room than a person.
+_CAMERA_RADIUS_M: Final = 0.05
+
+
+def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
+    """Why a variant cannot be, in words (``person-1 stands inside building-3``); None if it can.
+
+    Args:
+        assignment: path to value, valid for the manifest; what is missing takes its default.
+        manifest: tells where persons, obstacles and cameras are.
+    """
+    prepared = _prepare(manifest)
+    x0, y0, x1, y1 = manifest.extent
+    standing: list[tuple[str, float, float]] = []
+    for person in prepared.persons:
+        get = assignment.get
+        if (
+            get(person.character, person.default_character) == ABSENT
+            or get(person.visible, person.default_visible) is False
+        ):
+            continue
+        x, y = float(get(person.x, person.default_x)), float(get(person.y, person.default_y))
+        if not (x0 <= x <= x1 and y0 <= y <= y1):
+            return f"{person.name} is outside the asset"
+        if obstacle := prepared.around_persons.at(x, y):
+            return f"{person.name} stands {obstacle.text}"
+        standing.append((person.name, x, y))
+    if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
+        return overlap
+    if not prepared.camera_paths.isdisjoint(assignment):
+        return _camera_reason(assignment, manifest, prepared)
+    return None
+
+
+def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str | None:
+    for index, (name, x, y) in enumerate(standing):
+        for other, other_x, other_y in standing[:index]:
+            if (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
+                return f"{other} and {name} overlap"
+    return None
+
+
+def _camera_reason(assignment: Mapping[str, Value], manifest: Manifest, prepared: _Prepared) -> str | None:
+    for camera in manifest.cameras:
+        paths = [f"{ROOT}.{camera}.pos.{axis}" for axis in "xyz"]
+        if not any(path in assignment for path in paths) or not all(path in manifest.by_path for path in paths):
+            continue
+        x, y, z = (float(assignment.get(path, manifest.by_path[path].default)) for path in paths)
+        obstacle = prepared.around_cameras.at(x, y, z)
+        if obstacle:
+            return f"{camera} is {obstacle.text}"
+    return None
+
+
+class _ObstacleMap:
+    """Obstacles widened by a radius, found by grid cell."""
+
+    def __init__(self, obstacles: tuple[Footprint, ...], radius: float) -> None:
+        self._cells: dict[tuple[int, int], list[tuple[shapely.Polygon, Footprint]]] = {}
+        for obstacle in obstacles:
+            widened = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
+            shapely.prepare(widened)
+            for cell in _cells_of(widened):
+                self._cells.setdefault(cell, []).append((widened, obstacle))
+
+    def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
+        """The first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
+        for polygon, obstacle in self._cells.get((int(x // _CELL_M), int(y // _CELL_M)), ()):
+            if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
+                return obstacle
+        return None
+
+
+def _cells_of(polygon: shapely.Polygon) -> Iterator[tuple[int, int]]:
+    x0, y0, x1, y1 = (int(bound // _CELL_M) for bound in polygon.bounds)
+    for i in range(x0, x1 + 1):
+        for j in range(y0, y1 + 1):
+            if polygon.intersects(shapely.box(i * _CELL_M, j * _CELL_M, (i + 1) * _CELL_M, (j + 1) * _CELL_M)):
+                yield i, j
+
+
+@dataclass(frozen=True, slots=True)
+class _Person:
+    """Paths and defaults of one person, looked up once."""
+
+    name: str
+    x: str
+    y: str
+    character: str
+    visible: str
+    default_x: float
+    default_y: float
+    default_character: Value
+    default_visible: Value
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    persons: tuple[_Person, ...]
+    camera_paths: frozenset[str]
+    around_persons: _ObstacleMap
+    around_cameras: _ObstacleMap
+
+
+@lru_cache(maxsize=16)
+def _prepare(manifest: Manifest) -> _Prepared:
+    return _Prepared(
+        persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
+        camera_paths=frozenset(f"{ROOT}.{camera}.pos.{axis}" for camera in manifest.cameras for axis in "xyz"),
+        around_persons=_ObstacleMap(manifest.obstacles, manifest.person_radius_m),
+        around_cameras=_ObstacleMap(manifest.obstacles, _CAMERA_RADIUS_M),
+    )
+
+
+def _person(manifest: Manifest, path: str) -> _Person:
+    def default(attribute: str, otherwise: Value) -> Value:
+        definition = manifest.by_path.get(f"{path}.{attribute}")
+        return otherwise if definition is None else definition.check(definition.default)
+
+    return _Person(
+        name=path.removeprefix(f"{ROOT}."),
+        x=f"{path}.pos.x",
+        y=f"{path}.pos.y",
+        character=f"{path}.character",
+        visible=f"{path}.visible",
+        default_x=float(default("pos.x", 0.0)),
+        default_y=float(default("pos.y", 0.0)),
+        default_character=default("character", ""),
+        default_visible=default("visible", True),
+    )

@@ -1,0 +1,85 @@
+"""All paths of an asset: what could be varied, and what its manifest declares as variable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from valerie.parameters.definitions import Affects, ParameterType, Value
+from valerie.scene.asset import SceneAsset
+from valerie.scene.attributes import ABSENT, ATTRIBUTES, Attribute, Target, characters
+from valerie.scene.model import Scene
+from valerie.scene.naming import ENVIRONMENT_PATH, SUN_PATH
+from valerie.scene.variation import apply
+
+
+@dataclass(frozen=True, slots=True)
+class PathEntry:
+    """One path of the scene graph.
+
+    Attributes:
+        path: e.g. ``scene.car-3.door-1.rot.z``.
+        type, unit: of its values.
+        minimum, maximum: the declared range where there is one, else the widest that makes sense; None: unbounded.
+        choices: of a CATEGORICAL path.
+        value: current value, with every parameter at its default; degrees for angles.
+        declared: whether specs may vary it.
+        affects: the stage that it is an input of.
+    """
+
+    path: str
+    type: ParameterType
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    choices: tuple[str, ...]
+    value: Value
+    declared: bool
+    affects: Affects
+
+
+def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
+    """Every path of an asset in the order of its scene graph, then cameras, sun, environment and sensor."""
+    scene = apply({}, asset)
+    things = [
+        *((path, Target.NODE) for path in scene.nodes),
+        *((camera.path, Target.CAMERA) for camera in scene.cameras.values()),
+        (SUN_PATH, Target.SUN),
+        (ENVIRONMENT_PATH, Target.ENVIRONMENT),
+        ("sensor", Target.SENSOR),
+    ]
+    return tuple(entry for path, target in things for entry in _entries(asset, scene, path, target))
+
+
+def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iterator[PathEntry]:
+    for (kind, name), attribute in ATTRIBUTES.items():
+        if kind is not target:
+            continue
+        value = attribute.read(scene, path)
+        if value is None:
+            continue
+        yield _entry(asset, scene, f"{path}.{name}", path, attribute, value)
+
+
+def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: Attribute, value: Value) -> PathEntry:
+    declared = asset.manifest.by_path.get(path)
+    if declared is not None:
+        minimum, maximum, choices = declared.minimum, declared.maximum, declared.choices
+    else:
+        minimum, maximum = attribute.minimum, attribute.maximum
+        choices = (*characters(scene, thing), ABSENT) if attribute.type is ParameterType.CATEGORICAL else ()
+    if isinstance(value, float):
+        # Taken back from matrices: nobody wants to read 19.999999999999996.
+        value = round(value, 9) if math.isfinite(value) else value
+    return PathEntry(
+        path=path,
+        type=attribute.type,
+        unit=attribute.unit,
+        minimum=minimum,
+        maximum=maximum,
+        choices=choices,
+        value=value,
+        declared=declared is not None,
+        affects=attribute.affects,
+    )

@@ -1,0 +1,219 @@
+"""From an assignment to a scene, and to the inputs of each product.
+
+Both see an assignment in one canonical form: every declared parameter with its value or default, angles within their
+turn, and nothing of what cannot be seen: the pose of an absent person is no input of anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from valerie.parameters.definitions import Affects, ParameterType, Value
+from valerie.scene.asset import SceneAsset
+from valerie.scene.attributes import ABSENT, Attribute, Target, resolve
+from valerie.scene.draft import Draft
+from valerie.scene.ground import ground_height
+from valerie.scene.manifest import Manifest
+from valerie.scene.model import Scene
+from valerie.scene.naming import ROOT
+from valerie.scene.transforms import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What of a variant each product of one camera's frame depends on; path to canonical value.
+
+    Attributes:
+        geometry: of the truth: poses, characters, the camera's pose and focal length.
+        background: of the background: everything of the scene that is not below a movable node.
+        layer: of the movable layer: everything of the scene.
+        sensor: of the picture: ``sensor.*``.
+    """
+
+    geometry: dict[str, Value]
+    background: dict[str, Value]
+    layer: dict[str, Value]
+    sensor: dict[str, Value]
+
+
+def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
+    """The canonical form: declared paths in the manifest's order, without those that a hidden node makes irrelevant.
+
+    Args:
+        assignment: path to value (degrees); what is missing takes its default.
+        manifest: declares the paths.
+
+    Raises:
+        UnknownName: a path that the manifest does not declare, or no such choice.
+        InvalidInput: a value of the wrong type or out of range.
+    """
+    prepared = _prepare(manifest)
+    values = dict(prepared.defaults)
+    for path, value in assignment.items():
+        values[path] = manifest.definition(path).check(value, field=path)
+    return _without_hidden(values, prepared.switches)
+
+
+def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> Inputs:
+    """Which values are inputs of which product of the frame that ``camera`` takes.
+
+    Other cameras' parameters are inputs of none of them.
+
+    Raises:
+        UnknownName: no such camera, or as `complete`.
+        InvalidInput: as `complete`.
+    """
+    values = complete(assignment, manifest)
+    prepared = _prepare(manifest)
+    try:
+        paths = prepared.cameras[camera]
+    except KeyError:
+        manifest.require_camera(camera)
+        raise
+    return Inputs(
+        geometry={path: values[path] for path in paths.geometry if path in values},
+        background={path: values[path] for path in paths.background if path in values},
+        layer={path: values[path] for path in paths.layer if path in values},
+        sensor={path: values[path] for path in prepared.sensor if path in values},
+    )
+
+
+def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
+    """The scene of one variant; the asset does not change.
+
+    Equal canonical assignments give equal scenes. What no parameter touches keeps its identity.
+
+    Raises:
+        UnknownName, InvalidInput: as `complete`, or the manifest declares what the scene does not have.
+    """
+    manifest = asset.manifest
+    defaults = _prepare(manifest).complete_defaults
+    values = complete(assignment, manifest)
+    if values == defaults:
+        return _default_scene(asset)
+    changed = {
+        _prepare(manifest).attributes[path][0]
+        for path in values.keys() | defaults.keys()
+        if values.get(path) != defaults.get(path)
+    }
+    return _written(_default_scene(asset), values, changed, manifest)
+
+
+@lru_cache(maxsize=4)
+def _default_scene(asset: SceneAsset) -> Scene:
+    """The base scene with every parameter at its default."""
+    prepared = _prepare(asset.manifest)
+    things = {*(thing for thing, _ in prepared.attributes.values()), *asset.manifest.grounded}
+    return _written(asset.base, prepared.complete_defaults, things, asset.manifest)
+
+
+def _written(scene: Scene, values: Mapping[str, Value], things: set[str], manifest: Manifest) -> Scene:
+    """Write *all* values of the given things, so that the result depends on the values alone, not on what changed."""
+    draft = Draft(scene)
+    for path, value in values.items():
+        thing, attribute = _prepare(manifest).attributes[path]
+        if thing in things:
+            attribute.write(draft, thing, value)
+    for path in manifest.grounded:
+        if path in things:
+            draft.pose(path, lambda pose: _on_ground(pose, manifest))
+    return draft.finish()
+
+
+def _on_ground(pose: Pose, manifest: Manifest) -> Pose:
+    x, y, _ = pose.position
+    return replace(pose, position=(x, y, ground_height(manifest, x, y)))
+
+
+#: Parameters that hide something: path, and per value the paths that become irrelevant.
+_Switches = tuple[tuple[str, dict[Value, tuple[str, ...]]], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _CameraPaths:
+    geometry: tuple[str, ...]
+    background: tuple[str, ...]
+    layer: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """What follows from a manifest alone, for hot loops.
+
+    Attributes:
+        defaults: every declared path and its default.
+        complete_defaults: the same without what hidden nodes make irrelevant.
+        attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
+        switches: for parameters that hide something: path, and per value the paths that become irrelevant.
+    """
+
+    defaults: dict[str, Value]
+    complete_defaults: dict[str, Value]
+    attributes: dict[str, tuple[str, Attribute]]
+    switches: _Switches
+    cameras: dict[str, _CameraPaths]
+    sensor: tuple[str, ...]
+
+
+@lru_cache(maxsize=16)
+def _prepare(manifest: Manifest) -> _Prepared:
+    defaults = {definition.path: definition.check(definition.default) for definition in manifest.parameters}
+    attributes = {path: resolve(path, manifest.cameras) for path in defaults}
+    switches = tuple(_switches(manifest, attributes))
+    return _Prepared(
+        defaults=defaults,
+        complete_defaults=_without_hidden(dict(defaults), switches),
+        attributes=attributes,
+        switches=switches,
+        cameras={camera: _camera_paths(manifest, camera, attributes) for camera in manifest.cameras},
+        sensor=tuple(path for path, (_, attribute) in attributes.items() if attribute.target is Target.SENSOR),
+    )
+
+
+def _camera_paths(manifest: Manifest, camera: str, attributes: Mapping[str, tuple[str, Attribute]]) -> _CameraPaths:
+    layer = [
+        path
+        for path, (thing, attribute) in attributes.items()
+        if attribute.target is not Target.SENSOR
+        and (attribute.target is not Target.CAMERA or thing == f"{ROOT}.{camera}")
+    ]
+    return _CameraPaths(
+        geometry=tuple(path for path in layer if attributes[path][1].affects is Affects.GEOMETRY),
+        background=tuple(path for path in layer if not manifest.is_movable(path)),
+        layer=tuple(layer),
+    )
+
+
+def _switches(
+    manifest: Manifest, attributes: Mapping[str, tuple[str, Attribute]]
+) -> Iterator[tuple[str, dict[Value, tuple[str, ...]]]]:
+    """Hidden switches hide the switches below them, so those nearer to the root come first."""
+    for path in sorted(attributes, key=lambda path: path.count(".")):
+        thing, attribute = attributes[path]
+        below = [other for other in attributes if other != path and other.startswith(f"{thing}.")]
+        if attribute.target is Target.NODE and attribute.type is ParameterType.BOOL:
+            yield path, {False: tuple(below)}
+        elif attribute.target is Target.NODE and attribute.type is ParameterType.CATEGORICAL:
+            choices = manifest.definition(path).choices
+            yield (
+                path,
+                {
+                    choice: tuple(
+                        other
+                        for other in below
+                        if choice == ABSENT
+                        or any(other.startswith(f"{thing}.{unchosen}.") for unchosen in choices if unchosen != choice)
+                    )
+                    for choice in choices
+                },
+            )
+
+
+def _without_hidden(values: dict[str, Value], switches: _Switches) -> dict[str, Value]:
+    for path, hides in switches:
+        if path in values:
+            for hidden in hides.get(values[path], ()):
+                values.pop(hidden, None)
+    return values
