@@ -1,0 +1,323 @@
+"""Houses of five styles: brick, classic stucco, plain post-war render, narrow gables, shops with flats above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from valerie.scene.procedural.street.facade import Opening, Trim, build_front, moulding, railing
+from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, extrude, fan, quads, tubes
+from valerie.scene.procedural.street.plan import Placement
+from valerie.scene.procedural.street.textures.walls import BRICK_TILE, RENDER_TILE, ROOF_TILE, STONE_TILE
+
+RENDER_COLORS = 9
+DOOR_COLORS = 5
+ROOF_COLORS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _House:
+    """What one house decided on: metres, materials."""
+
+    width: float
+    depth: float
+    floors: int
+    ground_floor: float
+    floor: float
+    trim: Trim
+    roof: str
+    pitch: float
+
+    @property
+    def eaves(self) -> float:
+        return self.ground_floor + self.floor * (self.floors - 1) + 0.35
+
+
+def build_house(placement: Placement) -> Bag:
+    """One house in the frame of its front (see `facade`)."""
+    rng = np.random.default_rng(placement.seed)
+    width, depth = placement.size
+    house = _decide(placement.kind, width, depth, placement.variant, rng)
+    bag = Bag()
+    openings = _openings(house, placement.kind, rng)
+    gabled = placement.kind == "gable"
+    build_front(bag, width, house.eaves, openings, house.trim, rng)
+    _other_walls(bag, house, gabled=gabled)
+    _base(bag, house, openings)
+    _ornaments(bag, house, placement.kind, openings, rng)
+    if gabled:
+        _gable_roof(bag, house, rng)
+    else:
+        _eaves_roof(bag, house, rng, dormers=placement.kind in {"classic", "brick", "shop"})
+    _chimneys(bag, house, rng, gabled=gabled)
+    return bag
+
+
+def _decide(kind: str, width: float, depth: float, floors: int, rng: np.random.Generator) -> _House:
+    tint = f"render-{rng.integers(RENDER_COLORS)}"
+    door = f"door-{rng.integers(DOOR_COLORS)}"
+    roof = f"roof-{rng.integers(ROOF_COLORS)}"
+    bricks = "brick-red" if rng.random() < 0.62 else "brick-buff"
+    plain = Trim(tint, tint, "frame-white", "stone", "stucco", door, RENDER_TILE)
+    if kind == "brick":
+        trim = replace(plain, wall=bricks, reveal=bricks, tile=BRICK_TILE, surround="stucco", surrounds="lintel", sashes=2, transom=0.52 if rng.random() < 0.5 else 0.7)
+        return _House(width, depth, min(floors, 4), 3.5, float(rng.uniform(2.95, 3.2)), trim, roof, 42.0)
+    if kind == "classic":
+        trim = replace(plain, surrounds="pediment", sashes=2, transom=0.7, depth=0.2)
+        return _House(width, depth, min(max(floors, 4), 5), 4.1, float(rng.uniform(3.4, 3.65)), trim, roof, 38.0)
+    if kind == "plain":
+        trim = replace(plain, sashes=2, transom=0.0, depth=0.12, frame="frame-white" if rng.random() < 0.7 else "frame-dark")
+        return _House(width, depth, floors, 3.2, 2.85, trim, roof, 33.0)
+    if kind == "gable":
+        wall = bricks if rng.random() < 0.5 else tint
+        trim = replace(plain, wall=wall, reveal=wall, tile=BRICK_TILE, surrounds="flat" if wall == tint else "lintel", sashes=2, transom=0.62)
+        return _House(width, depth, min(floors, 4), 3.4, 2.95, trim, roof, 52.0)
+    trim = replace(plain, surrounds="flat", sashes=2, transom=0.68)
+    return _House(width, depth, floors, 4.0, float(rng.uniform(3.0, 3.3)), trim, roof, 40.0)
+
+
+def _openings(house: _House, kind: str, rng: np.random.Generator) -> list[Opening]:
+    bays = max(round(house.width / rng.uniform(2.35, 2.9)), 3)
+    pitch = house.width / bays
+    wide = float(np.clip(pitch * rng.uniform(0.40, 0.48), 0.9, 1.45))
+    if kind == "plain":
+        wide = float(np.clip(pitch * 0.58, 1.1, 1.8))
+    door_bay = int(rng.integers(bays))
+    openings = []
+    step = 0.16
+    centres = (np.arange(bays) + 0.5) * pitch
+    if kind == "shop":
+        door = centres[door_bay]
+        openings.append(Opening(door - 0.55, door + 0.55, step, 3.0, "door"))
+        for x0, x1 in ((0.45, door - 0.95), (door + 0.95, house.width - 0.45)):
+            if x1 - x0 > 1.2:
+                openings.append(Opening(x0, x1, step, 3.0, "shop"))
+    else:
+        gate = kind == "classic"
+        half = 0.8 if gate else 0.55
+        top = 2.95 if gate else 2.5
+        for k, x in enumerate(centres):
+            if k == door_bay:
+                openings.append(Opening(x - half, x + half, step, top, "door"))
+            else:
+                openings.append(Opening(x - 0.5 * wide, x + 0.5 * wide, 1.15, min(house.ground_floor - 0.55, 2.95), "window"))
+    balcony = kind in {"plain", "classic", "shop"}
+    for floor in range(1, house.floors):
+        z = house.ground_floor + (floor - 1) * house.floor
+        tall = house.floor - 1.28 if kind != "plain" else 1.45
+        for k, x in enumerate(centres):
+            french = balcony and _has_balcony(kind, k, bays, floor, house.floors)
+            low, high = (z + 0.12, z + 0.9 + tall) if french else (z + 0.9, z + 0.9 + tall)
+            openings.append(Opening(x - 0.5 * wide, x + 0.5 * wide, low, min(high, house.eaves - 0.4), "french" if french else "window"))
+    if kind == "gable":
+        z = house.eaves + 0.6
+        del z
+    return openings
+
+
+def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> bool:
+    if kind == "plain":
+        return bay in {1, bays - 2} and floor >= 1
+    if kind == "classic":
+        return bay == bays // 2 and 1 <= floor <= floors - 2
+    return bay == bays // 2 and floor == 1
+
+
+def _other_walls(bag: Bag, house: _House, *, gabled: bool) -> None:
+    """Party walls and back: plain, seen where a neighbour is lower."""
+    w, d, h = house.width, house.depth, house.eaves
+    faces = [
+        [(0, d, 0), (0, 0, 0), (0, 0, h), (0, d, h)],
+        [(w, 0, 0), (w, d, 0), (w, d, h), (w, 0, h)],
+        [(w, d, 0), (0, d, 0), (0, d, h), (w, d, h)],
+    ]
+    side = house.trim.wall if house.trim.wall.startswith("brick") else "render-side"
+    bag.add(side, quads(faces, tile=house.trim.tile))
+    if gabled:
+        return
+    rise = 0.5 * d * np.tan(np.radians(house.pitch))
+    bag.add(side, fan([(0, d, h), (0, 0, h), (0, 0.5 * d, h + rise)], tile=house.trim.tile),
+            fan([(w, 0, h), (w, d, h), (w, 0.5 * d, h + rise)], tile=house.trim.tile))  # fmt: skip
+
+
+def _base(bag: Bag, house: _House, openings: list[Opening]) -> None:
+    """Plinth between the doors and shop fronts."""
+    holes = sorted((o.x0 - 0.02, o.x1 + 0.02) for o in openings if o.z0 < 0.5)
+    starts = [0.0, *(stop for _, stop in holes)]
+    stops = [*(start for start, _ in holes), house.width]
+    spans = np.array([(a, b) for a, b in zip(starts, stops, strict=True) if b - a > 0.05])
+    if len(spans):
+        flat = np.zeros(len(spans))
+        low = np.stack([spans[:, 0], flat - 0.05, flat - 0.15], -1)
+        bag.add("stone", boxes(low, np.stack([spans[:, 1], flat, flat + 0.62], -1), skip=("+y", "-z"), tile=STONE_TILE))
+
+
+_CORNICE = ((0.0, 0.0), (0.05, 0.0), (0.07, 0.10), (0.16, 0.14), (0.18, 0.24), (0.34, 0.30), (0.36, 0.42), (0.0, 0.44))
+_BAND = ((0.0, 0.0), (0.05, 0.02), (0.09, 0.10), (0.09, 0.16), (0.0, 0.20))
+
+
+def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng: np.random.Generator) -> None:
+    w = house.width
+    if kind in {"classic", "brick", "shop"}:
+        bag.add("stucco", *moulding(w, house.ground_floor - 0.1, _BAND))
+        bag.add("stucco", *moulding(w, house.eaves - 0.44, _CORNICE))
+    if kind == "classic":
+        # Rusticated ground floor: ashlar piers between the openings, proud of the wall.
+        holes = sorted((o.x0 - 0.26, o.x1 + 0.26) for o in openings if o.z0 < 2.0)
+        spans = [(a, b) for a, b in zip([0.0, *(b for _, b in holes)], [*(a for a, _ in holes), w], strict=True) if b - a > 0.12]
+        low = [(a, -0.035, 0.62) for a, _ in spans]
+        bag.add("ashlar", boxes(low, [(b, 0.0, house.ground_floor - 0.1) for _, b in spans], skip=("+y",), tile=STONE_TILE))
+        for floor in range(1, house.floors - 1):
+            bag.add("stucco", *moulding(w, house.ground_floor + floor * house.floor - 0.05, _BAND))
+        count = max(int(w / 0.55), 2)
+        x = np.linspace(0.15, w - 0.15, count)
+        z = np.full(count, house.eaves - 0.30)
+        low3 = np.stack([x - 0.06, np.full(count, -0.24), z], -1)
+        bag.add("stucco", boxes(low3, low3 + (0.12, 0.24, 0.2), skip=("+y",)))
+    for o in openings:
+        if o.kind == "french":
+            _balcony(bag, o, solid=kind == "plain" and rng.random() < 0.5, deep=1.05 if kind == "plain" else 0.7)
+    if kind == "shop":
+        _shop_board(bag, house, openings, rng)
+    _drainpipes(bag, house)
+
+
+def _balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
+    x0, x1, z = o.x0 - 0.55, o.x1 + 0.55, o.z0 - 0.02
+    bag.add("stucco", boxes([[x0, -deep, z - 0.16]], [[x1, 0.02, z]], skip=("+y",), tile=2.0))
+    if solid:
+        low = [[x0, -deep, z], [x0, -deep, z], [x1 - 0.04, -deep, z]]
+        high = [[x1, -deep + 0.04, z + 0.9], [x0 + 0.04, 0.0, z + 0.9], [x1, 0.0, z + 0.9]]
+        bag.add("frame-dark", boxes(low, high))
+        return
+    low2, high2 = railing(x0 + 0.03, x1 - 0.03, -deep + 0.03, z, 0.95)
+    bag.add("iron", boxes(low2, high2, skip=("-z", "+z")))
+    if not o.kind == "shop":
+        bag.add("hedge", boxes([[x0 + 0.15, -deep - 0.12, z + 0.72]], [[x1 - 0.15, -deep + 0.02, z + 0.98]]))
+
+
+def _shop_board(bag: Bag, house: _House, openings: list[Opening], rng: np.random.Generator) -> None:
+    """Name boards over the shop windows, an awning over one of them."""
+    for k, o in enumerate(o for o in openings if o.kind == "shop"):
+        cell = int(rng.integers(8))
+        column, row = cell % 4, 2 + cell // 4
+        board = boxes([[o.x0, -0.07, 3.05]], [[o.x1, 0.0, 3.6]], skip=("-y", "+y"))
+        bag.add("frame-dark", board)
+        corners = [[(o.x0, -0.07, 3.05), (o.x1, -0.07, 3.05), (o.x1, -0.07, 3.6), (o.x0, -0.07, 3.6)]]
+        u0, v0 = column / 4, row / 4
+        bag.add("sign-board", quads(corners, [[(u0, v0 + 0.25), (u0 + 0.25, v0 + 0.25), (u0 + 0.25, v0), (u0, v0)]]))
+        if k == 0 and rng.random() < 0.75:
+            material = f"awning-{rng.integers(3)}"
+            count = max(round((o.x1 - o.x0) / 0.3), 2)
+            x = np.linspace(o.x0, o.x1, count + 1)
+            top, drop, out = 2.98, 0.5, -0.95
+
+            def strip(y0: float, z0: float, y1: float, z1: float, x: Floats = x) -> Floats:
+                n = len(x) - 1
+                return np.stack([np.stack([x[:-1], np.full(n, y0), np.full(n, z0)], -1), np.stack([x[1:], np.full(n, y0), np.full(n, z0)], -1),
+                                 np.stack([x[1:], np.full(n, y1), np.full(n, z1)], -1), np.stack([x[:-1], np.full(n, y1), np.full(n, z1)], -1)], 1)  # fmt: skip
+
+            cloth = np.stack([strip(out, top - drop, 0.0, top), strip(out, top - drop - 0.22, out, top - drop)], 1)
+            bag.add(material, quads(cloth[0::2].reshape(-1, 4, 3)))
+            bag.add("awning-white", quads(cloth[1::2].reshape(-1, 4, 3)))
+
+
+def _drainpipes(bag: Bag, house: _House) -> None:
+    x = 0.14
+    path = [[[x, -0.07, 0.1], [x, -0.07, house.eaves - 0.5], [x, -0.3, house.eaves + 0.02]]]
+    bag.add("zinc", tubes(path, np.full((1, 3), 0.045), 7))
+
+
+def _eaves_roof(bag: Bag, house: _House, rng: np.random.Generator, *, dormers: bool) -> None:
+    w, d, h = house.width, house.depth, house.eaves
+    slope = np.tan(np.radians(house.pitch))
+    over = 0.42
+    ridge = h + 0.5 * d * slope
+    low = h - over * slope * 0.25 + 0.05
+    front = [(0, -over, low), (w, -over, low), (w, 0.5 * d, ridge), (0, 0.5 * d, ridge)]
+    back = [(w, d + over, low), (0, d + over, low), (0, 0.5 * d, ridge), (w, 0.5 * d, ridge)]
+    bag.add(house.roof, quads([front, back], tile=ROOF_TILE))
+    under = [(0, 0, low - 0.02), (w, 0, low - 0.02), (w, -over, low - 0.02), (0, -over, low - 0.02)]
+    bag.add("stucco", quads([under], tile=2.0))
+    bag.add("zinc", tubes([[[0.0, -over - 0.03, low + 0.0], [w, -over - 0.03, low + 0.0]]], np.full((1, 2), 0.07), 8))
+    bag.add(house.roof, tubes([[[0.0, 0.5 * d, ridge], [w, 0.5 * d, ridge]]], np.full((1, 2), 0.11), 7))
+    if not dormers or rng.random() < 0.25:
+        return
+    count = max(int(w / 3.4), 1)
+    for x in (np.arange(count) + 0.5) * w / count:
+        _dormer(bag, house, float(x), slope, low, over, rng)
+
+
+def _dormer(bag: Bag, house: _House, x: float, slope: float, low: float, over: float, rng: np.random.Generator) -> None:
+    """A small gabled window in the roof's front slope."""
+    half, tall = 0.72, 1.45
+    y = 0.75
+    z = low + (y + over) * (house.eaves + 0.5 * house.depth * slope - low) / (0.5 * house.depth + over)
+    back = y + (tall + 0.55) / slope + 0.3
+    dormer = Bag()
+    opening = [Opening(0.22, 2 * half - 0.22, 0.18, tall - 0.1, "french")]
+    trim = replace(house.trim, wall="stucco", reveal="stucco", surrounds="none", depth=0.06, transom=0.0, tile=2.0)
+    build_front(dormer, 2 * half, tall, opening, trim, rng)
+    matrix = np.eye(4)
+    matrix[:3, 3] = (x - half, y, z)
+    bag.merge(dormer, matrix)
+    x0, x1, top = x - half, x + half, z + tall
+    sides = [[(x0, back, z), (x0, y, z), (x0, y, top), (x0, back, top)], [(x1, y, z), (x1, back, z), (x1, back, top), (x1, y, top)]]
+    bag.add("zinc", quads(sides))
+    peak = top + 0.5
+    bag.add("stucco", fan([(x0, y, top), (x1, y, top), (x, y, peak)]))
+    out = y - 0.15
+    left = [(x0 - 0.15, out, top - 0.1), (x, out, peak + 0.02), (x, back + 0.5, peak + 0.02), (x0 - 0.15, back + 0.5, top - 0.1)]
+    right = [(x, out, peak + 0.02), (x1 + 0.15, out, top - 0.1), (x1 + 0.15, back + 0.5, top - 0.1), (x, back + 0.5, peak + 0.02)]
+    bag.add(house.roof, quads([left, right], tile=ROOF_TILE))
+
+
+def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
+    """The ridge runs back from the street; the front rises in steps or in a plain triangle with a coping."""
+    w, d, h = house.width, house.depth, house.eaves
+    rise = 0.5 * w * np.tan(np.radians(house.pitch))
+    middle, peak = 0.5 * w, h + rise
+    wall = house.trim.wall
+    slopes = [[(0, 0.15, h), (middle, 0.15, peak), (middle, d, peak), (0, d, h)], [(middle, 0.15, peak), (w, 0.15, h), (w, d, h), (middle, d, peak)]]
+    bag.add(house.roof, quads(slopes, tile=ROOF_TILE))
+    bag.add(wall, fan([(w, d, h), (0, d, h), (middle, d, peak)], tile=house.trim.tile))
+    steps = 6
+    stepped = rng.random() < 0.6
+    size = 0.5 * w / steps
+    if stepped:
+        for k in range(steps):
+            z0, z1 = h + rise * k / steps, h + rise * (k + 1) / steps + 0.12
+            x0, x1 = k * size, w - k * size
+            bag.add(wall, boxes([[x0, 0.0, z0]], [[x1, 0.3, z1]], skip=("-z",), tile=house.trim.tile))
+            for a, b in ((x0 - 0.03, x0 + size + 0.03), (x1 - size - 0.03, x1 + 0.03)):
+                bag.add("stucco", boxes([[a, -0.05, z1]], [[b, 0.33, z1 + 0.09]]))
+    else:
+        bag.add(wall, fan([(0, 0.0, h), (w, 0.0, h), (middle, 0.0, peak + 0.25)], tile=house.trim.tile))
+        for a, b in (((0.0, h), (middle, peak + 0.25)), ((middle, peak + 0.25), (w, h))):
+            edge = [[(a[0], -0.08, a[1]), (b[0], -0.08, b[1]), (b[0], -0.08, b[1] + 0.22), (a[0], -0.08, a[1] + 0.22)],
+                    [(a[0], -0.08, a[1] + 0.22), (b[0], -0.08, b[1] + 0.22), (b[0], 0.3, b[1] + 0.22), (a[0], 0.3, a[1] + 0.22)],
+                    [(a[0], 0.0, a[1]), (b[0], 0.0, b[1]), (b[0], -0.08, b[1]), (a[0], -0.08, a[1])]]  # fmt: skip
+            bag.add("stucco", quads(edge, tile=2.0))
+    # Attic windows, set on the wall's face since the steps are solid.
+    for count, level in ((2, 0.14), (1, 0.5)):
+        for x in middle + (np.arange(count) - 0.5 * (count - 1)) * w * 0.26:
+            attic = Bag()
+            trim = replace(house.trim, wall="stucco", reveal="stucco", depth=0.03, surrounds="none", tile=2.0)
+            build_front(attic, 1.16, 1.56, [Opening(0.1, 1.06, 0.1, 1.46, "french")], trim, rng)
+            matrix = np.eye(4)
+            matrix[:3, 3] = (x - 0.58, -0.08, h + level * rise)
+            bag.merge(attic, matrix)
+
+
+def _chimneys(bag: Bag, house: _House, rng: np.random.Generator, *, gabled: bool) -> None:
+    ridge = house.eaves + 0.5 * (house.width if gabled else house.depth) * np.tan(np.radians(house.pitch))
+    for _ in range(int(rng.integers(1, 3))):
+        x, y = (rng.uniform(0.6, house.width - 1.4), 0.5 * house.depth) if not gabled else (0.5 * house.width - 0.4, rng.uniform(4.0, 8.0))
+        bag.add("brick-red", boxes([[x, y, ridge - 1.0]], [[x + 0.8, y + 0.5, ridge + 0.95]], skip=("-z",), tile=BRICK_TILE))
+        bag.add("stucco", boxes([[x - 0.06, y - 0.06, ridge + 0.95]], [[x + 0.86, y + 0.56, ridge + 1.05]]))
+        pots = [[[x + px, y + 0.25, ridge + 1.05], [x + px, y + 0.25, ridge + 1.4]] for px in (0.2, 0.6)]
+        bag.add("roof-0", tubes(pots, np.full((2, 2), 0.1), 7))
+
+
+__all__ = ["DOOR_COLORS", "RENDER_COLORS", "ROOF_COLORS", "build_house", "extrude"]

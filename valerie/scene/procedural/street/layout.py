@@ -1,0 +1,263 @@
+"""Where things stand in a street: seeded rules, no shapes.
+
+People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts stand
+between the two, with gaps, and never within `CAMERA_CORRIDOR`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+from valerie.scene.procedural.street.plan import (
+    CAMERA_CORRIDOR,
+    KERB_HEIGHT,
+    LEFT_FRONT,
+    LEFT_KERB,
+    RIGHT_FRONT,
+    RIGHT_KERB,
+    ROAD_START,
+    ROAD_STOP,
+    ROW_START,
+    ROW_STOP,
+    Footprint,
+    GroundRegion,
+    Placement,
+    Polygon,
+    StreetLayout,
+    StreetSettings,
+    disc,
+    rectangle,
+    turned_rectangle,
+)
+
+HOUSE_STYLES = ("brick", "classic", "plain", "gable", "shop")
+HOUSE_DEPTH = 11.0
+#: Width and length of each body type, metres; mirrors excluded.
+CAR_SIZES = {"hatch": (1.78, 4.26), "saloon": (1.82, 4.66), "van": (1.92, 4.98)}
+CAR_MODELS = 6
+TREE_MODELS = 3
+#: Along the street: pedestrian crossings (centre).
+CROSSINGS = (0.0, 66.0)
+_KERB_GAP = 0.2
+
+
+class _Plan:
+    """Collects placements and footprints and numbers the objects of each class."""
+
+    def __init__(self) -> None:
+        self.placements: list[Placement] = []
+        self.footprints: list[Footprint] = []
+        self._numbers: Counter[str] = Counter()
+
+    def add(self, object_class: str, kind: str, x: float, y: float, **more: object) -> Placement:
+        self._numbers[object_class] += 1
+        path = f"scene.{object_class}-{self._numbers[object_class]}"
+        placed = replace(Placement(path, kind, round(x, 4), round(y, 4)), **more)
+        self.placements.append(placed)
+        return placed
+
+    def block(self, placed: Placement, polygon: Polygon) -> None:
+        self.footprints.append(Footprint(placed.path, polygon))
+
+
+def layout_street(settings: StreetSettings) -> StreetLayout:
+    """Place everything in the street; a few milliseconds, no meshes.
+
+    Args:
+        settings: equal settings give equal layouts.
+    """
+    streams = np.random.SeedSequence(settings.seed).spawn(5)
+    houses, cars, trees, furniture, ends = (np.random.default_rng(stream) for stream in streams)
+    plan = _Plan()
+    plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
+    plan.add("sidewalk", "left", 0.0, 0.0)
+    plan.add("sidewalk", "right", 0.0, 0.0)
+    plan.add("terrain", "outskirts", 0.0, 0.0)
+    _place_houses(plan, houses)
+    _place_ends(plan, ends)
+    _place_cars(plan, cars)
+    kerbside = _place_trees(plan, trees)
+    _place_furniture(plan, furniture, kerbside)
+    ground = (
+        GroundRegion(rectangle(-12.0, ROAD_START, LEFT_KERB, ROAD_STOP - 6.0), KERB_HEIGHT),
+        GroundRegion(rectangle(RIGHT_KERB, ROAD_START, 17.0, ROAD_STOP - 6.0), KERB_HEIGHT),
+    )
+    extent = (LEFT_FRONT - HOUSE_DEPTH, ROAD_START, RIGHT_FRONT + HOUSE_DEPTH, ROAD_STOP)
+    return StreetLayout(settings, tuple(plan.placements), tuple(plan.footprints), ground, extent)
+
+
+def _seed(rng: np.random.Generator) -> int:
+    return int(rng.integers(2**31))
+
+
+def _place_houses(plan: _Plan, rng: np.random.Generator) -> None:
+    """Two rows without gaps; neighbours differ in style, a few stand back behind a front garden."""
+    for left in (True, False):
+        y, previous, since_garden = ROW_START, "", 0
+        while y < ROW_STOP - 0.1:
+            rest = ROW_STOP - y
+            width = float(rng.uniform(9.0, 15.5))
+            if rest < width + 9.0:
+                width = rest if rest < 16.0 else 0.5 * rest
+            choices = [style for style in HOUSE_STYLES if style != previous and not (style == "gable" and width > 12.5)]
+            style = str(rng.choice(choices))
+            setback = float(rng.choice([0.0, 0.0, 0.12, 0.3]))
+            garden = style in {"brick", "plain"} and since_garden > 1 and rng.random() < 0.6
+            since_garden = 0 if garden else since_garden + 1
+            if garden:
+                setback = 1.7
+            front = LEFT_FRONT - setback if left else RIGHT_FRONT + setback
+            heading, start = (0.5 * math.pi, y) if left else (-0.5 * math.pi, y + width)
+            house = plan.add(
+                "building", style, front, start, z=KERB_HEIGHT, heading=heading, seed=_seed(rng),
+                size=(round(width, 3), HOUSE_DEPTH), variant=int(rng.integers(3, 6)),
+            )  # fmt: skip
+            plan.block(house, turned_rectangle(front, start, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
+            if garden:
+                _place_garden(plan, rng, left=left, y0=y, y1=y + width)
+            previous = style
+            y += width
+
+
+def _place_garden(plan: _Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float) -> None:
+    """A strip of grass behind railings or a low wall, with a hedge; the path to the door stays open at one end."""
+    outer, inner = (LEFT_FRONT - 0.02, LEFT_FRONT - 1.7) if left else (RIGHT_FRONT + 0.02, RIGHT_FRONT + 1.7)
+    x0, x1 = min(outer, inner), max(outer, inner)
+    lawn = plan.add("terrain", "garden", x0, y0, z=KERB_HEIGHT, size=(x1 - x0, y1 - y0))
+    border = plan.add(
+        *(("fence", "railing") if rng.random() < 0.6 else ("wall", "low")), outer, y0, z=KERB_HEIGHT, size=(y1 - y0,)
+    )
+    hedge_x = outer - 0.45 if left else outer + 0.45
+    hedge = plan.add("vegetation", "hedge", hedge_x, y0 + 0.3, z=KERB_HEIGHT, seed=_seed(rng), size=(0.6, y1 - y0 - 0.6, 0.9))
+    plan.block(border, rectangle(outer - 0.1, y0, outer + 0.1, y1))
+    plan.block(hedge, rectangle(hedge_x - 0.3, y0 + 0.3, hedge_x + 0.3, y1 - 0.3))
+    del lawn
+
+
+def _place_ends(plan: _Plan, rng: np.random.Generator) -> None:
+    """Cross streets at both ends with houses behind, so that no open horizon shows."""
+    for y, heading, direction in ((ROAD_STOP + 3.0, 0.0, 1.0), (ROAD_START - 3.0, math.pi, -1.0)):
+        plan.add("road", "cross-road", 2.5, y - 6.0 * direction, size=(90.0, 6.0))
+        plan.add("sidewalk", "cross-footway", 2.5, y - 1.5 * direction, size=(90.0, 3.0))
+        x, previous = -39.0, ""
+        while x < 44.0:
+            width = float(rng.uniform(11.0, 16.0))
+            style = str(rng.choice([s for s in ("brick", "classic", "plain", "shop") if s != previous]))
+            origin = x if direction > 0 else x + width
+            house = plan.add(
+                "building", style, origin, y, z=KERB_HEIGHT, heading=heading, seed=_seed(rng),
+                size=(round(width, 3), HOUSE_DEPTH), variant=int(rng.integers(4, 6)),
+            )  # fmt: skip
+            plan.block(house, turned_rectangle(origin, y, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
+            previous = style
+            x += width
+
+
+def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
+    """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
+    van_left = bool(rng.random() < 0.5)
+    for left in (True, False):
+        y = float(rng.uniform(7.2, 9.0) if left else rng.uniform(5.0, 6.6))
+        van_from = float(rng.uniform(11.0, 18.0)) if left == van_left else math.inf
+        while y < ROW_STOP - 8.0:
+            kind = str(rng.choice(["hatch", "hatch", "saloon", "saloon", "van"], p=[0.3, 0.25, 0.25, 0.15, 0.05]))
+            if y > van_from:
+                kind, van_from = "van", math.inf
+            width, length = CAR_SIZES[kind]
+            crossing = next((c for c in CROSSINGS if y < c + 5.5 and y + length > c - 5.5), None)
+            if crossing is not None:
+                y = crossing + 5.6
+                continue
+            inset = 0.5 * width + _KERB_GAP + float(rng.uniform(0.0, 0.07))
+            x = LEFT_KERB + inset if left else RIGHT_KERB - inset
+            backwards = rng.random() < 0.18
+            car = plan.add(
+                "car", kind, x, y + 0.5 * length, seed=_seed(rng), variant=int(rng.integers(CAR_MODELS)),
+                heading=(math.pi if backwards else 0.0) + float(rng.normal(0.0, 0.008)),
+            )  # fmt: skip
+            plan.block(
+                car, turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+            )
+            y += length + float(rng.uniform(0.7, 1.5) if rng.random() < 0.52 else rng.uniform(3.6, 8.5))
+
+
+def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
+    """Trees along both kerbs; returns (left side?, y) of each trunk."""
+    trunks = []
+    for left in (True, False):
+        y = ROW_START + (4.0 if left else 8.5)
+        while y < ROW_STOP - 3.0:
+            here = y + float(rng.uniform(-1.2, 1.2))
+            y += 10.2
+            if CAMERA_CORRIDOR[1] - 2.0 < here < CAMERA_CORRIDOR[3] + 0.5 or any(abs(here - c) < 4.5 for c in CROSSINGS):
+                continue
+            if rng.random() < 0.08:
+                continue
+            x = LEFT_KERB - 0.62 if left else RIGHT_KERB + 0.62
+            tree = plan.add(
+                "vegetation", "tree" if 0.0 < here < 52.0 else "far-tree", x, here, z=KERB_HEIGHT,
+                heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
+                size=(float(rng.uniform(0.92, 1.1)),),
+            )  # fmt: skip
+            plan.block(tree, disc(x, here, 0.2))
+            trunks.append((left, here))
+    for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
+        tree = plan.add(
+            "vegetation", "far-tree", x + float(rng.uniform(-0.8, 0.8)), ROAD_STOP + 0.6, z=KERB_HEIGHT,
+            heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)), size=(float(rng.uniform(1.0, 1.2)),),
+        )  # fmt: skip
+        plan.block(tree, disc(tree.x, tree.y, 0.2))
+    return trunks
+
+
+def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
+    """Lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    taken = list(trunks)
+
+    def free(y: float, *, left: bool) -> float:
+        """The nearest place along the kerb at least 1.6 m from what stands there already."""
+        for step in range(60):
+            candidate = y + 0.25 * step
+            if all(side != left or abs(candidate - other) > 1.6 for side, other in taken):
+                taken.append((left, candidate))
+                return candidate
+        return y
+
+    def kerbside(object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: object) -> Placement:
+        x = LEFT_KERB - inset if left else RIGHT_KERB + inset
+        heading = 0.0 if left else math.pi
+        placed = plan.add(object_class, kind, x, y, z=KERB_HEIGHT, heading=heading, **more)
+        plan.block(placed, disc(x, y, radius))
+        return placed
+
+    for left in (True, False):
+        y = 12.0 if left else 24.5
+        for k in range(-1, 4):
+            place = free(y + 25.0 * k + float(rng.uniform(-1.5, 1.5)), left=left)
+            if not CAMERA_CORRIDOR[1] - 2.0 < place < CAMERA_CORRIDOR[3]:
+                kerbside("pole", "lamp", place, 0.09, left=left)
+    for left, y, face in ((True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
+                          (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0)):  # fmt: skip
+        place = free(y + float(rng.uniform(-0.5, 1.5)), left=left)
+        post = kerbside("pole", "post", place, 0.05, left=left, inset=0.36)
+        plan.add("traffic-sign", "face", post.x, post.y - 0.045, z=KERB_HEIGHT, variant=face)
+    for crossing in CROSSINGS:
+        for left in (True, False):
+            for offset in (-5.0, -3.7, 3.0):
+                kerbside("pole", "bollard", crossing + offset, 0.08, left=left, inset=0.3)
+    for left in (True, False):
+        light = kerbside("pole", "signal-post", CROSSINGS[1] - 2.6, 0.07, left=left, inset=0.4)
+        plan.add("traffic-light", "signal", light.x, light.y - 0.06, z=KERB_HEIGHT)
+        for _ in range(4):
+            y = float(rng.uniform(6.0, 90.0))
+            wall = LEFT_FRONT + 0.42 if left else RIGHT_FRONT - 0.42
+            if rng.random() < 0.5:
+                planter = plan.add("vegetation", "planter", wall, y, z=KERB_HEIGHT, seed=_seed(rng), size=(0.5, 1.1))
+                plan.block(planter, rectangle(wall - 0.25, y, wall + 0.25, y + 1.1))
+            else:
+                bins = plan.add("static", "bins", wall, y, z=KERB_HEIGHT, heading=0.5 * math.pi if left else -0.5 * math.pi, seed=_seed(rng))
+                plan.block(bins, rectangle(wall - 0.36, y - 0.65, wall + 0.36, y + 0.65))

@@ -1,0 +1,165 @@
+"""Every material and texture of a street, some of them chosen by its seed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from valerie.scene.model import Material, Texture
+from valerie.scene.procedural.street.car_shapes import SHAPES
+from valerie.scene.procedural.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
+from valerie.scene.procedural.street.layout import CAR_MODELS
+from valerie.scene.procedural.street.plan import LANE
+from valerie.scene.procedural.street.textures import ground, things, walls
+
+Color = tuple[float, float, float]
+
+#: Linear reflectances.
+_RENDERS: tuple[Color, ...] = (
+    (0.68, 0.58, 0.40), (0.72, 0.66, 0.55), (0.60, 0.42, 0.28), (0.50, 0.54, 0.50), (0.70, 0.50, 0.40), (0.42, 0.48, 0.54),
+    (0.75, 0.73, 0.68), (0.66, 0.60, 0.30), (0.46, 0.52, 0.38), (0.56, 0.30, 0.22), (0.55, 0.53, 0.50), (0.62, 0.47, 0.45),
+)  # fmt: skip
+_DOORS: tuple[Color, ...] = (
+    (0.03, 0.07, 0.045), (0.09, 0.04, 0.02), (0.02, 0.035, 0.08), (0.16, 0.02, 0.02), (0.05, 0.05, 0.055), (0.22, 0.20, 0.17),
+)  # fmt: skip
+_ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.12, 0.085), (0.10, 0.09, 0.085))
+#: Car colours as they are bought: mostly white, grey, black, blue, some red; (colour, metallic).
+_PAINTS: tuple[tuple[Color, float], ...] = (
+    ((0.74, 0.74, 0.73), 0.0), ((0.42, 0.43, 0.44), 0.55), ((0.18, 0.185, 0.19), 0.55), ((0.022, 0.023, 0.026), 0.25),
+    ((0.025, 0.055, 0.17), 0.4), ((0.30, 0.018, 0.015), 0.2), ((0.05, 0.09, 0.065), 0.35), ((0.36, 0.30, 0.21), 0.5),
+    ((0.10, 0.17, 0.24), 0.45), ((0.012, 0.03, 0.09), 0.3), ((0.52, 0.12, 0.02), 0.2),
+)  # fmt: skip
+_PAINT_WEIGHTS = np.array([3.0, 3.0, 3.0, 2.5, 2.0, 1.6, 0.7, 0.8, 1.0, 1.0, 0.4])
+_LEAVES: tuple[Color, ...] = ((0.050, 0.115, 0.018), (0.075, 0.135, 0.022), (0.036, 0.090, 0.022), (0.095, 0.125, 0.020))
+
+
+def make_textures(seed: int) -> dict[str, Texture]:
+    """All textures, 31 MB uncompressed; equal seeds give equal pixels."""
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([seed, 7001]).spawn(24))
+    images = {
+        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=LANE),
+        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=LANE),
+        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=LANE),
+        "asphalt-normal": ground.asphalt_normals(next(streams)),
+        "turf": ground.turf(next(streams)),
+    }
+    images["paving"], images["paving-normal"] = ground.paving(next(streams))
+    images["brick-red"], images["brick-buff"], images["brick-normal"] = walls.brick(next(streams))
+    images["render"], images["render-normal"] = walls.render(next(streams))
+    images["ashlar"], images["ashlar-normal"] = walls.ashlar(next(streams))
+    images["roof"], images["roof-normal"] = walls.roof_tiles(next(streams))
+    images["interiors"] = walls.interiors(next(streams))
+    images["boards"] = walls.boards(next(streams))
+    images["wheels"] = things.wheel_faces(next(streams))
+    images["plates"] = things.plates(next(streams))
+    images["bark"] = things.bark(next(streams))
+    images["hedge"] = things.hedge(next(streams))
+    images["signs"] = things.sign_faces()
+    images["granite"] = walls.granite(next(streams))
+    rng = next(streams)
+    for k, pick in enumerate(rng.permutation(len(_LEAVES))[:3]):
+        images[f"leaves-{k}"] = things.leaves(rng, _LEAVES[pick])
+    for shape in SHAPES.values():
+        images[f"flank-{shape.name}"] = things.car_flank(
+            shape.gaps, shape.texture_length, shape.texture_height, shape.sill + 0.10, rng
+        )
+    return {name: Texture(name, image) for name, image in images.items()}
+
+
+def make_materials(seed: int) -> dict[str, Material]:
+    """All materials; the seed chooses the colours of render, doors, roofs and cars."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
+    materials = [
+        *_ground(),
+        *_walls(rng),
+        *_cars(rng),
+        Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
+        *(_leaf(k) for k in range(3)),
+        Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
+        Material("steel", (0.26, 0.27, 0.28), metallic=0.6, roughness=0.55),
+        Material("iron", (0.022, 0.025, 0.024), metallic=0.3, roughness=0.5),
+        Material("zinc", (0.30, 0.31, 0.32), metallic=0.4, roughness=0.6),
+        Material("metal", (0.55, 0.50, 0.36), metallic=0.9, roughness=0.35),
+        Material("lens", (0.70, 0.70, 0.68), roughness=0.3),
+        Material("sign-face", (1.0, 1.0, 1.0), "signs", roughness=0.45),
+        Material("sign-board", (1.0, 1.0, 1.0), "signs", roughness=0.6),
+        Material("signal-red", (0.5, 0.02, 0.01), roughness=0.25, emissive=(0.9, 0.03, 0.015)),
+        Material("signal-off", (0.03, 0.035, 0.03), roughness=0.25),
+        Material("visor", (0.02, 0.02, 0.02), roughness=0.7, double_sided=True),
+        Material("planter", (0.16, 0.10, 0.06), "boards", roughness=0.85),
+        *(Material(f"bin-{k}", color, roughness=0.6) for k, color in enumerate(((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02)))),
+        *(Material(f"awning-{k}", color, roughness=0.9, double_sided=True) for k, color in enumerate(((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22)))),
+        Material("awning-white", (0.72, 0.70, 0.64), roughness=0.9, double_sided=True),
+    ]  # fmt: skip
+    return {material.name: material for material in materials}
+
+
+def _leaf(k: int) -> Material:
+    return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
+
+
+def _ground() -> list[Material]:
+    surfaces = ("asphalt-0", "asphalt-1", "asphalt-crossing")
+    white = (1.0, 1.0, 1.0)
+    return [
+        *(Material(name, white, name, "asphalt-normal", roughness=0.88) for name in surfaces),
+        Material("paving", white, "paving", "paving-normal", roughness=0.85),
+        Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
+        Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
+        Material("turf", white, "turf", roughness=0.95),
+    ]
+
+
+def _walls(rng: np.random.Generator) -> list[Material]:
+    renders = rng.permutation(len(_RENDERS))[:RENDER_COLORS]
+    doors = rng.permutation(len(_DOORS))[:DOOR_COLORS]
+    roofs = rng.permutation(len(_ROOFS))[:ROOF_COLORS]
+    glass = {"metallic": 0.0, "roughness": 0.06, "specular": 1.6}
+    white = (1.0, 1.0, 1.0)
+    brick_red, brick_buff = _shifted((0.95, 0.95, 0.95), rng), _shifted((0.9, 0.9, 0.9), rng)
+    stone = _shifted((0.52, 0.48, 0.42), rng)
+    return [
+        Material("brick-red", brick_red, "brick-red", "brick-normal", roughness=0.9),
+        Material("brick-buff", brick_buff, "brick-buff", "brick-normal", roughness=0.9),
+        *(Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", roughness=0.92) for k, pick in enumerate(renders)),
+        Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", roughness=0.92),
+        Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
+        Material("stone", stone, "granite", roughness=0.85),
+        Material("ashlar", (0.72, 0.66, 0.56), "ashlar", "ashlar-normal", roughness=0.88),
+        *(Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85) for k, pick in enumerate(roofs)),
+        *(Material(f"door-{k}", _DOORS[pick], "boards", roughness=0.4) for k, pick in enumerate(doors)),
+        Material("frame-white", (0.74, 0.74, 0.72), roughness=0.45),
+        Material("frame-dark", (0.035, 0.037, 0.04), roughness=0.5),
+        Material("window-glass", white, "interiors", **glass),
+    ]  # fmt: skip
+
+
+def _cars(rng: np.random.Generator) -> list[Material]:
+    materials = []
+    for kind in SHAPES:
+        picks = rng.choice(len(_PAINTS), CAR_MODELS, replace=False, p=_PAINT_WEIGHTS / _PAINT_WEIGHTS.sum())
+        if kind == "van":
+            picks[0] = 0
+        for k, pick in enumerate(picks):
+            color, metallic = _PAINTS[pick]
+            materials.append(
+                Material(f"paint-{kind}-{k}", _shifted(color, rng), f"flank-{kind}", metallic=metallic, roughness=0.28, specular=1.4)
+            )
+    return [
+        *materials,
+        Material("car-glass", (0.016, 0.019, 0.02), roughness=0.05, specular=1.5),
+        Material("car-trim", (0.014, 0.014, 0.015), roughness=0.45),
+        Material("car-underside", (0.012, 0.012, 0.012), roughness=0.9),
+        Material("car-grille", (0.018, 0.018, 0.019), roughness=0.4),
+        Material("car-lamp", (0.55, 0.56, 0.58), metallic=0.5, roughness=0.12, specular=1.5),
+        Material("car-tail-lamp", (0.24, 0.006, 0.006), roughness=0.15, specular=1.4),
+        Material("car-reflector", (0.35, 0.02, 0.01), roughness=0.2),
+        Material("car-plate", (1.0, 1.0, 1.0), "plates", roughness=0.4),
+        Material("car-tyre", (0.022, 0.022, 0.023), roughness=0.85),
+        Material("car-rim", (1.0, 1.0, 1.0), "wheels", metallic=0.6, roughness=0.35),
+    ]
+
+
+def _shifted(color: Color, rng: np.random.Generator) -> Color:
+    """A little brighter or darker, warmer or colder."""
+    red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 0.8)
+    return float(red), float(green), float(blue)

@@ -1,0 +1,145 @@
+"""Carriageway, kerbs, footways, cross streets and the ground around: flat, textured, in a few quadrilaterals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, quads
+from valerie.scene.procedural.street.layout import CROSSINGS
+from valerie.scene.procedural.street.plan import (
+    KERB_HEIGHT,
+    LEFT_FRONT,
+    LEFT_KERB,
+    RIGHT_FRONT,
+    RIGHT_KERB,
+    ROAD_START,
+    ROAD_STOP,
+    Placement,
+)
+from valerie.scene.procedural.street.textures.ground import PAVING_TILE, ROAD_TILE
+
+KERB_WIDTH = 0.2
+_PLAIN_SURFACES = 2
+
+
+def floor_quads(x0: Floats, x1: Floats, y0: Floats, y1: Floats, z: float) -> Floats:
+    """(N, 4, 3) level rectangles facing up."""
+    height = np.full_like(x0, z)
+    return np.stack(
+        [np.stack([x0, y0, height], -1), np.stack([x1, y0, height], -1), np.stack([x1, y1, height], -1), np.stack([x0, y1, height], -1)], 1
+    )  # fmt: skip
+
+
+def build_carriageway(placement: Placement) -> Bag:
+    """Pieces of asphalt, each with its own history, meeting edge to edge; the crossings are painted into theirs."""
+    bag = Bag()
+    rng = np.random.default_rng(placement.seed)
+    length = ROAD_TILE[1]
+    # Pieces are laid so that each crossing lies in the middle of one.
+    first = CROSSINGS[0] - 0.5 * length
+    number = range(math.floor((ROAD_START - first) / length), math.ceil((ROAD_STOP - 6.0 - first) / length))
+    crossings = {round((c - 0.5 * length - first) / length) for c in CROSSINGS}
+    for k in number:
+        start, stop = max(first + k * length, ROAD_START), min(first + (k + 1) * length, ROAD_STOP - 6.0)
+        material = "asphalt-crossing" if k in crossings else f"asphalt-{rng.integers(_PLAIN_SURFACES)}"
+        cuts = np.linspace(start, stop, 9)
+        y0, y1 = cuts[:-1], cuts[1:]
+        x0, x1 = np.full_like(y0, LEFT_KERB), np.full_like(y0, RIGHT_KERB)
+        u, v0, v1 = np.zeros_like(y0), (y0 - first) / length - k, (y1 - first) / length - k
+        uvs = np.stack([np.stack([u, v0], -1), np.stack([u + 1.0, v0], -1), np.stack([u + 1.0, v1], -1), np.stack([u, v1], -1)], 1)
+        bag.add(material, quads(floor_quads(x0, x1, y0, y1, 0.0), uvs))
+    return bag
+
+
+def build_footway(placement: Placement) -> Bag:
+    """A kerb of granite with a worn edge, and paving from there to the houses."""
+    bag = Bag()
+    left = placement.kind == "left"
+    kerb, front = (LEFT_KERB, LEFT_FRONT) if left else (RIGHT_KERB, RIGHT_FRONT)
+    outward = -1.0 if left else 1.0
+    start, stop = ROAD_START, ROAD_STOP - 6.0
+    cuts = np.arange(start, stop + 0.5, 1.0)
+    cuts[-1] = stop
+    y0, y1 = cuts[:-1] + 0.004, cuts[1:] - 0.004
+    flat = np.full_like(y0, kerb)
+    top = np.full_like(y0, KERB_HEIGHT)
+    bevel = 0.025
+    # Upright face, bevel, top: stone by stone, with open joints.
+    profile = [(0.0, -0.05), (0.0, KERB_HEIGHT - bevel), (bevel, KERB_HEIGHT), (KERB_WIDTH - 0.004, KERB_HEIGHT)]
+    pieces = []
+    for (o0, z0), (o1, z1) in zip(profile[:-1], profile[1:], strict=True):
+        a = np.stack([flat + outward * o0, y0, 0 * top + z0], -1)
+        b = np.stack([flat + outward * o0, y1, 0 * top + z0], -1)
+        c = np.stack([flat + outward * o1, y1, 0 * top + z1], -1)
+        d = np.stack([flat + outward * o1, y0, 0 * top + z1], -1)
+        pieces.append(np.stack([a, b, c, d] if left else [b, a, d, c], 1))
+    bag.add("kerb", quads(np.concatenate(pieces), tile=2.0))
+    bag.add("joint", quads([_joint(kerb, outward, start, stop)]))
+    inner, outer = kerb + outward * KERB_WIDTH, front
+    cuts = np.append(np.arange(start, stop, PAVING_TILE[1]), stop)
+    y0, y1 = cuts[:-1], cuts[1:]
+    x0, x1 = np.full_like(y0, min(inner, outer)), np.full_like(y0, max(inner, outer))
+    u_wall, u_kerb = (0.0, 1.0) if left else (1.0, 0.0)
+    u0, u1 = np.full_like(y0, u_wall if left else u_kerb), np.full_like(y0, u_kerb if left else u_wall)
+    v0, v1 = (y0 - start) / PAVING_TILE[1], (y1 - start) / PAVING_TILE[1]
+    uvs = np.stack([np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 1)
+    bag.add("paving", quads(floor_quads(x0, x1, y0, y1, KERB_HEIGHT), uvs))
+    # Behind the building line, where houses stand back.
+    beyond = front + outward * 1.8
+    strip = floor_quads(
+        np.array([min(front, beyond)]), np.array([max(front, beyond)]), np.array([start]), np.array([stop]), KERB_HEIGHT - 0.004
+    )
+    bag.add("kerb", quads(strip, tile=2.0))
+    return bag
+
+
+def _joint(kerb: float, outward: float, start: float, stop: float) -> list[tuple[float, float, float]]:
+    """The dark bed that shows between kerb stones."""
+    x0, x1 = sorted((kerb + outward * 0.008, kerb + outward * KERB_WIDTH))
+    z = KERB_HEIGHT - 0.008
+    return [(x0, start, z), (x1, start, z), (x1, stop, z), (x0, stop, z)]
+
+
+def build_cross_road(placement: Placement) -> Bag:
+    """Asphalt across the street's end."""
+    bag = Bag()
+    length, width = placement.size
+    cuts = np.linspace(-0.5 * length, 0.5 * length, 11)
+    low, high = -0.5 * width - 3.2, 0.5 * width
+    if placement.y < 0.0:
+        low, high = -high, -low
+    n = len(cuts) - 1
+    corners = floor_quads(cuts[:-1], cuts[1:], np.full(n, low), np.full(n, high), -0.004)
+    v0, v1 = cuts[:-1] / ROAD_TILE[1], cuts[1:] / ROAD_TILE[1]
+    u0, u1 = np.full(n, 0.33), np.full(n, 0.67)
+    uvs = np.stack([np.stack([u0, v0], -1), np.stack([u0, v1], -1), np.stack([u1, v1], -1), np.stack([u1, v0], -1)], 1)
+    bag.add("asphalt-0", quads(corners, uvs))
+    return bag
+
+
+def build_cross_footway(placement: Placement) -> Bag:
+    """The far footway of a cross street."""
+    bag = Bag()
+    length, width = placement.size
+    bag.add("kerb", boxes([[-0.5 * length, -0.5 * width, 0.0]], [[0.5 * length, 0.5 * width, KERB_HEIGHT]], skip=("-z",), tile=2.0))
+    return bag
+
+
+def build_outskirts() -> Bag:
+    """Ground below and around everything."""
+    bag = Bag()
+    cuts = np.linspace(-90.0, 90.0, 10)
+    x, y = np.meshgrid(cuts[:-1], cuts[:-1] + 40.0, indexing="ij")
+    side = cuts[1] - cuts[0]
+    bag.add("turf", quads(floor_quads(x.ravel(), x.ravel() + side, y.ravel(), y.ravel() + side, -0.06), tile=2.0))
+    return bag
+
+
+def build_garden(placement: Placement) -> Bag:
+    """A strip of grass in front of a house."""
+    bag = Bag()
+    wide, long = placement.size
+    bag.add("turf", boxes([[0.0, 0.0, 0.0]], [[wide, long, 0.05]], skip=("-z",), tile=2.0))
+    return bag

@@ -1,0 +1,208 @@
+"""Asphalt with its history, and the paving of the footways."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from valerie.scene.procedural.street.noise import (
+    Field,
+    band_noise,
+    hashed,
+    normal_map,
+    smoothstep,
+    srgb8,
+    stretched_noise,
+)
+
+Image = NDArray[np.uint8]
+
+#: Metres that one road texture covers, across and along.
+ROAD_TILE = (6.6, 13.2)
+#: Metres that the paving texture covers, across (house to kerb) and along.
+PAVING_TILE = (2.6, 3.2)
+_SIZE = 1024
+
+
+def _road_axes() -> tuple[Field, Field]:
+    """Metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
+    centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
+    return (centre * ROAD_TILE[0])[None], (centre * ROAD_TILE[1])[:, None]
+
+
+def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, float]) -> Image:
+    """(1024, 1024, 3) sRGB: one piece of carriageway, `ROAD_TILE` metres large, edges and markings included.
+
+    Rows run along the street; first and last row meet, so pieces join in any order.
+
+    Args:
+        rng: source of everything.
+        zebra: paint a crossing in the middle and no lane marks beside it.
+        lane: where the edges of the driving lane are, metres from the left kerb.
+    """
+    shape = (_SIZE, _SIZE)
+    across, along = _road_axes()
+    ends = smoothstep(0.0, 0.8, along) * smoothstep(0.0, 0.8, ROAD_TILE[1] - along)  # pieces must meet: no patch there
+    albedo = np.full(shape, 0.115, np.float32)
+    albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
+    grain = band_noise(shape, rng, longest=6, slope=0.0)
+    albedo *= 1.0 + 0.13 * grain + 0.05 * np.maximum(band_noise(shape, rng, longest=4, slope=0.0) - 1.2, 0.0) * 3.0
+
+    middle = 0.5 * (lane[0] + lane[1])
+    for offset in (-0.72, 0.72):  # tyres polish two bands; oil drips between them
+        albedo *= 1.0 - 0.13 * np.exp(-(((across - middle - offset) / 0.28) ** 2))
+    albedo *= 1.0 - 0.10 * np.exp(-(((across - middle) / 0.22) ** 2))
+    for centre in (0.5 * lane[0], 0.5 * (lane[1] + ROAD_TILE[0])):
+        drips = smoothstep(0.6, 2.2, band_noise(shape, rng, longest=90, shortest=8)) * ends
+        albedo *= 1.0 - 0.35 * drips * np.exp(-(((across - centre) / 0.7) ** 2))
+    albedo = _patches(albedo, rng, grain)
+    albedo *= 1.0 - 0.6 * _cracks(rng) * ends
+    # The old longitudinal seam between two lanes of the paver.
+    wander = middle + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
+    albedo *= 1.0 - 0.35 * np.exp(-(((across - wander) / 0.012) ** 2))
+
+    color = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
+    color = _gutters(color, rng, across, along)
+    color = _ironwork(color, rng, across, along)
+    paint = _zebra_paint(across, along) if zebra else _lane_paint(across, along, lane)
+    wear = smoothstep(
+        -0.9, 0.5, 0.75 + 0.5 * band_noise(shape, rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain + 0.0 * ends
+    )
+    cover = (paint * (0.25 + 0.63 * wear))[..., None]
+    color = color * (1.0 - cover) + np.array([0.66, 0.65, 0.61], np.float32) * cover * (1.0 + 0.05 * grain[..., None])
+    return srgb8(color)
+
+
+def _patches(albedo: Field, rng: np.random.Generator, grain: Field) -> Field:
+    """Rectangles cut open and filled again, with a tarred seam around each."""
+    across, along = _road_axes()
+    for _ in range(int(rng.integers(2, 5))):
+        width, length = rng.uniform(0.7, 2.2), rng.uniform(0.9, 3.6)
+        x, y = rng.uniform(0.6, ROAD_TILE[0] - width - 0.6), rng.uniform(0.8, ROAD_TILE[1] - length - 0.8)
+        inside = np.minimum(np.minimum(across - x, x + width - across), np.minimum(along - y, y + length - along))
+        fill = smoothstep(0.0, 0.02, inside)
+        tone = rng.choice([0.68, 0.78, 1.16])
+        albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
+        albedo *= 1.0 - 0.5 * np.exp(-((inside / 0.02) ** 2))
+    return albedo
+
+
+def _cracks(rng: np.random.Generator) -> Field:
+    """(H, W) 0…1: wandering cracks, now and then forking."""
+    mark = np.zeros((_SIZE, _SIZE), np.float32)
+    for _ in range(9):
+        steps = int(rng.integers(150, 700))
+        heading = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(rng.normal(0.0, 0.12, steps))
+        x = rng.uniform(0, _SIZE) + np.cumsum(np.cos(heading)) + rng.normal(0.0, 0.4, steps)
+        y = rng.uniform(0, _SIZE) + np.cumsum(np.sin(heading)) * ROAD_TILE[0] / ROAD_TILE[1]
+        depth = np.sin(np.linspace(0.0, np.pi, steps)) * rng.uniform(0.5, 1.0)
+        np.maximum.at(mark, (y.astype(np.int64) % _SIZE, x.astype(np.int64) % _SIZE), depth.astype(np.float32))
+    softened: Field = np.clip(gaussian_filter(mark, (0.45, 0.8), mode="wrap") * 2.6, 0.0, 1.0)
+    return softened
+
+
+def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field) -> Field:
+    """Two rows of setts along each kerb, and the dirt that collects there."""
+    for edge in (across, ROAD_TILE[0] - across):
+        row = np.floor(edge / 0.16)
+        position = along / 0.165 + 0.5 * row  # 80 setts in 13.2 m
+        stone = np.floor(position).astype(np.int64) % 80 * 7 + row.astype(np.int64)
+        joint = np.minimum(np.abs(position - np.round(position)) * 0.165, np.abs(edge / 0.16 - np.round(edge / 0.16)) * 0.16)
+        tone = (0.13 + 0.12 * hashed(stone, int(rng.integers(2**31)))) * (0.35 + 0.65 * smoothstep(0.004, 0.02, joint))
+        inside = (edge < 0.32)[..., None]
+        stone_color = tone[..., None] * np.array([1.0, 0.97, 0.93], np.float32)
+        color = np.where(inside, stone_color * (0.8 + 0.35 * color / 0.115), color)
+        color = color * (1.0 - 0.35 * np.exp(-((edge / 0.10) ** 2)))[..., None]
+    return color
+
+
+def _ironwork(color: Field, rng: np.random.Generator, across: Field, along: Field) -> Field:
+    """A manhole in the lane and gullies in the gutters."""
+    iron = np.array([0.075, 0.07, 0.066], np.float32)
+    x, y = ROAD_TILE[0] * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
+    radius = np.hypot(across - x, along - y)
+    studs = 0.75 + 0.5 * ((np.floor(across / 0.045) + np.floor(along / 0.045)) % 2)
+    lid = np.where(radius < 0.27, studs, np.where(radius < 0.30, 0.35, 1.3))
+    color = np.where((radius < 0.36)[..., None], iron * lid[..., None], color)
+    color = color * (1.0 - 0.45 * np.exp(-(((radius - 0.37) / 0.025) ** 2)))[..., None]
+    for edge in (across, ROAD_TILE[0] - across):
+        y = rng.uniform(1.5, ROAD_TILE[1] - 1.5)
+        inside = (np.abs(edge - 0.19) < 0.17) & (np.abs(along - y) < 0.25)
+        slots = np.where(np.abs(((along - y) / 0.07) % 1.0 - 0.5) < 0.26, 0.18, 1.2)
+        color = np.where(inside[..., None], iron * slots[..., None], color)
+    return color
+
+
+def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field:
+    return smoothstep(-softness, softness, edge_distance)
+
+
+def _lane_paint(across: Field, along: Field, lane: tuple[float, float]) -> Field:
+    """Broken lines between lane and parking bays, two dashes to a piece, and the bays' cross marks."""
+    dash = _soft(1.15 - np.abs((along % 6.6) - 3.3))
+    paint = np.zeros((_SIZE, _SIZE), np.float32)
+    for x in lane:
+        paint = np.maximum(paint, _soft(0.06 - np.abs(across - x)) * dash)
+    bays = _soft(0.05 - np.abs((along % 6.6) - 6.0))
+    for low, high in ((lane[0] - 0.55, lane[0] + 0.06), (lane[1] - 0.06, lane[1] + 0.55)):
+        paint = np.maximum(paint, bays * _soft(np.minimum(across - low, high - across)))
+    return paint
+
+
+def _zebra_paint(across: Field, along: Field) -> Field:
+    """Seven bars of half a metre, four metres long."""
+    bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
+    bars = bars * _soft(np.minimum(across - 0.33, ROAD_TILE[0] - 0.33 - across))
+    return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
+
+
+def asphalt_normals(rng: np.random.Generator) -> Image:
+    """(1024, 1024, 3) normals of coarse aggregate; the same mapping as `asphalt`."""
+    shape = (_SIZE, _SIZE)
+    height = 0.0005 * band_noise(shape, rng, longest=8, slope=0.3) + 0.0015 * band_noise(shape, rng, longest=200, shortest=40)
+    return normal_map(height, (ROAD_TILE[0] / _SIZE, ROAD_TILE[1] / _SIZE))
+
+
+def paving(rng: np.random.Generator) -> tuple[Image, Image]:
+    """Colour and normals (1024, 1024, 3) of a footway: granite slabs in the middle, small setts on both sides."""
+    shape = (_SIZE, _SIZE)
+    centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
+    across, along = (centre * PAVING_TILE[0])[None], (centre * PAVING_TILE[1])[:, None]
+    wobble = band_noise(shape, rng, longest=60, shortest=12)
+    slab = np.abs(across - 1.3) < 0.8
+    # Slabs 0.8 m wide in two staggered rows, four to a tile.
+    row = np.floor((across - 0.5) / 0.8)
+    position = along / 0.8 + 0.5 * row
+    number = np.floor(position).astype(np.int64) % 4 * 5 + row.astype(np.int64)
+    slab_joint = np.minimum(np.abs(position - np.round(position)) * 0.8, np.abs((across - 0.5) / 0.8 - np.round((across - 0.5) / 0.8)) * 0.8)
+    # Setts of 6.4 cm (50 in 3.2 m), uneven by noise.
+    u, v = across / 0.062 + 0.16 * wobble, along / 0.064 + 0.16 * band_noise(shape, rng, longest=60, shortest=12)
+    u = u + 0.5 * (np.floor(v) % 2)
+    sett_joint = 0.063 * np.minimum(0.5 - np.abs(u - np.floor(u) - 0.5), 0.5 - np.abs(v - np.floor(v) - 0.5))
+    stone = np.floor(u).astype(np.int64) * 977 + np.floor(v).astype(np.int64) % 50
+
+    fine = band_noise(shape, rng, longest=5, slope=0.2)
+    cloud = band_noise(shape, rng, longest=400, shortest=30)
+    slab_tone = (0.29 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.05 * fine + 0.05 * cloud)
+    slab_tone = slab_tone * (0.4 + 0.6 * smoothstep(0.002, 0.010, slab_joint))
+    sett_tone = (0.15 + 0.14 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.06 * fine + 0.08 * cloud)
+    sett_tone = sett_tone * (0.38 + 0.62 * smoothstep(0.002, 0.012, sett_joint))
+    tone = np.where(slab, slab_tone, sett_tone)
+    tone *= 1.0 - 0.35 * np.exp(-((across / 0.09) ** 2))  # damp and dirt at the foot of the wall
+    spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=30, shortest=8))
+    tone *= 1.0 - 0.4 * spots
+    height = np.where(slab, 0.004 * smoothstep(0.0, 0.008, slab_joint), 0.007 * smoothstep(0.0, 0.02, sett_joint))
+    height = height + 0.0003 * fine
+    color = tone[..., None] * np.where(slab[..., None], [1.0, 0.975, 0.93], [1.0, 0.98, 0.95])
+    return srgb8(color), normal_map(height, (PAVING_TILE[0] / _SIZE, PAVING_TILE[1] / _SIZE))
+
+
+def turf(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: short grass, 2 m."""
+    shape = (256, 256)
+    blades = stretched_noise(shape, rng, rows=7, columns=3, slope=0.2)
+    patches = band_noise(shape, rng, longest=200, shortest=20)
+    tone = 0.11 * (1.0 + 0.35 * blades + 0.15 * patches)
+    dry = smoothstep(0.5, 2.0, patches)[..., None]
+    return srgb8(tone[..., None] * (np.array([0.75, 1.0, 0.28]) * (1.0 - dry) + np.array([1.15, 1.05, 0.5]) * dry))
