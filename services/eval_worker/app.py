@@ -6,6 +6,7 @@ from celery.signals import worker_process_init
 
 from services.eval_worker.tasks import register
 from valerie.broker import EVAL_QUEUE, create_app
+from valerie.logs import configure_logging
 from valerie.pipeline.context import open_context
 from valerie.pipeline.makers.evaluation import EvaluateMaker
 from valerie.pipeline.workers import Presence, consume
@@ -15,6 +16,7 @@ from valerie.settings import load_settings
 def main() -> None:
     """Run until told to stop."""
     settings = load_settings()
+    configure_logging(settings)
     app = create_app(settings)
     child = register(app)
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, func, select, text, update
+from sqlalchemy import Connection, bindparam, case, func, select, text, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
@@ -363,6 +363,22 @@ def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
         .group_by(Product.route, Product.state)
     )
     return [tuple(row) for row in rows]
+
+
+def totals(connection: Connection) -> list[tuple[str, int, int, float]]:
+    """(kind, done, failed, CPU seconds of what is done) over all products."""
+    done, failed = Product.state == "done", Product.state == "failed"
+    rows = connection.execute(
+        select(
+            Product.kind,
+            func.sum(case((done, 1), else_=0)),
+            func.sum(case((failed, 1), else_=0)),
+            func.sum(case((done, Product.cpu_seconds), else_=0.0)),
+        )
+        .group_by(Product.kind)
+        .order_by(Product.kind)
+    )
+    return [(kind, int(made), int(lost), float(seconds or 0.0)) for kind, made, lost, seconds in rows]
 
 
 def done_digests(connection: Connection, digests: Iterable[str]) -> set[str]:

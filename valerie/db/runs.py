@@ -72,6 +72,11 @@ def in_states(connection: Connection, states: Sequence[str]) -> list[Row[Any]]:
     )
 
 
+def count_by_state(connection: Connection) -> list[tuple[str, int]]:
+    """(state, number of runs)."""
+    return [tuple(row) for row in connection.execute(select(Run.state, func.count()).group_by(Run.state))]
+
+
 def change_state(
     connection: Connection,
     run_id: str,

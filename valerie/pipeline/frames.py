@@ -12,8 +12,11 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.pictures import FramePainter
+from valerie.pipeline.pictures import FUNCTION_KINDS, FramePainter
 from valerie.pipeline.resolution import resolve_stored
+
+#: Kinds that are drawn from the ground truth alone.
+_OF_TRUTH = ("truth", "instances", "depth")
 
 
 def paint(
@@ -47,9 +50,9 @@ def paint(
     chosen = next(
         (one for one in evaluations if (one.sensor_index, one.function_index) == (sensor_index, function_index)), None
     )
-    needed = [row.truth] if kind in ("truth", "instances", "depth") else [row.background, row.layer, row.truth]
+    needed = [row.truth] if kind in _OF_TRUTH else [row.background, row.layer, row.truth]
     missing = [states[digest] for digest in needed if states[digest] != "done"]
-    if kind in ("prediction", "overlay", "errors") and chosen is not None and chosen.prediction_state != "done":
+    if kind in FUNCTION_KINDS and chosen is not None and chosen.prediction_state != "done":
         missing.append(chosen.prediction_state)
     if missing:
         raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")

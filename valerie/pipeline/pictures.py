@@ -16,8 +16,10 @@ from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.sensing.sensor import SensorSetting, develop
 
-#: Kinds of picture of a frame; those of the second line need a function.
-KINDS: Final = ("picture", "truth", "instances", "depth", "prediction", "overlay", "errors")
+#: Kinds of picture that a frame has by itself, and those that show what a function made of it.
+FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
+FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
+KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
 
 _HIT, _MISS, _FALSE = (0, 158, 115), (213, 94, 0), (204, 121, 167)  # Okabe and Ito: told apart by everyone
 
@@ -56,8 +58,9 @@ class FramePainter:
             UnknownName: no such kind, or it needs a prediction and there is none.
             MissingInput: an object is gone.
         """
-        if kind not in KINDS or (prediction is None and kind in ("prediction", "overlay", "errors")):
-            raise UnknownName("kind of picture", kind, KINDS if prediction else KINDS[:4], field="kind")
+        known = KINDS if prediction else FRAME_KINDS
+        if kind not in known:
+            raise UnknownName("kind of picture", kind, known, field="kind")
         if kind == "truth":
             return colorize(self._reader.truth(truth).class_map)
         if kind == "instances":
@@ -67,12 +70,21 @@ class FramePainter:
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = picture_of(self._reader.frame(background, layer), sensor, assignment)
+        if kind == "truth-overlay":
+            return _blend(picture, colorize(self._reader.truth(truth).class_map), None, 0.5)
         if kind == "picture" or prediction is None:
             return picture
         predicted = self._reader.prediction(prediction)
         if kind == "overlay":
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
         return _errors(picture, to_train_ids(self._reader.truth(truth).class_map), predicted)
+
+
+def jpeg(pixels: NDArray[np.uint8]) -> bytes:
+    """(H, W, 3) uint8 as JPEG, for reports; not for functions under test."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=88)
+    return buffer.getvalue()
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
@@ -92,8 +104,10 @@ def _errors(picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDA
 
 
 def _blend(
-    below: NDArray[np.uint8], above: NDArray[np.uint8], mask: NDArray[np.bool_], strength: float
+    below: NDArray[np.uint8], above: NDArray[np.uint8], mask: NDArray[np.bool_] | None, strength: float
 ) -> NDArray[np.uint8]:
+    if mask is None:
+        mask = np.ones(below.shape[:2], np.bool_)
     mixed = below.copy()
     mixed[mask] = np.rint(below[mask] * (1 - strength) + above[mask] * strength).astype(np.uint8)
     return mixed

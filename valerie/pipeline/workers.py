@@ -85,7 +85,7 @@ class Presence:
 
 
 def render_offers(engines: Sequence[str]) -> list[dict[str, Any]]:
-    """What this machine renders with: each engine probed in a process of its own, since a driver may crash.
+    """What this machine renders with; each engine is probed in a process of its own, since a driver may crash.
 
     Raises:
         MissingDependency: none of ``engines`` works here; says why.
@@ -93,11 +93,11 @@ def render_offers(engines: Sequence[str]) -> list[dict[str, Any]]:
     offers: list[dict[str, Any]] = []
     complaints: list[str] = []
     for engine in engines:
-        try:
-            offers += _probe("valerie.rendering.probe", engine)
-        except MissingDependency as error:
-            complaints.append(str(error))
-            log.warning("worker.engine_unavailable", engine=engine, reason=str(error))
+        found, complaint = _probe("render", [engine])
+        offers += found
+        if complaint:
+            complaints.append(f"{engine}: {complaint}")
+            log.warning("worker.engine_unavailable", engine=engine, reason=complaint)
     if not offers:
         raise MissingDependency("no render engine works on this machine: " + "; ".join(complaints))
     unique = {(offer["name"], offer["numeric_class"]): offer for offer in offers}
@@ -111,32 +111,31 @@ def infer_offers(functions: Sequence[str]) -> list[dict[str, Any]]:
     """Functions under test that run here, with the numeric class that the inference engine really has.
 
     Raises:
-        MissingDependency: the inference engine is not installed.
+        MissingDependency: none of them does; says why.
     """
+    offers, complaint = _probe("infer", functions)
+    if not offers:
+        raise MissingDependency(f"no function under test works on this machine: {complaint}")
     return [
-        {"stage": "infer", "route": route_of("infer", "torch", offer["numeric_class"]), **offer}
-        for offer in _probe("valerie.perception.probe", *functions)
+        {"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in offers
     ]
 
 
-def _probe(module: str, *arguments: str) -> list[dict[str, Any]]:
-    """Run ``python -m module arguments`` and read the JSON list that it prints last."""
+def _probe(stage: str, names: Sequence[str]) -> tuple[list[dict[str, Any]], str]:
+    """(offers, complaint) of `valerie.pipeline.probe`."""
+    command = [sys.executable, "-m", "valerie.pipeline.probe", stage, *names]
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", module, *arguments],
-            capture_output=True,
-            text=True,
-            timeout=_PROBE_TIMEOUT_SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise MissingDependency(f"{module} {' '.join(arguments)} hung") from error
-    lines = done.stdout.strip().splitlines()
-    if done.returncode != 0 or not lines:
-        words = (done.stderr or done.stdout).strip().splitlines() or ["no output"]
-        raise MissingDependency(f"{' '.join(arguments) or module}: {words[-1]}")
-    offers: list[dict[str, Any]] = json.loads(lines[-1])
-    return offers
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_TIMEOUT_SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        return [], f"it did not answer within {_PROBE_TIMEOUT_SECONDS:g} s"
+    complaints = done.stderr.strip().splitlines()
+    try:
+        offers = json.loads(done.stdout.strip().splitlines()[-1])
+    except (IndexError, ValueError):
+        offers = []
+    if not offers:
+        return [], complaints[-1] if complaints else f"its process ended with {done.returncode}"
+    return offers, ""
 
 
 def consume(app: Any, name: str, queues: Sequence[str]) -> None:

@@ -33,7 +33,7 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.pipeline import frames
-from valerie.pipeline.pictures import KINDS, png
+from valerie.pipeline.pictures import FRAME_KINDS, FUNCTION_KINDS, KINDS, png
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import frame_id, read_table, table_row, varied_types
 from valerie.storage.keys import product_key, run_key
@@ -95,9 +95,9 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
         for one in evaluations
     ]
     base = f"/v1/frames/{frame_id}/image"
-    images = {kind: f"{base}?kind={kind}" for kind in KINDS[:4]}
+    images = {kind: f"{base}?kind={kind}" for kind in FRAME_KINDS}
     for one in read:
-        for kind in KINDS[4:]:
+        for kind in FUNCTION_KINDS:
             images[f"{kind}:{one.function}"] = f"{base}?kind={kind}&function={one.function}&sensor={one.sensor}"
     return FrameDetail(
         id=frame_id,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import time
 
+from valerie import plugins
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import load_function
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.resolved import RunCache
@@ -23,6 +24,7 @@ class InferMaker:
         self._context = context
         self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
+        self._threads = context.settings.infer_threads or os.cpu_count() or 1
         self._loaded: tuple[str, PerceptionFunction] | None = None
 
     def make(self, job: Job) -> Finished:
@@ -50,7 +52,7 @@ class InferMaker:
         if self._loaded is None or self._loaded[0] != name:
             if self._loaded is not None:
                 self._loaded[1].close()
-            self._loaded = (name, load_function(name))
+            self._loaded = (name, plugins.create_function(name, threads=self._threads))
         function = self._loaded[1]
         if function.card.digest != digest:
             raise TransientError(f"{name} has digest {function.card.digest[:12]} here; the run pinned {digest[:12]}")

@@ -66,7 +66,7 @@ class RenderMaker:
 
     def _truth_pass(self, numeric_class: str) -> Any:
         if self._truth is None:
-            self._truth = plugins.create_truth_pass()
+            self._truth = plugins.create_truth_pass(numeric_class)
         _require_class("truth", self._truth.numeric_class, numeric_class)
         return self._truth
 

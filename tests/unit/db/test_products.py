@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Engine, select
+
+from valerie.db import products, runs
+from valerie.db.engine import reading, writing
+from valerie.db.models import Product
+from valerie.db.products import Finished
+
+sys.path.insert(0, str(Path(__file__).parent))
+from rows import digest, product, write_run
+
+ALL = [digest(name) for name in "bltpe"]
+
+
+def state_of(engine: Engine, name: str) -> str:
+    with reading(engine) as connection:
+        return str(connection.scalar(select(Product.state).where(Product.digest == digest(name))))
+
+
+def attempts_of(engine: Engine, name: str) -> int:
+    with reading(engine) as connection:
+        return int(connection.scalar(select(Product.attempts).where(Product.digest == digest(name))) or 0)
+
+
+def make_ready(engine: Engine) -> list[str]:
+    with writing(engine) as connection:
+        return [item[0] for item in products.promote(connection, ALL, now=100.0)]
+
+
+def claim(engine: Engine, *names: str, owner: str = "w1", now: float = 100.0) -> list[str]:
+    with writing(engine) as connection:
+        jobs = products.claim(connection, [digest(n) for n in names], owner=owner, now=now, lease_seconds=10.0)
+    return [job.digest for job in jobs]
+
+
+def finish(engine: Engine, *names: str, owner: str = "w1") -> list[str]:
+    with writing(engine) as connection:
+        done = [Finished(digest(n), bytes=1, pixels=1, cpu_seconds=0.1) for n in names]
+        products.publish(connection, done, owner=owner, now=101.0)
+    with writing(engine) as connection:
+        return [item[0] for item in products.promote_dependents(connection, [digest(n) for n in names], 101.0)]
+
+
+class TestPromote:
+    def test_only_what_waits_for_nothing_becomes_ready(self, engine: Engine) -> None:
+        write_run(engine)
+        assert sorted(make_ready(engine)) == sorted([digest("b"), digest("l"), digest("t")])
+        assert state_of(engine, "p") == "waiting"
+
+    def test_a_second_call_returns_nothing(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        assert make_ready(engine) == []
+
+    def test_a_product_becomes_ready_when_its_last_input_is_done(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b", "l", "t")
+        assert finish(engine, "l", "t") == []
+        assert finish(engine, "b") == [digest("p")]
+        claim(engine, "p")
+        assert finish(engine, "p") == [digest("e")]
+
+
+class TestClaim:
+    def test_of_two_workers_one_gets_a_product(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        assert claim(engine, "b", "l", owner="w1") == [digest("b"), digest("l")]
+        assert claim(engine, "b", "l", "t", owner="w2") == [digest("t")]
+
+    def test_a_message_for_a_finished_product_is_dropped(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b")
+        finish(engine, "b")
+        assert claim(engine, "b") == []
+        assert attempts_of(engine, "b") == 1
+
+    @pytest.mark.parametrize("state", ["cancelled", "paused"])
+    def test_what_no_running_run_links_is_parked(self, engine: Engine, state: str) -> None:
+        write_run(engine)
+        make_ready(engine)
+        with writing(engine) as connection:
+            assert runs.change_state(connection, "r1", expected=("running",), state=state)
+        assert claim(engine, "b") == []
+        assert state_of(engine, "b") == "parked"
+
+    def test_another_running_run_keeps_a_shared_product_wanted(self, engine: Engine) -> None:
+        write_run(engine, "r1", state="cancelled")
+        write_run(engine, "r2")
+        make_ready(engine)
+        assert claim(engine, "l") == [digest("l")]
+
+    def test_a_job_says_where_the_product_comes_from(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        with writing(engine) as connection:
+            (job,) = products.claim(connection, [digest("t")], owner="w", now=0.0, lease_seconds=1.0)
+        assert (job.run_id, job.variant_index, job.camera_index, job.assignment) == ("r1", 0, 0, {"x": 1})
+        assert (job.background, job.layer, job.truth) == (digest("b"), digest("l"), digest("t"))
+
+
+class TestPublish:
+    def test_a_worker_that_lost_its_lease_changes_nothing(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b", owner="w1")
+        with writing(engine) as connection:
+            products.take_back_expired(connection, now=111.0, max_attempts=3)
+        claim(engine, "b", owner="w2", now=112.0)
+        finish(engine, "b", owner="w1")
+        assert state_of(engine, "b") == "running"
+        finish(engine, "b", owner="w2")
+        assert state_of(engine, "b") == "done"
+
+
+class TestTakeBackExpired:
+    def test_a_living_lease_is_left_alone(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b")
+        with writing(engine) as connection:
+            products.renew(connection, [digest("b")], owner="w1", until=120.0)
+            assert products.take_back_expired(connection, now=115.0, max_attempts=3) == []
+
+    def test_what_killed_its_worker_too_often_fails_with_all_that_waits_for_it(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        for attempt in range(2):
+            assert claim(engine, "l", now=100.0 + 20 * attempt) == [digest("l")]
+            with writing(engine) as connection:
+                products.take_back_expired(connection, now=115.0 + 20 * attempt, max_attempts=2)
+        assert [state_of(engine, name) for name in "lpe"] == ["failed", "failed", "failed"]
+        with reading(engine) as connection:
+            errors = {row.digest: row.error for row in connection.execute(select(Product.digest, Product.error))}
+        assert errors[digest("l")]["type"] == "WorkerLost"
+        assert errors[digest("p")] == {"cause": digest("l")}
+        assert errors[digest("e")] == {"cause": digest("p")}
+
+
+class TestRevive:
+    def test_a_failed_chain_is_tried_again_from_its_root(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "l")
+        with writing(engine) as connection:
+            products.fail(connection, digest("l"), owner="w1", error={"message": "no"}, now=1.0)
+        assert state_of(engine, "e") == "failed"
+        with writing(engine) as connection:
+            products.revive(connection, ALL)
+            ready = products.promote(connection, ALL, now=2.0)
+        assert digest("l") in [item[0] for item in ready]
+        assert attempts_of(engine, "l") == 0
+        assert [state_of(engine, name) for name in "pe"] == ["waiting", "waiting"]
+
+
+class TestHandBack:
+    def test_a_pause_for_storage_does_not_count_as_an_attempt(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b")
+        with writing(engine) as connection:
+            products.hand_back(connection, [digest("b")], owner="w1", not_before=0.0, count_attempt=False)
+        assert state_of(engine, "b") == "ready"
+        assert attempts_of(engine, "b") == 0
+
+
+class TestForget:
+    def test_a_lost_input_is_made_again_and_its_reader_waits(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b", "l")
+        finish(engine, "b", "l")
+        claim(engine, "p")
+        with writing(engine) as connection:
+            products.await_inputs(connection, [digest("p")], owner="w1")
+            products.forget(connection, [digest("l")])
+            ready = products.promote(connection, [digest("l")], now=3.0)
+        assert [item[0] for item in ready] == [digest("l")]
+        assert state_of(engine, "p") == "waiting"
+        claim(engine, "l")
+        assert finish(engine, "l") == [digest("p")]
+
+
+class TestUnlinked:
+    def test_only_what_no_run_links_is_free(self, engine: Engine) -> None:
+        write_run(engine)
+        with writing(engine) as connection:
+            products.insert_ignoring(connection, Product, [product("x", "layer", state="done")])
+            assert products.unlinked(connection, limit=10) == [(digest("x"), "layer")]
+            runs.remove(connection, "r1")
+            assert {d for d, _ in products.unlinked(connection, limit=10)} == {*ALL, digest("x")}

@@ -1,0 +1,62 @@
+"""What a user can ask for: assets, engines, functions; with what living workers offer."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+from valerie import plugins
+from valerie.db import processes
+from valerie.db.engine import reading
+from valerie.perception.catalog import FUNCTIONS, function_card
+from valerie.pipeline.context import Context
+from valerie.pipeline.resolution import asset_folder
+from valerie.scene.asset import asset_manifest, asset_names
+from valerie.settings import Settings
+
+
+def assets(settings: Settings) -> list[dict[str, Any]]:
+    """Name, title and digest of every asset."""
+    found = []
+    for name in asset_names(asset_folder(settings)):
+        manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
+        found.append({"name": name, "title": manifest.title, "digest": digest, "cameras": list(manifest.cameras)})
+    return found
+
+
+def asset(settings: Settings, name: str) -> dict[str, Any]:
+    """The manifest of an asset without its outlines: parameters, cameras, persons, what moves.
+
+    Raises:
+        UnknownName: no such asset.
+    """
+    manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
+    document = manifest.model_dump(mode="json", exclude={"obstacles", "ground"})
+    return {"digest": digest, **document}
+
+
+def renderers(context: Context) -> list[dict[str, Any]]:
+    """Engines, and the numeric classes in which living workers offer them."""
+    offers = _offers(context, "render")
+    return [
+        {"name": name, "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == name})}
+        for name in plugins.renderer_names()
+    ]
+
+
+def functions(context: Context) -> list[dict[str, Any]]:
+    """Functions under test with their cards, and the numeric classes in which living workers offer them."""
+    offers = _offers(context, "infer")
+    return [
+        {
+            **asdict(function_card(name)),
+            "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == name}),
+        }
+        for name in FUNCTIONS
+    ]
+
+
+def _offers(context: Context, stage: str) -> list[dict[str, Any]]:
+    with reading(context.engine) as connection:
+        return [offer for offer in processes.offers(connection, now=time.time()) if offer["stage"] == stage]

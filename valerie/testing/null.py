@@ -1,0 +1,93 @@
+"""Engines that cost nothing: they measure the control plane and let its tests run without GL and torch.
+
+Offered only by workers that are told so (``VALERIE_RENDER_ENGINES=null``, ``VALERIE_INFER_FUNCTIONS=null``); a spec that names
+them is accepted only where ``VALERIE_TESTING_ENGINES`` is on, so that nobody takes their output for a result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import PERSON, instance_id
+from valerie.perception.base import FunctionCard
+from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, View
+from valerie.scene.model import Scene
+
+NAME: Final = "null"
+NUMERIC_CLASS: Final = "null"
+
+
+class NullRenderer:
+    """A gradient as background; a square whose grey level follows from where the movables are."""
+
+    name: ClassVar[str] = NAME
+    revision: ClassVar[int] = 1
+    numeric_class = NUMERIC_CLASS
+
+    def background(self, scene: Scene, view: View) -> LinearImage:  # noqa: ARG002
+        """See `Renderer`."""
+        ramp = np.linspace(0.1, 0.9, view.width, dtype=np.float16)
+        return LinearImage(np.broadcast_to(ramp[None, :, None], (view.height, view.width, 3)).copy())
+
+    def layer(self, scene: Scene, view: View) -> Layer:
+        """See `Renderer`."""
+        rectangle = _square(view)
+        level = np.float16(int.from_bytes(_movables(scene)[:2], "big") / 65_536)
+        return Layer(rectangle, np.full((rectangle.height, rectangle.width, 3), level, np.float16))
+
+    def full(self, scene: Scene, view: View) -> LinearImage:
+        """See `Renderer`."""
+        return self.layer(scene, view).over(self.background(scene, view))
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class NullTruthPass:
+    """Road everywhere, and one person where the square is."""
+
+    revision: ClassVar[int] = 1
+    numeric_class = NUMERIC_CLASS
+
+    def truth(self, scene: Scene, view: View) -> GroundTruth:  # noqa: ARG002
+        """See `valerie.rendering.ground_truth.TruthPass`."""
+        class_map = np.full((view.height, view.width), 7, np.uint8)
+        instance_map = np.zeros((view.height, view.width), np.uint16)
+        amodal = np.zeros((view.height, view.width), np.bool_)
+        person = instance_id(PERSON, 1)
+        inside = _square(view).slices
+        class_map[inside], instance_map[inside], amodal[inside] = PERSON.id, person, True
+        depth = np.full((view.height, view.width), 10.0, np.float32)
+        return GroundTruth(class_map, instance_map, depth, (PersonTruth(person, amodal, int(amodal.sum())),))
+
+
+class NullFunction:
+    """Sees a person where the picture is darker than middle grey in its centre square."""
+
+    numeric_class = NUMERIC_CLASS
+    card = FunctionCard(NAME, hashlib.sha256(b"null").hexdigest(), NAME, "uint8", NAME, {})
+
+    def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """See `PerceptionFunction`."""
+        predicted = np.zeros(picture.shape[:2], np.uint8)
+        predicted[picture[..., 0] < 128] = PERSON.train_id
+        return predicted
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _square(view: View) -> Rectangle:
+    return Rectangle(view.width // 4, view.height // 4, view.width // 2, view.height // 2)
+
+
+def _movables(scene: Scene) -> bytes:
+    digest = hashlib.sha256()
+    for path, node in scene.nodes.items():
+        if node.movable and node.visible:
+            digest.update(path.encode() + np.ascontiguousarray(node.transform).tobytes())
+    return digest.digest()
