@@ -20,14 +20,17 @@ class Bin:
     """The persons whose x lies in [low, high).
 
     Attributes:
-        low, high: edges, multiples of the bin width. n: person-frames with a defined pACC. mean: of their pACC;
-        ``mean_interval`` is its 95 % bootstrap interval over situations, None where they are too few. detected:
-        person-frames with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % of detected / n.
+        low, high: edges, multiples of the bin width.
+        n: person-frames with a defined pACC.
+        x: mean of their x: where the bin's mean belongs in a plot.
+        mean: of their pACC; ``mean_interval`` is its 95 % bootstrap interval, None where situations are too few.
+        detected: person-frames with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % of detected / n.
     """
 
     low: float
     high: float
     n: int
+    x: float
     mean: float
     mean_interval: Interval | None
     detected: int
@@ -78,6 +81,16 @@ def bins_of(
             continue
         mean, replicates = resampler.mean(pacc, inside)
         detected = int(np.count_nonzero(pacc[inside] >= threshold))
-        interval = resampler.interval(replicates, inside)
-        found.append(Bin(float(edges[k]), float(edges[k + 1]), n, mean, interval, detected, wilson(detected, n)))
+        found.append(
+            Bin(
+                low=float(edges[k]),
+                high=float(edges[k + 1]),
+                n=n,
+                x=float(x[inside].mean()),
+                mean=mean,
+                mean_interval=resampler.interval(replicates, inside),
+                detected=detected,
+                detection_interval=wilson(detected, n),
+            )
+        )
     return tuple(found)

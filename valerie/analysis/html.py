@@ -39,7 +39,7 @@ def join(*content: Content) -> Html:
         if isinstance(item, Html):
             parts.append(item)
         elif isinstance(item, str):
-            parts.append(escape(item, quote=False))
+            parts.append(escape(item.replace(" %", "\u00a0%"), quote=False))  # no line break before the sign
         elif item is not None:
             parts.append(join(*item))
     return Html("".join(parts))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
 #: Fewer situations than this give no bootstrap interval: it would be far too narrow.
-MIN_SITUATIONS: Final = 8
+MIN_SITUATIONS: Final = 6
 #: Above this many, situations are drawn in random groups of equal size; the variance stays right, memory stays bounded.
 MAX_GROUPS: Final = 1000
 

@@ -53,7 +53,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """One binned mean of all characters: centre of the bin, mean and 95 % interval in per cent."""
+    """One binned mean of all characters: its persons' mean x, mean pACC and 95 % interval in per cent."""
 
     x: float
     y: float
@@ -132,7 +132,7 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
         if trend.character == ALL or len(names) == 1:
             marks = [
                 Mark(
-                    (b.low + b.high) / 2 * axis.scale,
+                    b.x * axis.scale,
                     b.mean * 100,
                     b.mean_interval.low * 100,
                     b.mean_interval.high * 100,

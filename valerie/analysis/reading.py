@@ -9,8 +9,8 @@ STATEMENT: Final = (
     "and it says nothing about situations, scenes or sensors that were not varied here."
 )
 _PACC: Final = (
-    "Share of the visible pixels of a pedestrian that the function calls person: tp / (tp + fn). It is the recall of one "
-    "class: a function that calls everything person reaches 100 %. Precision and IoU of the frame stand beside it."
+    "Share of the visible pixels of a pedestrian that the function calls person: tp / (tp + fn). It is the recall of "
+    "one class: a function that calls everything person reaches 100 %. Precision and IoU of the frame stand beside it."
 )
 _MEANS: Final = "The mean weighs every person in every frame the same; pooled counts weigh every pixel the same."
 _UNDEFINED: Final = (
@@ -23,10 +23,10 @@ _OCCLUSION: Final = (
 )
 _DISTANCE: Final = "From the optical centre to the point on the ground between the pedestrian's feet."
 _INTERVALS: Final = (
-    "Bootstrap over situations. A situation is everything that was varied except which pedestrian it is; cameras, functions "
-    "and pedestrians of one situation are drawn together. The intervals speak of situations like the ones that were "
-    "rendered, not of the street outside. Wilson's intervals take persons as independent, and are a little too narrow "
-    "where situations repeat."
+    "Bootstrap over situations. A situation is everything that was varied except which pedestrian it is; cameras, "
+    "functions and pedestrians of one situation are drawn together. The intervals speak of situations like the ones "
+    "that were rendered, not of the street outside. Wilson's intervals take persons as independent, and are "
+    "a little too narrow where situations repeat."
 )
 #: Term and explanation, in reading order.
 READING: Final = (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from valerie.analysis.intervals import MIN_SITUATIONS, Resampler, quantiles
 
-MAX_DEGREE: Final = 6
+MAX_DEGREE: Final = 5
 FOLDS: Final = 10
 #: Points at which the curve is given.
 GRID: Final = 61
@@ -86,7 +86,7 @@ def fit_curve(
     if situations < MIN_SITUATIONS or distinct < 2:
         return None
     low, high = float(x[usable].min()), float(x[usable].max())
-    highest = min(max_degree, distinct - 1, situations // 4)
+    highest = min(max_degree, distinct - 1, max(situations // 6, 1))
     sums = _sums(x[usable], y[usable], resampler.group[usable], resampler.groups, (low, high), highest)
     degree = _choose_degree(sums, highest, seed)
     terms = slice(0, degree + 1)

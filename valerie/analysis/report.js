@@ -3,9 +3,8 @@
 (() => {
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const config = {
-    displaylogo: false,
+    displayModeBar: false, // drag to zoom, double click to go back
     responsive: true,
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "toImage"],
   };
   for (const place of document.querySelectorAll("[data-figure]")) {
     const figure = figures[Number(place.dataset.figure)];

@@ -17,9 +17,9 @@ import orjson
 
 from valerie.analysis import sections
 from valerie.analysis.examples import choose_examples
-from valerie.analysis.frames import ALL, characters, settings
+from valerie.analysis.frames import characters, settings
 from valerie.analysis.html import Html, data_url, join, tag
-from valerie.analysis.panels import Panel, make_panel, styles
+from valerie.analysis.panels import COMBINED_COLOR, Panel, make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
 from valerie.analysis.reading import READING, STATEMENT
 from valerie.analysis.report_model import ReportInput
@@ -178,24 +178,30 @@ def _plot(panel: Panel, title: str, figures: list[dict[str, Any]]) -> Html:
 
 def _legend(source: ReportInput) -> Html:
     names = characters(source.table)
-    entries = []
-    for name, style in styles(names).items():
-        if name == ALL:
-            continue
-        entries.append(_key(name, style.color, filled=True))
-    color = styles(names)[ALL].color
+    found = styles(names)
+    entries = [_key(name, _line(found[name].color, 2), _dot(found[name].color)) for name in names]
     if len(names) > 1:
-        entries.append(_key("all together", color, filled=False))
-    entries.append(
-        tag("span", "curve: polynomial, degree by cross-validation · band, whiskers: 95 %", class_="interval")
-    )
-    return tag("p", entries, class_="legend")
+        entries.append(_key("all together", _line(COMBINED_COLOR, 3)))
+    entries.append(_key("mean of a bin", _whisker(COMBINED_COLOR)))
+    text = "curve: polynomial, degree by cross-validation · band and whiskers: 95 %"
+    return tag("p", entries, tag("span", text, class_="interval"), class_="legend")
 
 
-def _key(text: str, color: str, *, filled: bool) -> Html:
-    mark = tag("circle", cx=13, cy=7, r=3.4, fill=color) if filled else None
-    line = tag("line", x1=1, x2=25, y1=7, y2=7, stroke=color, stroke_width=2 if filled else 3)
-    return tag("span", tag("svg", line, mark, viewBox="0 0 26 14", width=26, height=14, aria_hidden="true"), text)
+def _key(text: str, *marks: Html) -> Html:
+    return tag("span", tag("svg", marks, viewBox="0 0 26 14", width=26, height=14, aria_hidden="true"), text)
+
+
+def _line(color: str, width: int) -> Html:
+    return tag("line", x1=1, x2=25, y1=7, y2=7, stroke=color, stroke_width=width)
+
+
+def _dot(color: str) -> Html:
+    return tag("circle", cx=13, cy=7, r=3.4, fill=color)
+
+
+def _whisker(color: str) -> Html:
+    line = tag("line", x1=13, x2=13, y1=0, y2=14, stroke=color, stroke_width=1.6)
+    return join(line, tag("rect", x=9.8, y=3.8, width=6.4, height=6.4, fill="#fff", stroke=color, stroke_width=1.6))
 
 
 def _gallery(source: ReportInput) -> Html:

@@ -48,7 +48,7 @@ class Provenance:
         resolution: (width, height) pixels.
         numeric_classes: stage → what its numbers depend on besides the revision (driver, inference engine, precision).
         functions: the functions under test.
-        software: version of VALERIE.
+        software: name and version of the program.
         submitted, finished: with time zone; ``finished`` is None while work remains.
         more: further facts, shown as they are.
     """

@@ -12,6 +12,7 @@ from valerie.analysis.findings import Findings
 from valerie.analysis.frames import ALL
 from valerie.analysis.html import Html, data_url, join, tag
 from valerie.analysis.intervals import Interval
+from valerie.analysis.regression import Curve
 from valerie.analysis.report_model import Failure, PictureKind, PictureSource, Provenance
 from valerie.analysis.summary import OCCLUDED, EmptyFrames, OcclusionShare, Summary, SummaryRow
 from valerie.analysis.trends import Trend, axis_of
@@ -38,7 +39,7 @@ def summary_table(summary: Summary) -> Html:
             tag("th", f"Detected, pACC ≥ {threshold}", scope="colgroup", colspan=2, class_="group"),
             tag("th", "Precision, %", scope="colgroup", colspan=2, class_="group"),
             tag("th", "IoU, %", scope="colgroup", colspan=2, class_="group"),
-            tag("th", "Undefined", scope="col", rowspan=2),
+            tag("th", "Undefined", scope="col", rowspan=2, class_="reasons"),
         ),
         tag(
             "tr",
@@ -47,7 +48,7 @@ def summary_table(summary: Summary) -> Html:
                 for text, kind in (
                     ("mean (95 %)", "number"), ("min", "number"), ("max", "number"), ("pooled", "number"),
                     ("0 – 100", ""),
-                    ("share (95 %)", "number"), ("of", "number"), ("mean", "number"), ("pooled", "number"),
+                    ("share (95 %)", "number"), ("n", "number"), ("mean", "number"), ("pooled", "number"),
                     ("mean", "number"), ("pooled", "number"),
                 )
             ],
@@ -68,7 +69,7 @@ def _summary_line(row: SummaryRow) -> Html:
     reasons = ", ".join(f"{count} {reason}" for reason, count in row.undefined.items()) or "none"
     return tag(
         "tr",
-        tag("th", "all together" if row.character == ALL else row.character, scope="row"),
+        tag("th", _pedestrian(row.character), scope="row"),
         tag("td", f"{row.frames:,}", **number),
         tag("td", tag("b", percent(row.pacc_mean)), _within(row.pacc_mean_interval), **number),
         tag("td", percent(row.pacc_min), **number),
@@ -81,7 +82,7 @@ def _summary_line(row: SummaryRow) -> Html:
         tag("td", percent(row.precision_pooled), **number),
         tag("td", percent(row.iou_mean), **number),
         tag("td", percent(row.iou_pooled), **number),
-        tag("td", reasons, class_="quiet" if not row.undefined else None),
+        tag("td", reasons, class_="reasons" if row.undefined else "reasons quiet"),
         class_="total" if row.character == ALL else None,
     )
 
@@ -164,42 +165,42 @@ def findings_list(findings: Findings) -> Html:
 
 
 def bins_table(trends: Sequence[Trend], threshold: float) -> Html:
-    """The binned means of one panel, folded away."""
-    rows = []
-    for trend in trends:
-        axis = axis_of(trend.column)
-        for b in trend.bins:
-            mean = "" if b.mean_interval is None else f"{percent(b.mean_interval.low)}–{percent(b.mean_interval.high)}"
-            found = b.detection_interval
-            rate = "" if found is None else f"{percent(found.low)}–{percent(found.high)}"
-            x = f"{b.low * axis.scale:g}–{b.high * axis.scale:g}"
-            rows.append(
-                (
-                    "all together" if trend.character == ALL else trend.character,
-                    x,
-                    f"{b.n:,}",
-                    percent(b.mean),
-                    mean,
-                    percent(b.detected / b.n),
-                    rate,
-                )
-            )
-    if not rows:
+    """The binned means of one panel, folded away; a block of lines per pedestrian."""
+    shown = [trend for trend in trends if trend.bins]
+    if not shown:
         return Html("")
-    unit = axis_of(trends[0].column).unit
-    heads = ("Pedestrian", f"from–to, {unit}", "n", "mean pACC, %", "95 %", f"pACC ≥ {threshold:g}, %", "95 %")
-    fits = "; ".join(
-        f"{'all together' if t.character == ALL else t.character}: degree {t.curve.degree}, "
-        f"residual {percent(t.curve.rmse)} points, n = {t.curve.n:,} in {t.curve.situations:,} situations"
-        for t in trends
-        if t.curve is not None
-    )
-    return tag(
-        "details",
-        tag("summary", "Numbers: bins and curves"),
-        tag("p", f"Curves: {fits}.", class_="note") if fits else None,
-        table(heads, rows, numbers=(1, 2, 3, 4, 5, 6)),
-    )
+    heads = (axis_of(shown[0].column).unit, "n", "mean pACC, %", "95 %", f"≥ {threshold:g}, %", "95 %")
+    head = tag("thead", tag("tr", [tag("th", text, scope="col", class_="number") for text in heads]))
+    blocks = []
+    for trend in shown:
+        scale, curve = axis_of(trend.column).scale, trend.curve
+        lines = [
+            tag("tr", tag("th", _pedestrian(trend.character), _fit(curve), colspan=6, scope="rowgroup"), class_="block")
+        ]
+        for b in trend.bins:
+            cells = (
+                f"{b.low * scale:g}–{b.high * scale:g}",
+                f"{b.n:,}",
+                percent(b.mean),
+                _within(b.mean_interval),
+                percent(b.detected / b.n),
+                _within(b.detection_interval),
+            )
+            lines.append(tag("tr", [tag("td", cell, class_="number") for cell in cells]))
+        blocks.append(tag("tbody", lines))
+    numbers = tag("div", tag("table", head, blocks, class_="bins"), class_="wide")
+    return tag("details", tag("summary", "Numbers: bins and curves"), numbers)
+
+
+def _fit(curve: Curve | None) -> Html:
+    if curve is None:
+        return tag("span", " no curve: too few situations", class_="interval")
+    text = f" curve: degree {curve.degree}, residual {percent(curve.rmse)} points, {curve.situations:,} situations"
+    return tag("span", text, class_="interval")
+
+
+def _pedestrian(character: str) -> str:
+    return "all together" if character == ALL else character
 
 
 def gallery(examples: Sequence[Example], functions: Sequence[str], picture: PictureSource) -> Html:
@@ -283,7 +284,7 @@ def provenance_list(facts: Provenance) -> Html:
         *((f"{f.name}: {key}", text) for f in facts.functions for key, text in f.provenance.items()),
         ("Submitted", facts.submitted.isoformat(sep=" ", timespec="seconds")),
         ("Finished", "not yet" if facts.finished is None else facts.finished.isoformat(sep=" ", timespec="seconds")),
-        ("Software", f"VALERIE {facts.software}"),
+        ("Software", facts.software),
         *facts.more.items(),
     ]
     return tag("dl", [join(tag("dt", key), tag("dd", value)) for key, value in pairs], class_="facts")

@@ -36,13 +36,18 @@ class SummaryRow:
     """One function behind one sensor setting, looking at one pedestrian (`all` = any). Rates are 0…1; None = undefined.
 
     Attributes:
-        function, sensor, character: the group. frames: frames in which such a person is present. persons:
-        person-frames; more than ``frames`` where a frame holds several. defined: person-frames with a defined pACC.
-        undefined: person-frames without, by reason. pacc_mean: mean over the defined person-frames;
-        ``pacc_mean_interval`` is its 95 % bootstrap interval over situations. pacc_min, pacc_max: of the same.
-        pacc_pooled: Σ tp / Σ (tp + fn). precision_mean, iou_mean: mean over the frames where it is defined.
-        precision_pooled, iou_pooled: from the summed counts of the frames. detected: person-frames with pACC ≥ the
-        summary's threshold. detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 %.
+        function, sensor, character: the group.
+        frames: frames in which such a person is present.
+        persons: person-frames; more than ``frames`` where a frame holds several.
+        defined: person-frames with a defined pACC.
+        undefined: person-frames without, by reason.
+        pacc_mean: mean over the defined person-frames; ``pacc_mean_interval`` is its 95 % bootstrap interval.
+        pacc_min, pacc_max: of the same.
+        pacc_pooled: Σ tp / Σ (tp + fn).
+        precision_mean, iou_mean: mean over the frames where it is defined.
+        precision_pooled, iou_pooled: from the summed counts of the frames.
+        detected: person-frames with pACC ≥ the summary's threshold.
+        detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 %.
     """
 
     function: str
