@@ -94,8 +94,8 @@ def _between_bins(table: EvaluationTable, trends: Trends, resampler: Resampler) 
             if difference is None:
                 continue
             steps = (
-                f"from {axis.title} {_range(axis, a.low, a.high)} ({100 * a.mean:.1f} %, n = {a.n}) to "
-                f"{_range(axis, b.low, b.high)} ({100 * b.mean:.1f} %, n = {b.n})"
+                f"from {axis.title} {_range(axis, a.low, a.high)} ({100 * a.mean:.1f} %, n = {a.n:,}) to "
+                f"{_range(axis, b.low, b.high)} ({100 * b.mean:.1f} %, n = {b.n:,})"
             )
 
             def say(positive: bool, size: str, interval: str, who: str = who, steps: str = steps) -> str:
@@ -202,7 +202,7 @@ def _false_positives(table: EvaluationTable, resampler: Resampler) -> Iterator[C
         if n < MIN_PERSONS or situations < MIN_SITUATIONS:
             continue
         share, replicates = resampler.ratio(wrong, called, rows)
-        ends = (function + _behind(table, sensor), f"{100 * share:.1f} %", f"n = {n} frames")
+        ends = (function + _behind(table, sensor), f"{100 * share:.1f} %", f"n = {n:,} frames")
 
         def say(_positive: bool, size: str, interval: str, ends: tuple[str, str, str] = ends) -> str:
             who, part, counted = ends
@@ -256,7 +256,7 @@ def _paired(
     with np.errstate(invalid="ignore", divide="ignore"):
         replicates = (resampler.weights @ total) / (resampler.weights @ number)
     estimate = float(total.sum() / pairs)
-    return _Difference(estimate, replicates, situations, {"pairs": pairs}, f"n = {pairs} pairs", paired=True)
+    return _Difference(estimate, replicates, situations, {"pairs": pairs}, f"n = {pairs:,} pairs", paired=True)
 
 
 def _unpaired(
@@ -271,7 +271,7 @@ def _unpaired(
     (mean_a, drawn_a), (mean_b, drawn_b) = (resampler.mean(values, side) for side in sides)
     counted = {"first": n[0], "second": n[1]}
     estimate, replicates = mean_a - mean_b, drawn_a - drawn_b
-    return _Difference(estimate, replicates, situations, counted, f"n = {n[0]} and {n[1]}", paired=False)
+    return _Difference(estimate, replicates, situations, counted, f"n = {n[0]:,} and {n[1]:,}", paired=False)
 
 
 def _behind(table: EvaluationTable, sensor: str) -> str:
