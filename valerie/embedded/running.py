@@ -1,0 +1,136 @@
+"""Which command owns a data folder: a lock that ends with its holder's processes, and a note of its API's address."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import httpx
+
+from valerie.errors import Conflict, StorageUnavailable
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """A running one-machine system.
+
+    Attributes:
+        pid: process id of the command that supervises it.
+        url: address of its API.
+        broker_url: its broker.
+        services: name to process id.
+    """
+
+    pid: int
+    url: str
+    broker_url: str
+    services: dict[str, int]
+
+
+class Lock:
+    """Exclusive use of a data folder; `fd` is handed to guards, and the lock lasts until the last of them is gone."""
+
+    def __init__(self, data_dir: Path) -> None:
+        """Open the lock file without taking the lock.
+
+        Raises:
+            StorageUnavailable: the data folder cannot be written.
+        """
+        self._path = data_dir / "supervisor.lock"
+        try:
+            data_dir.mkdir(parents=True, exist_ok=True)
+            self.fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise StorageUnavailable(f"the data folder {data_dir} cannot be written: {error.strerror}") from error
+
+    def take(self) -> bool:
+        """Try to take it; False when another command (or what is left of it) holds it."""
+        try:
+            fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Let it go, as far as this process is concerned."""
+        os.close(self.fd)
+
+
+def acquire(data_dir: Path, *, seconds: float = 30.0) -> Lock | Running:
+    """Own the data folder, or find the command that does.
+
+    Waits while another command is starting or what a killed one left is ending.
+
+    Raises:
+        Conflict: it is owned, but its API does not answer.
+        StorageUnavailable: the data folder cannot be written.
+    """
+    lock = Lock(data_dir)
+    deadline = time.monotonic() + seconds
+    while not lock.take():
+        running = read(data_dir)
+        if running is not None and _alive(running.pid) and healthy(running.url):
+            lock.close()
+            return running
+        if time.monotonic() > deadline:
+            lock.close()
+            holder = f"process {running.pid}" if running else "another command"
+            raise Conflict(f"{holder} uses the data folder {data_dir}, but its API does not answer")
+        time.sleep(0.1)
+    return lock
+
+
+def write(data_dir: Path, running: Running) -> None:
+    """Leave the note, in one piece."""
+    path = _note(data_dir)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(asdict(running), indent=1))
+    temporary.replace(path)
+
+
+def read(data_dir: Path) -> Running | None:
+    """The note of the command that owns the folder, if there is a readable one (its writer may be dead)."""
+    try:
+        found = json.loads(_note(data_dir).read_text())
+        return Running(int(found["pid"]), str(found["url"]), str(found["broker_url"]), dict(found["services"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def find(data_dir: Path) -> Running | None:
+    """The system that runs on this data folder now, if one does."""
+    running = read(data_dir)
+    return running if running is not None and _alive(running.pid) and healthy(running.url) else None
+
+
+def remove(data_dir: Path) -> None:
+    """Take the note away."""
+    with suppress(OSError):
+        _note(data_dir).unlink()
+
+
+def healthy(url: str) -> bool:
+    """Whether an API answers under this address."""
+    try:
+        return httpx.get(f"{url}/healthz", timeout=3.0, trust_env=False).status_code == httpx.codes.OK
+    except httpx.HTTPError:
+        return False
+
+
+def _note(data_dir: Path) -> Path:
+    return data_dir / "running.json"
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

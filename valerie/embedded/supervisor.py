@@ -1,0 +1,325 @@
+"""Starts Redis, the API and the workers as processes, restarts what dies, ends everything together."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import valerie
+from valerie.embedded import redis_server, running
+from valerie.embedded.process import Command, GuardedProcess, python_command
+from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
+from valerie.settings import Settings
+
+#: A service that ends so often within this time will not work the next time either.
+_DEATHS: Final = 5
+_WINDOW_SECONDS: Final = 180.0
+_FIRST_PAUSE_SECONDS: Final = 0.5
+_LAST_PAUSE_SECONDS: Final = 10.0
+_LOOK_SECONDS: Final = 0.2
+_API_READY_SECONDS: Final = 90.0
+
+#: Worker name → module; each serves its own queues.
+WORKERS: Final = {
+    "render": "services.render_worker",
+    "infer": "services.infer_worker",
+    "eval": "services.eval_worker",
+}
+
+
+class ServiceFailedError(ValerieError):
+    """A process of the one-machine mode ends again and again; the message holds the end of its log."""
+
+
+class Service:
+    """One process that is started again when it ends, after a growing pause, until it ends too often."""
+
+    def __init__(self, command: Command, *, lock_fd: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.command = command
+        self._lock_fd = lock_fd
+        self._clock = clock
+        self._deaths: deque[float] = deque(maxlen=_DEATHS)
+        self._start_at: float | None = None
+        self._process: GuardedProcess | None = None
+        #: What the user is told when it was given up; None while there is hope.
+        self.failure: str | None = None
+
+    def start(self) -> None:
+        """Start it now."""
+        self._process = GuardedProcess(self.command, lock_fd=self._lock_fd)
+        self._start_at = None
+
+    @property
+    def pid(self) -> int:
+        """Process id of the command; 0 while it does not run."""
+        return self._process.pid if self._process is not None and self._start_at is None else 0
+
+    @property
+    def deaths(self) -> int:
+        """How often it ended lately."""
+        return len(self._deaths)
+
+    def look(self) -> bool:
+        """Notice an end, and start again when the pause is over; True when the process is another one now."""
+        now = self._clock()
+        if self.failure is not None or self._process is None:
+            return False
+        if self._start_at is not None:
+            if now < self._start_at:
+                return False
+            try:
+                self.start()
+            except OSError:  # no process or no log at present: the machine is out of something
+                self._start_at = now + _LAST_PAUSE_SECONDS
+                return False
+            return True
+        status = self._process.poll()
+        if status is None:
+            return False
+        self._process.end()
+        self._deaths.append(now)
+        if len(self._deaths) == _DEATHS and now - self._deaths[0] < _WINDOW_SECONDS:
+            self.failure = (
+                f"the {self.command.name} process ended {_DEATHS} times within {now - self._deaths[0]:.0f} s (last exit"
+                f" status {_words(status)}); its log {self.command.log} ends with:\n{self._process.last_lines()}"
+            )
+            return True
+        recent = sum(1 for death in self._deaths if now - death < _WINDOW_SECONDS)
+        self._start_at = now + min(_FIRST_PAUSE_SECONDS * 2 ** (recent - 1), _LAST_PAUSE_SECONDS)
+        return True
+
+    def ask_to_end(self) -> None:
+        """Begin to end it."""
+        if self._process is not None:
+            self._process.ask_to_end()
+
+    def end(self) -> None:
+        """End it and wait until it is gone."""
+        if self._process is not None:
+            self._process.end()
+
+
+class Supervisor:
+    """A whole system on one machine; a context manager that ends it.
+
+    ``with Supervisor(settings, lock) as system: system.url``. Entering prepares the database and the artifact store, so
+    that a wrong version or a read-only folder is one clear error before any process starts.
+    """
+
+    def __init__(self, settings: Settings, lock: running.Lock, *, workers: Sequence[str] = tuple(WORKERS)) -> None:
+        """Prepare; nothing is started yet.
+
+        Args:
+            settings: where data lies; an explicitly given ``broker_url`` is used instead of an own Redis.
+            lock: the held lock of the data folder; closed at the end.
+            workers: names in `WORKERS` to start.
+        """
+        self._given = settings
+        self._lock = lock
+        self._worker_names = tuple(workers)
+        self._services: dict[str, Service] = {}
+        self._guarding = threading.Lock()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="supervisor", daemon=True)
+        self.settings = settings
+
+    def __enter__(self) -> Self:
+        """Start everything.
+
+        Raises:
+            MissingDependency: there is no Redis server.
+            StorageUnavailable, StorageFull, Conflict: data folder, artifacts or database cannot be used.
+            ServiceFailedError: a process does not stay alive.
+        """
+        try:
+            self._start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end()
+
+    @property
+    def url(self) -> str:
+        """Address of the API."""
+        host = self.settings.api_host
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104  # names of "all addresses"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.settings.api_port}"
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the processes' logs."""
+        return self.settings.data_dir / "logs"
+
+    def pids(self) -> dict[str, int]:
+        """Service name to process id; 0 while a service waits to be started again."""
+        return {name: service.pid for name, service in list(self._services.items())}
+
+    def check(self) -> None:
+        """Raise what cannot be mended.
+
+        Raises:
+            ServiceFailedError: a process was given up.
+        """
+        for service in list(self._services.values()):
+            if service.failure is not None:
+                raise ServiceFailedError(service.failure)
+
+    def _start(self) -> None:
+        settings = self._given
+        data_dir = settings.data_dir
+        self._prepare_stores()
+        settings = settings.model_copy(update={"api_port": _free_port(settings)})
+        settings.require_token()
+        if "broker_url" not in settings.model_fields_set:
+            program = redis_server.find_server(settings)
+            path = redis_server.socket_path(data_dir)
+            redis_server.clear(data_dir / "redis", path)
+            settings = settings.model_copy(update={"broker_url": redis_server.server_url(path)})
+            self._add("redis", redis_server.server_command(program, path, data_dir / "redis"), settings, {})
+            self._await("redis", lambda: redis_server.answers(path), 15.0)
+        self.settings = settings
+        self._add("api", python_command("services.api"), settings, _ONE_THREAD)
+        for name in self._worker_names:
+            self._add(name, python_command(WORKERS[name]), settings, _threads_of(name, settings))
+        self._thread.start()
+        self._await("api", lambda: running.healthy(self.url), _API_READY_SECONDS)
+        self._note()
+
+    def _prepare_stores(self) -> None:
+        from valerie.db.engine import open_engine
+        from valerie.db.migrate import migrate
+        from valerie.storage import open_store
+
+        settings = self._given
+        open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint).check()
+        engine = open_engine(settings.database_url)
+        try:
+            migrate(engine)
+        finally:
+            engine.dispose()
+
+    def _add(self, name: str, arguments: Sequence[str], settings: Settings, extra: Mapping[str, str]) -> None:
+        environment = {
+            **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
+            # What a user set for a library wins; ours are defaults.
+            **{key: value for key, value in extra.items() if key not in os.environ},
+            **settings.environment(),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(_source_root()), os.environ.get("PYTHONPATH")])),
+            "PYTHONUNBUFFERED": "1",
+        }
+        command = Command(name, tuple(arguments), environment, self.logs / f"{name}.log", settings.shutdown_seconds + 3)
+        service = Service(command, lock_fd=self._lock.fd)
+        with self._guarding:
+            self._services[name] = service
+            service.start()
+
+    def _await(self, name: str, ready: Callable[[], bool], seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while not ready():
+            if not self._thread.is_alive():
+                self._look()
+            self.check()
+            if time.monotonic() > deadline:
+                raise TransientError(f"{name} was not ready within {seconds:g} s; see {self.logs / f'{name}.log'}")
+            time.sleep(0.05)
+
+    def _watch(self) -> None:
+        while not self._stop.wait(_LOOK_SECONDS):
+            if self._look():
+                self._note()
+
+    def _look(self) -> bool:
+        with self._guarding:
+            changed = [service.look() for service in self._services.values()]  # each must have its turn
+        return any(changed)
+
+    def _note(self) -> None:
+        note = running.Running(os.getpid(), self.url, self.settings.broker_url, self.pids())
+        with suppress(OSError):  # a full disk: the note only serves commands that would attach
+            running.write(self.settings.data_dir, note)
+
+    def _end(self) -> None:
+        """End the API and the workers together, then the broker that they still talk to."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        with self._guarding:
+            services = dict(self._services)
+            broker = services.pop("redis", None)
+            for service in services.values():
+                service.ask_to_end()
+            for service in services.values():
+                service.end()
+            if broker is not None:
+                broker.end()
+        running.remove(self.settings.data_dir)
+        self._lock.close()
+
+
+_ONE_THREAD: Final = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    # llvmpipe: 0 renders in the calling thread; more threads than cores only make it wait.
+    "LP_NUM_THREADS": "0",
+}
+
+
+def _threads_of(worker: str, settings: Settings) -> dict[str, str]:
+    if worker != "infer":
+        return dict(_ONE_THREAD)
+    threads = str(settings.infer_threads or os.cpu_count() or 1)
+    return {**_ONE_THREAD, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+
+
+def _free_port(settings: Settings) -> int:
+    """The configured port if it is free; any free one if none was asked for.
+
+    Raises:
+        Conflict: the port that was asked for is in use.
+        InvalidInput: this machine has no such address.
+    """
+    family = socket.AF_INET6 if ":" in settings.api_host else socket.AF_INET
+    wanted = settings.api_port
+    for port in dict.fromkeys([wanted, 0]):
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((settings.api_host, port))
+            except PermissionError:
+                raise Conflict(f"port {port} needs rights that this user does not have; set VALERIE_API_PORT") from None
+            except socket.gaierror as error:
+                raise InvalidInput(
+                    "not an address of this machine", field="VALERIE_API_HOST", value=settings.api_host
+                ) from error
+            except OSError as error:
+                if port == wanted and wanted != 0 and "api_port" in settings.model_fields_set:
+                    raise Conflict(
+                        f"port {wanted} of {settings.api_host} cannot be used ({error.strerror}); set VALERIE_API_PORT "
+                        "to another one, or to 0 for any"
+                    ) from error
+                continue
+            return int(probe.getsockname()[1])
+    raise Conflict(f"no port of {settings.api_host} can be used")
+
+
+def _source_root() -> Path:
+    """Where the packages ``valerie`` and ``services`` lie: children find the same code, wherever they run."""
+    return Path(valerie.__path__[0]).parent
+
+
+def _words(status: int) -> str:
+    return f"{status}, signal {status - 128}" if status > 128 else str(status)
