@@ -17,6 +17,8 @@ import time
 from pathlib import Path
 
 import redis
+from redis.backoff import NoBackoff
+from redis.retry import Retry
 
 from valerie.errors import InvalidInput, MissingDependency, StorageUnavailable, TransientError
 from valerie.settings import Settings
@@ -102,7 +104,12 @@ def clear(folder: Path, path: Path) -> None:
 
 def answers(path: Path) -> bool:
     """Whether a server answers on this socket and accepts writes."""
-    client = redis.Redis(unix_socket_path=str(path), socket_timeout=2.0, socket_connect_timeout=2.0)
+    client = redis.Redis(
+        unix_socket_path=str(path),
+        socket_timeout=2.0,
+        socket_connect_timeout=2.0,
+        retry=Retry(NoBackoff(), 0),  # the client would try for seconds; who asks decides how often
+    )
     try:
         return bool(client.ping())
     except (redis.RedisError, OSError):

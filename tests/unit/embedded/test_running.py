@@ -21,7 +21,7 @@ def api() -> Iterator[str]:
     """An address that answers as the API's health endpoint does."""
 
     class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:  # noqa: N802
+        def do_GET(self) -> None:
             self.send_response(200 if self.path == "/healthz" else 404)
             self.end_headers()
 
