@@ -1,0 +1,173 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.perception.catalog import function_card
+from valerie.perception.training.fit import TrainingProgress, train
+from valerie.perception.training.settings import TrainingSettings
+
+CROPS = {"height": 32, "width": 64, "scales": (1.0,), "scale_jitter": 1.0, "noise": 2.0}
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def settings(**changes) -> TrainingSettings:
+    given = {"architecture": "semantic-fpn-small", "steps": 6, "batch": 2, "precision": "fp32", "device": "cpu"}
+    given |= {"warmup_steps": 2, "crops": CROPS, "loader_threads": 2}
+    return TrainingSettings.model_validate(given | changes)
+
+
+def same_weights(one: torch.nn.Module, other: torch.nn.Module) -> bool:
+    pairs = zip(one.state_dict().values(), other.state_dict().values(), strict=True)
+    return all(torch.equal(a, b) for a, b in pairs)
+
+
+class _InterruptedError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("architecture", ["deeplabv3plus-small", "semantic-fpn-small"])
+def test_a_network_learns_a_few_frames(architecture: str, make_frames) -> None:
+    losses: list[float] = []
+    model = train(
+        settings(architecture=architecture, steps=40, batch=4),
+        make_frames(4),
+        held_out=make_frames(2, street_seed=900),
+        progress=lambda p: losses.append(p.loss),
+    )
+    assert len(losses) == model.steps == 40
+    assert sum(losses[-5:]) < 0.35 * sum(losses[:5])
+    assert model.figures is not None
+    assert model.figures.frames == 2
+
+
+def test_equal_seeds_give_equal_weights_bit_for_bit(make_frames) -> None:
+    models = [train(settings(loader_threads=n), make_frames(3)) for n in (1, 3)]
+    assert same_weights(models[0].network, models[1].network)
+    assert models[0].to_bytes({}) == models[1].to_bytes({})
+
+
+def test_another_seed_gives_other_weights(make_frames) -> None:
+    models = [train(settings(seed=seed, steps=1), make_frames(3)) for seed in (0, 1)]
+    assert not same_weights(models[0].network, models[1].network)
+
+
+def test_an_interrupted_run_goes_on_to_the_same_weights(make_frames, tmp_path: Path) -> None:
+    frames = make_frames(3)
+    whole = train(settings(), frames)
+    checkpoint = tmp_path / "run.ckpt"
+
+    def stop_after_four(progress: TrainingProgress) -> None:
+        if progress.step == 4:
+            raise _InterruptedError
+
+    with pytest.raises(_InterruptedError):
+        train(settings(checkpoint_every=3), frames, progress=stop_after_four, checkpoint=checkpoint)
+    seen: list[int] = []
+    resumed = train(settings(checkpoint_every=3), frames, progress=lambda p: seen.append(p.step), checkpoint=checkpoint)
+    assert seen == [4, 5, 6]
+    assert same_weights(resumed.network, whole.network)
+    assert resumed.final_loss == whole.final_loss
+
+
+def test_a_finished_run_is_not_trained_again(make_frames, tmp_path: Path) -> None:
+    first = train(settings(), make_frames(3), checkpoint=tmp_path / "c")
+    seen: list[int] = []
+    again = train(settings(), make_frames(3), checkpoint=tmp_path / "c", progress=lambda p: seen.append(p.step))
+    assert seen == []
+    assert same_weights(first.network, again.network)
+
+
+def test_a_checkpoint_of_another_run_is_refused(make_frames, tmp_path: Path) -> None:
+    train(settings(steps=1), make_frames(3), checkpoint=tmp_path / "c")
+    with pytest.raises(InvalidInput, match="another run"):
+        train(settings(steps=1, seed=1), make_frames(3), checkpoint=tmp_path / "c")
+
+
+@pytest.mark.parametrize("data", [b"", b"nothing", b"\x80\x04\x95junk"])
+def test_something_else_is_no_checkpoint(make_frames, tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "c").write_bytes(data)
+    with pytest.raises(InvalidInput, match="not a checkpoint"):
+        train(settings(), make_frames(3), checkpoint=tmp_path / "c")
+
+
+def test_a_time_budget_ends_the_schedule(make_frames) -> None:
+    model = train(settings(steps=1_000_000, time_budget_s=1e-6), make_frames(3))
+    assert model.steps < 5
+
+
+def test_half_precision_on_the_way_trains_too(make_frames) -> None:
+    losses: list[float] = []
+    train(settings(precision="bf16", steps=12), make_frames(2), progress=lambda p: losses.append(p.loss))
+    assert sum(losses[-3:]) < sum(losses[:3])
+
+
+def test_figures_are_reported_on_the_way_when_asked(make_frames) -> None:
+    reports: list[TrainingProgress] = []
+    held_out = make_frames(1, street_seed=900)
+    train(settings(validate_every=2), make_frames(3), held_out=held_out, progress=reports.append)
+    assert [report.step for report in reports if report.figures is not None] == [2, 4]
+
+
+def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tmp_path: Path) -> None:
+    from valerie.perception.torch_function import TorchFunction
+
+    frames = make_frames(3)
+    model = train(settings(steps=20), frames, held_out=make_frames(2, street_seed=900))
+    path = tmp_path / "semantic-fpn-small.safetensors"
+    path.write_bytes(model.to_bytes({"licence": "Apache-2.0"}))
+    card = function_card("semantic-fpn-small", folder=tmp_path)
+    assert card.provenance["licence"] == "Apache-2.0"
+    assert card.provenance["steps"] == "20"
+    assert card.provenance["held-out-frames"] == "2"
+    function = TorchFunction("f", path)
+    from valerie.perception.labelling import label_maps
+
+    with torch.inference_mode():
+        expected = label_maps(
+            model.network,
+            torch.from_numpy(frames[0].picture).unsqueeze(0),
+            torch.tensor(model.mean),
+            torch.tensor(model.std),
+        )[0]
+    assert (function.predict(frames[0].picture) == expected.numpy()).all()
+
+
+def test_a_street_in_both_sets_is_refused(make_frames) -> None:
+    with pytest.raises(InvalidInput, match="1000"):
+        train(settings(), make_frames(2), held_out=make_frames(1))
+
+
+def test_no_frames_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="no frames"):
+        train(settings(), [])
+
+
+def test_an_unknown_architecture_is_refused(make_frames) -> None:
+    with pytest.raises(UnknownName, match="semantic-fpn-small"):
+        train(settings(architecture="semantic-fpn"), make_frames(1))
+
+
+def test_a_batch_that_is_void_throughout_leaves_finite_weights(make_frames) -> None:
+    from valerie.perception.training.frames import TrainingFrame
+
+    void = [TrainingFrame(f.picture, f.train_ids * 0 + 255, f.street_seed) for f in make_frames(2)]
+    model = train(settings(steps=2), void)
+    assert all(torch.isfinite(p).all() for p in model.network.parameters())
+
+
+def test_training_does_not_move_the_random_generator_of_the_caller(make_frames) -> None:
+    torch.manual_seed(9)
+    expected = torch.rand(2)
+    torch.manual_seed(9)
+    train(settings(steps=1), make_frames(1))
+    assert torch.equal(torch.rand(2), expected)

@@ -1,0 +1,233 @@
+"""The training loop: cross-entropy, AdamW, a polynomial schedule, checkpoints; deterministic on the CPU."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from valerie.errors import InvalidInput
+from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
+from valerie.perception.function_file import function_file_bytes
+from valerie.perception.labelling import in_channels_last, normalised
+from valerie.perception.networks.architectures import Network, build_network
+from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
+from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.samples import batches
+from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.statistics import channel_statistics
+from valerie.perception.training.validation import ValidationFigures, validate
+
+#: Held-out frames that are looked at during training; all of them at the end.
+_QUICK_FRAMES: Final = 64
+_POLY_POWER: Final = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingProgress:
+    """Where a run is.
+
+    Attributes:
+        step, steps: done and planned.
+        fraction: of the schedule, 0…1; ahead of step / steps where the time budget is the tighter bound.
+        loss: of the last step.
+        elapsed_s: training time, over all resumptions.
+        figures: of the validation that was just made, if one was.
+    """
+
+    step: int
+    steps: int
+    fraction: float
+    loss: float
+    elapsed_s: float
+    figures: ValidationFigures | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainedModel:
+    """The result of a run; its weights are rounded to half precision, as they will be shipped.
+
+    Attributes:
+        network: in evaluation mode, fp32, on the CPU.
+        settings: it was trained with.
+        mean, std: its normalisation.
+        steps: optimiser steps taken.
+        final_loss: mean loss over the last steps (at most 50).
+        figures: on all held-out frames, of the rounded weights; None without held-out frames.
+    """
+
+    network: Network
+    settings: TrainingSettings
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    steps: int
+    final_loss: float
+    figures: ValidationFigures | None
+
+    def to_bytes(self, provenance: dict[str, str]) -> bytes:
+        """The function file (`valerie.perception.function_file`); seed, steps, precision and figures are added."""
+        state = self.network.state_dict()
+        tensors = {name: value.numpy() for name, value in state.items() if value.is_floating_point()}
+        own = {
+            "seed": str(self.settings.seed),
+            "steps": str(self.steps),
+            "training-precision": self.settings.precision,
+            "training-torch": torch.__version__,
+            "training-settings": self.settings.model_dump_json(exclude={"loader_threads", "device"}),
+            "final-loss": f"{self.final_loss:.4f}",
+        }
+        figures = {} if self.figures is None else self.figures.as_text()
+        return function_file_bytes(
+            tensors,
+            architecture=self.settings.architecture,
+            mean=self.mean,
+            std=self.std,
+            provenance={**provenance, **own, **figures},
+        )
+
+
+def train(
+    settings: TrainingSettings,
+    frames: Sequence[TrainingFrame],
+    *,
+    held_out: Sequence[TrainingFrame] = (),
+    progress: Callable[[TrainingProgress], None] = lambda _: None,
+    checkpoint: Path | None = None,
+) -> TrainedModel:
+    """Train one network from scratch, or go on from a checkpoint.
+
+    Args:
+        settings: what to train and how.
+        frames: to train on.
+        held_out: to validate on; from streets that ``frames`` does not show.
+        progress: called after every step.
+        checkpoint: file that is written every ``checkpoint_every`` steps and at the end; if it exists, training goes
+            on from it, to the same weights as without the interruption.
+
+    Raises:
+        InvalidInput: no frames, a street in both sets, or a checkpoint of another run.
+        UnknownName: the architecture.
+    """
+    _require_apart(frames, held_out)
+    device = _device(settings)
+    mean, std = channel_statistics(frames)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(settings.seed)
+        network = in_channels_last(build_network(settings.architecture)).to(device).train()
+    mean_tensor, std_tensor = torch.tensor(mean, device=device), torch.tensor(std, device=device)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    weights = torch.ones(NUM_TRAIN_CLASSES, device=device)
+    weights[PERSON.train_id] = settings.person_weight
+    step, elapsed, recent = 0, 0.0, list[float]()
+    if checkpoint is not None and checkpoint.exists():
+        step, elapsed, recent = read_checkpoint(checkpoint, settings, mean, std, network, optimiser)
+
+    started = time.monotonic() - elapsed
+    stream = batches(frames, settings, step)
+    try:
+        for pictures, labels in stream:
+            elapsed = time.monotonic() - started
+            fraction = _fraction(settings, step, elapsed)
+            if fraction >= 1.0:
+                break
+            for group in optimiser.param_groups:
+                group["lr"] = _learning_rate(settings, step, fraction)
+            loss = _step(
+                network,
+                normalised(torch.from_numpy(pictures).to(device), mean_tensor, std_tensor),
+                torch.from_numpy(labels).to(device),
+                weights,
+                optimiser,
+                autocast=settings.precision == "bf16",
+            )
+            step += 1
+            recent = [*recent[-49:], loss]
+            figures = None
+            if held_out and step % settings.validate_every == 0 and step < settings.steps:
+                figures = validate(network, _spread(held_out), mean_tensor, std_tensor)
+            if checkpoint is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
+                elapsed = time.monotonic() - started
+                write_checkpoint(checkpoint, settings, mean, std, network, optimiser, (step, elapsed, recent))
+            progress(TrainingProgress(step, settings.steps, fraction, loss, elapsed, figures))
+    finally:
+        stream.close()
+
+    _round_to_half(network)
+    network.eval().requires_grad_(requires_grad=False)
+    final = validate(network, held_out, mean_tensor, std_tensor) if held_out else None
+    mean_loss = sum(recent) / len(recent) if recent else float("nan")
+    return TrainedModel(network.cpu(), settings, mean, std, step, mean_loss, final)
+
+
+def _step(
+    network: nn.Module,
+    pictures: Tensor,
+    labels: Tensor,
+    weights: Tensor,
+    optimiser: torch.optim.Optimizer,
+    *,
+    autocast: bool,
+) -> float:
+    """One optimiser step; returns the loss."""
+    with torch.autocast(pictures.device.type, torch.bfloat16, enabled=autocast):
+        logits: Tensor = network(pictures)
+        full = functional.interpolate(logits, size=labels.shape[-2:], mode="bilinear", align_corners=False)
+    # In fp32: a sum over a million pixels needs the mantissa.
+    sums = functional.cross_entropy(full.float(), labels.long(), weights, ignore_index=VOID, reduction="sum")
+    weight = torch.where(labels == PERSON.train_id, weights[PERSON.train_id], 1.0)[labels != VOID].sum()
+    # Not reduction="mean", which is NaN for a batch that is void throughout.
+    loss = sums / weight.clamp(min=1.0)
+    optimiser.zero_grad(set_to_none=True)
+    torch.autograd.backward(loss)
+    optimiser.step()
+    return float(loss.detach())
+
+
+def _fraction(settings: TrainingSettings, step: int, elapsed: float) -> float:
+    by_steps = step / settings.steps
+    return by_steps if settings.time_budget_s is None else max(by_steps, elapsed / settings.time_budget_s)
+
+
+def _learning_rate(settings: TrainingSettings, step: int, fraction: float) -> float:
+    warmup = min(1.0, (step + 1) / (settings.warmup_steps + 1))
+    return float(settings.learning_rate * warmup * (1.0 - fraction) ** _POLY_POWER)
+
+
+def _device(settings: TrainingSettings) -> torch.device:
+    if settings.device == "cuda" and not torch.cuda.is_available():
+        raise InvalidInput("there is no CUDA device here", field="device", value="cuda", limit="cpu or auto")
+    if settings.device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    return torch.device(settings.device)
+
+
+def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingFrame]) -> None:
+    if not len(frames):
+        raise InvalidInput("no frames to train on", field="frames", limit="at least one")
+    both = _seeds(frames) & _seeds(held_out)
+    if both:
+        raise InvalidInput("streets in training and held-out frames", field="held_out", value=sorted(both)[:5])
+
+
+def _seeds(frames: Sequence[TrainingFrame]) -> frozenset[int]:
+    known: frozenset[int] | None = getattr(frames, "street_seeds", None)  # a folder knows without reading frames
+    return known if known is not None else frozenset(frame.street_seed for frame in frames)
+
+
+def _spread(frames: Sequence[TrainingFrame]) -> list[TrainingFrame]:
+    """A few frames, evenly over all of them."""
+    stride = max(1, len(frames) // _QUICK_FRAMES)
+    return [frames[i] for i in range(0, len(frames), stride)][:_QUICK_FRAMES]
+
+
+def _round_to_half(network: nn.Module) -> None:
+    with torch.no_grad():
+        for tensor in network.state_dict().values():
+            if tensor.is_floating_point():
+                tensor.copy_(tensor.half())

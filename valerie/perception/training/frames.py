@@ -1,0 +1,192 @@
+"""A folder of training frames: pictures with their label maps, compact, and readable at random.
+
+A *shard* is one safetensors file with the frames of one street; each map in it is one zstd frame, so a single frame can
+be read without the rest. ``frames.json`` lists the shards with their digests; its own digest stands for the data set.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, overload
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from valerie.errors import CorruptArtifact, InvalidInput, NotFound
+
+INDEX_NAME: Final = "frames.json"
+FORMAT: Final = "valerie-training-frames/1"
+_LEVEL: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingFrame:
+    """One sample.
+
+    Attributes:
+        picture: (H, W, 3) uint8 sRGB.
+        train_ids: (H, W) uint8, 0…18 or 255 (void).
+        street_seed: seed of the street that it was rendered in; training and held-out frames share none.
+    """
+
+    picture: NDArray[np.uint8]
+    train_ids: NDArray[np.uint8]
+    street_seed: int
+
+    def __post_init__(self) -> None:
+        height_width = self.train_ids.shape
+        right = self.picture.dtype == np.uint8 and self.train_ids.dtype == np.uint8
+        if not right or len(height_width) != 2 or self.picture.shape != (*height_width, 3):
+            given = f"{self.picture.dtype} {self.picture.shape}, {self.train_ids.dtype} {height_width}"
+            raise InvalidInput("not a training frame", value=given, limit="uint8 (H, W, 3) and uint8 (H, W)")
+
+
+class Shard(BaseModel):
+    """One file of the folder.
+
+    Attributes:
+        file: its name.
+        street_seed: of all its frames.
+        sizes: (height, width) of each frame.
+        sha256: of the file.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    file: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\.safetensors$")
+    street_seed: int
+    sizes: tuple[tuple[int, int], ...]
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class FrameIndex(BaseModel):
+    """The contents of ``frames.json``.
+
+    Attributes:
+        shards: by ascending street seed.
+        provenance: who made the frames, and from what.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: str = Field(FORMAT, pattern=f"^{FORMAT}$")
+    shards: tuple[Shard, ...]
+    provenance: dict[str, str] = {}
+
+
+def write_shard(folder: Path, street_seed: int, frames: Iterable[TrainingFrame]) -> Shard:
+    """Write the frames of one street as one file; equal frames give equal bytes.
+
+    Raises:
+        InvalidInput: a frame of another street.
+    """
+    compressor = zstandard.ZstdCompressor(level=_LEVEL)
+    tensors: dict[str, NDArray[np.uint8]] = {}
+    sizes: list[tuple[int, int]] = []
+    for number, frame in enumerate(frames):
+        if frame.street_seed != street_seed:
+            raise InvalidInput("a frame of another street", field="street_seed", value=frame.street_seed)
+        for kind, array in (("picture", frame.picture), ("labels", frame.train_ids)):
+            packed = compressor.compress(np.ascontiguousarray(array).tobytes())
+            tensors[f"{number:05}.{kind}"] = np.frombuffer(packed, np.uint8)
+        height, width = frame.train_ids.shape
+        sizes.append((height, width))
+    path = folder / f"street-{street_seed:06}.safetensors"
+    save_file(tensors, path)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return Shard(file=path.name, street_seed=street_seed, sizes=tuple(sizes), sha256=sha256)
+
+
+def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, str]) -> None:
+    """List the shards; the folder is complete, and can be read, from then on."""
+    ordered = tuple(sorted(shards, key=lambda shard: shard.street_seed))
+    index = FrameIndex(format=FORMAT, shards=ordered, provenance=dict(sorted(provenance.items())))
+    (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(), indent=1) + "\n")
+
+
+class FrameFolder(Sequence[TrainingFrame]):
+    """Reads a folder of training frames; safe to use from several threads.
+
+    Raises:
+        NotFound: no ``frames.json``: no folder of frames, or one whose making was interrupted.
+        InvalidInput: ``frames.json`` is not what `write_index` writes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        try:
+            text = (folder / INDEX_NAME).read_bytes()
+        except FileNotFoundError:
+            raise NotFound("folder of training frames", folder) from None
+        try:
+            self.listing = FrameIndex.model_validate_json(text)
+        except ValidationError as error:
+            raise InvalidInput(f"not an index of training frames ({error})", field=INDEX_NAME) from error
+        #: SHA-256 of the index, which holds the digests of the shards: it stands for every pixel.
+        self.digest = hashlib.sha256(text).hexdigest()
+        self._places = [(shard, number) for shard in self.listing.shards for number in range(len(shard.sizes))]
+        self._open = threading.local()  # a file handle must not be shared between threads
+
+    @property
+    def street_seeds(self) -> frozenset[int]:
+        """Seeds of all streets in the folder."""
+        return frozenset(shard.street_seed for shard in self.listing.shards)
+
+    def verify(self) -> None:
+        """Compare every shard with its digest.
+
+        Raises:
+            CorruptArtifact: names the first shard that differs.
+        """
+        for shard in self.listing.shards:
+            data = (self.folder / shard.file).read_bytes()
+            if hashlib.sha256(data).hexdigest() != shard.sha256:
+                raise CorruptArtifact(f"{shard.file} is not the file that {INDEX_NAME} lists")
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: int) -> TrainingFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[TrainingFrame]: ...
+
+    def __getitem__(self, index: int | slice) -> TrainingFrame | list[TrainingFrame]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        shard, number = self._places[index]
+        height, width = shard.sizes[number]
+        return TrainingFrame(
+            picture=self._array(shard, f"{number:05}.picture", (height, width, 3)),
+            train_ids=self._array(shard, f"{number:05}.labels", (height, width)),
+            street_seed=shard.street_seed,
+        )
+
+    def _array(self, shard: Shard, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        size = int(np.prod(shape))
+        try:
+            packed: NDArray[np.uint8] = self._handle(shard).get_tensor(name)
+            raw = zstandard.ZstdDecompressor().decompress(packed.tobytes(), max_output_size=size)
+        except (SafetensorError, zstandard.ZstdError, OSError) as error:
+            raise CorruptArtifact(f"{shard.file}: {name} cannot be read ({error})") from error
+        if len(raw) != size:
+            raise CorruptArtifact(f"{shard.file}: {name} has {len(raw)} bytes instead of {size}")
+        return np.frombuffer(raw, np.uint8).reshape(shape)
+
+    def _handle(self, shard: Shard) -> Any:
+        handles: dict[str, Any] | None = getattr(self._open, "handles", None)
+        if handles is None:
+            handles = self._open.handles = {}
+        if shard.file not in handles:
+            handles[shard.file] = safe_open(self.folder / shard.file, framework="numpy")
+        return handles[shard.file]

@@ -1,0 +1,81 @@
+"""Figures of a network on held-out frames, from pooled counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from valerie.labels import NUM_TRAIN_CLASSES, PERSON
+from valerie.perception.labelling import label_maps
+from valerie.perception.training.frames import TrainingFrame
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationFigures:
+    """Ratios in [0, 1] of counts pooled over all frames; None where undefined.
+
+    Attributes:
+        frames: number of frames.
+        person_pacc: recall of the person class.
+        person_precision, person_iou: likewise.
+        miou: mean IoU over the classes present in the truth.
+    """
+
+    frames: int
+    person_pacc: float | None
+    person_precision: float | None
+    person_iou: float | None
+    miou: float | None
+
+    def as_text(self) -> dict[str, str]:
+        """Header entries: ``held-out-…`` to a number with four decimals, or ``undefined``."""
+        ratios = {
+            "person-iou": self.person_iou,
+            "person-pacc": self.person_pacc,
+            "person-precision": self.person_precision,
+            "miou": self.miou,
+        }
+        shown = {f"held-out-{name}": "undefined" if x is None else f"{x:.4f}" for name, x in ratios.items()}
+        return {"held-out-frames": str(self.frames), **shown}
+
+
+def validate(network: nn.Module, frames: Sequence[TrainingFrame], mean: Tensor, std: Tensor) -> ValidationFigures:
+    """Predict whole frames exactly as `valerie.perception.torch_function` does, on the network's device in fp32.
+
+    The network is put into evaluation mode and back.
+    """
+    n = NUM_TRAIN_CLASSES
+    counts = np.zeros((n, n), np.int64)
+    training = network.training
+    network.eval()
+    with torch.inference_mode():
+        for frame in frames:
+            picture = torch.from_numpy(frame.picture.copy()).unsqueeze(0).to(mean.device)
+            predicted = label_maps(network, picture, mean, std)[0].cpu().numpy()
+            labelled = frame.train_ids < n
+            pairs = frame.train_ids[labelled].astype(np.int64) * n + predicted[labelled]
+            counts += np.bincount(pairs, minlength=n * n).reshape(n, n)
+    network.train(training)
+    return _figures(counts, len(frames))
+
+
+def _figures(counts: np.ndarray[tuple[int, int], np.dtype[np.int64]], frames: int) -> ValidationFigures:
+    tp, truth, predicted = np.diagonal(counts), counts.sum(axis=1), counts.sum(axis=0)
+    union = truth + predicted - tp
+    present = truth > 0
+    person = PERSON.train_id
+
+    def ratio(whole: int) -> float | None:
+        return int(tp[person]) / whole if whole else None
+
+    return ValidationFigures(
+        frames=frames,
+        person_pacc=ratio(int(truth[person])),
+        person_precision=ratio(int(predicted[person])),
+        person_iou=ratio(int(union[person])),
+        miou=float(np.mean(tp[present] / union[present])) if present.any() else None,
+    )
