@@ -1,0 +1,168 @@
+"""Text to plain data, with limits: what a spec from outside may look like before anyone looks at what it means.
+
+YAML is read as YAML 1.2 reads it where 1.1 surprises: ``no``, ``on`` and ``1:30`` are text, ``1e3`` is a number.
+Aliases
+and tags are refused: a spec needs neither, and both have been used to exhaust or subvert parsers.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Hashable
+from typing import Any, Final
+
+import yaml
+
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import MAX_MAGNITUDE
+
+MAX_BYTES: Final = 1 << 20
+MAX_DEPTH: Final = 20
+
+
+class _Loader(yaml.CSafeLoader):
+    """Safe YAML without aliases, tags and duplicate keys, with the scalars of YAML 1.2's core schema."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012  the base class's own, replaced and not extended
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        keys: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise InvalidInput(f"a key must be text (line {key_node.start_mark.line + 1})", value=key)
+            if key in keys:
+                raise InvalidInput(f"the key stands twice (line {key_node.start_mark.line + 1})", value=key)
+            keys.add(key)
+        return super().construct_mapping(node, deep)
+
+
+for _tag, _pattern, _first in (
+    ("null", r"~|null|", ["~", "n", ""]),
+    ("bool", r"true|True|false|False", list("tTfF")),
+    ("int", r"[-+]?[0-9]+", list("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        list("-+0123456789."),
+    ),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"(?:{_pattern})\Z"), _first)
+# 0123 is a decimal number here, as everywhere else.
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(str(node.value)))
+_Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: _float(str(node.value)))
+
+
+def load_document(source: str | bytes | dict[str, Any]) -> dict[str, Any]:
+    """Read a YAML or JSON document, or check one that was read already.
+
+    Returns:
+        plain dictionaries, lists, text, finite numbers and truth values; the caller's own.
+
+    Raises:
+        InvalidInput: larger than 1 MiB, not UTF-8, not YAML or JSON, nested more than 20 deep, no mapping, duplicate
+            keys, aliases, tags, or a number that is not finite or beyond ±10¹² (a whole-number ``seed`` may be larger).
+    """
+    data = _read(_text(source)) if isinstance(source, str | bytes) else source
+    if not isinstance(data, dict):
+        raise InvalidInput("the document is no mapping", value=type(data).__name__, limit="name: …, asset: …, vary: …")
+    checked = _checked(data, "", 1)
+    assert isinstance(checked, dict), "a mapping stays one"
+    return checked
+
+
+def _text(source: str | bytes) -> str:
+    size = len(source) if isinstance(source, bytes) else len(source.encode("utf-8", "surrogatepass"))
+    if size > MAX_BYTES:
+        raise InvalidInput("the document is too large", value=f"{size} bytes", limit=f"{MAX_BYTES} bytes")
+    try:
+        text = source.decode("utf-8") if isinstance(source, bytes) else source
+        text.encode("utf-8")
+    except (UnicodeDecodeError, UnicodeEncodeError) as error:
+        raise InvalidInput(f"the document is not UTF-8 ({error.reason}, byte {error.start})") from None
+    return text.removeprefix("\ufeff")
+
+
+def _read(text: str) -> Any:
+    if text.lstrip()[:1] in ("{", "["):
+        try:
+            return json.loads(text, object_pairs_hook=_pairs)
+        except RecursionError:
+            raise _too_deep() from None
+        except ValueError:
+            # Not JSON: YAML's flow style begins alike.
+            pass
+    try:
+        _check_events(text)
+        return yaml.load(text, Loader=_Loader)  # noqa: S506  a safe loader of our own
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f" (line {mark.line + 1}, column {mark.column + 1})" if mark is not None else ""
+        raise InvalidInput(f"not YAML or JSON: {error.problem or error.context}{place}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise InvalidInput(f"not YAML or JSON: {str(error).splitlines()[0]}") from None
+
+
+def _check_events(text: str) -> None:
+    depth = 0
+    documents = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        line = event.start_mark.line + 1 if event.start_mark is not None else 1
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+            raise InvalidInput(f"YAML anchors and aliases are not accepted (line {line})")
+        if getattr(event, "tag", None) is not None:
+            raise InvalidInput(f"YAML tags are not accepted (line {line})")
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                raise InvalidInput(f"more than one document (line {line})")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                raise _too_deep()
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise InvalidInput("the key stands twice", value=key)
+        found[key] = value
+    return found
+
+
+def _checked(value: Any, field: str, depth: int) -> Any:
+    if depth > MAX_DEPTH:
+        raise _too_deep()
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise InvalidInput("a key must be text", field=field, value=key)
+        return {key: _checked(item, f"{field}.{key}" if field else key, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_checked(item, f"{field}.{i}" if field else str(i), depth + 1) for i, item in enumerate(value)]
+    if isinstance(value, bool) or value is None:
+        return value
+    if isinstance(value, int | float):
+        if field == "seed" and isinstance(value, int):
+            return value
+        if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
+            shown = repr(value) if isinstance(value, float) else f"an integer of {value.bit_length()} bits"
+            raise InvalidInput("not a finite number of usable size", field=field, value=shown, limit=MAX_MAGNITUDE)
+        return value
+    if isinstance(value, str):
+        if "\x00" in value:
+            raise InvalidInput("text with a null character", field=field)
+        return value
+    raise InvalidInput(f"{type(value).__name__} has no place in a document", field=field)
+
+
+def _float(text: str) -> float:
+    return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+def _too_deep() -> InvalidInput:
+    return InvalidInput("the document is nested too deeply", limit=f"{MAX_DEPTH} levels")

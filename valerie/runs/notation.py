@@ -1,0 +1,218 @@
+"""The two notations of a spec, turned into the one form of `valerie.runs.documents`.
+
+The paper's lists::
+
+    parameters: [[p1, scene.person-1.pos.x, FLOAT, 0.0, 20.0]]
+    vary: [[p1, HOMOGENEOUS, 1.5, 5.5, 1.0]]
+
+and mappings with units::
+
+    parameters: {p1: {path: scene.person-1.pos.x, type: FLOAT, from: 0 m, to: 20 m}}
+    vary: {p1: {homogeneous: {from: 1.5 m, to: 5.5 m, step: 1 m}}}
+
+One block may be written at the top (``design``, ``count``, ``vary``, ``points``) instead of under ``blocks``. What is
+in the one form already passes unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.parameters.definitions import ParameterType
+
+_AT_TOP: Final = ("design", "count", "vary", "points")
+
+#: Distribution to (names of the numbers in list notation, the right form).
+_LISTS: Final = {
+    "HOMOGENEOUS": (("minimum", "maximum", "step"), "[{}, HOMOGENEOUS, minimum, maximum, step]"),
+    "GAUSSIAN": (("mean", "standard_deviation"), "[{}, GAUSSIAN, mean, standard_deviation]"),
+    "UNIFORM": (("minimum", "maximum"), "[{}, UNIFORM, minimum, maximum]"),
+    "CHOICE": ((), "[{}, CHOICE, value, value, …]"),
+    "CONSTANT": (("value",), "[{}, CONSTANT, value]"),
+}
+_COUNTED: Final = {
+    1: "{} takes one value",
+    2: "{} takes two numbers",
+    3: "{} takes three numbers",
+}
+#: Short words of the mapping notation.
+_WORDS: Final = {"from": "minimum", "to": "maximum", "sigma": "standard_deviation", "scene_graph_ref": "path"}
+
+
+def normalized(document: dict[str, Any]) -> dict[str, Any]:
+    """The document in its one form; other fields pass unchanged for the model to judge.
+
+    Raises:
+        InvalidInputs: every entry that is in neither notation.
+    """
+    normalization = Normalization(document)
+    if normalization.problems:
+        raise InvalidInputs(normalization.problems)
+    return normalization.document
+
+
+#: Reads one entry: as it was written, its name where a mapping gives one, its place.
+_Read = Callable[[Any, str | None, str], dict[str, Any]]
+
+
+class Normalization:
+    """A document in its one form, what was wrong with its notation, and where its parts were written.
+
+    Attributes:
+        document: the one form; a harmless entry stands in for each that has a problem, so that indexes stay.
+        problems: entries in neither notation.
+        places: dotted place in the one form to the place that the user wrote, where they differ.
+    """
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        self.problems: list[InvalidInput] = []
+        self.places: dict[str, str] = {}
+        self.document = self._spec(dict(document))
+
+    def _spec(self, found: dict[str, Any]) -> dict[str, Any]:
+        at_top: dict[str, Any] = {key: found.pop(key) for key in _AT_TOP if key in found}
+        blocks = found.get("blocks")
+        if at_top and "blocks" in found:
+            message = f"a spec has either blocks or {', '.join(at_top)} at the top"
+            self.problems.append(InvalidInput(message, field=next(iter(at_top))))
+        elif at_top:
+            self.places |= {f"blocks.0.{key}": key for key in _AT_TOP}
+            found["blocks"] = [self._block(at_top, "blocks.0.", "")]
+        elif isinstance(blocks, list | tuple):
+            found["blocks"] = [
+                self._block(block, f"blocks.{i}.", f"blocks.{i}.") if isinstance(block, dict) else block
+                for i, block in enumerate(blocks)
+            ]
+        if "parameters" in found:
+            found["parameters"] = self._entries(found["parameters"], "parameters", "parameters", _declared, _ANY_NAME)
+        asset = found.get("asset")
+        if isinstance(asset, dict) and set(asset) == {"name"}:
+            found["asset"] = asset["name"]
+        return found
+
+    def _block(self, block: dict[str, Any], place: str, written: str) -> dict[str, Any]:
+        found = dict(block)
+        if "vary" in found:
+            found["vary"] = self._entries(found["vary"], f"{place}vary", f"{written}vary", _varied, _ANY_VALUE)
+        return found
+
+    def _entries(self, given: Any, place: str, written: str, read: _Read, stand_in: dict[str, Any]) -> Any:
+        """A list of lists or objects, or a mapping, as a list of objects."""
+        if not isinstance(given, dict | list | tuple):
+            return given
+        pairs = list(given.items()) if isinstance(given, dict) else [(None, entry) for entry in given]
+        found: list[dict[str, Any]] = []
+        for i, (name, entry) in enumerate(pairs):
+            field = f"{written}.{i if name is None else name}"
+            self.places[f"{place}.{i}"] = field
+            try:
+                found.append(read(entry, name, field))
+            except InvalidInput as problem:
+                self.problems.append(problem)
+                found.append({key: f"{value}{i}" if key == "name" else value for key, value in stand_in.items()})
+        return found
+
+
+#: What stands in for an entry with a problem.
+_ANY_VALUE: Final = {"parameter": "?", "distribution": "CONSTANT", "value": 0}
+_ANY_NAME: Final = {"name": "?", "path": "?", "type": "FLOAT"}
+
+
+def _varied(entry: Any, name: str | None, field: str) -> Any:
+    if name is not None:
+        return _varied_mapping(entry, name, field)
+    if isinstance(entry, list | tuple):
+        return _varied_list(list(entry), field)
+    if isinstance(entry, dict):
+        if entry and all(value is None for value in entry.values()):
+            raise InvalidInput(
+                "curly brackets make a mapping: write the paper's list in square ones", field=field,
+                limit="[p1, HOMOGENEOUS, 1.5, 5.5, 1.0]",
+            )  # fmt: skip
+        if "parameter" not in entry and len(entry) == 1:
+            ((name, inner),) = entry.items()
+            return _varied_mapping(inner, str(name), field)
+        return _spelled(entry)
+    raise InvalidInput("not a varied parameter", field=field, value=entry, limit=_LISTS["HOMOGENEOUS"][1].format("p1"))
+
+
+def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
+    if len(entry) < 2 or not all(isinstance(word, str) for word in entry[:2]):
+        raise InvalidInput(
+            "a list names parameter, distribution and numbers", field=field, value=entry,
+            limit=_LISTS["HOMOGENEOUS"][1].format("p1"),
+        )  # fmt: skip
+    name, distribution = entry[0], _distribution(entry[1], field)
+    numbers = entry[2:]
+    words, form = _LISTS[distribution]
+    form = form.format(name)
+    if distribution == "CHOICE":
+        if len(numbers) == 1 and isinstance(numbers[0], list):
+            numbers = numbers[0]
+        return {"parameter": name, "distribution": distribution, "values": numbers}
+    if len(numbers) != len(words):
+        if distribution == "GAUSSIAN" and len(numbers) == 3:
+            form += f" or {name}: {{gaussian: {{mean: …, sigma: …, count: …}}}}"
+        raise InvalidInput(
+            _COUNTED[len(words)].format(distribution), field=field, value=entry,
+            limit=form,
+        )  # fmt: skip
+    return {"parameter": name, "distribution": distribution, **dict(zip(words, numbers, strict=True))}
+
+
+def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
+    form = f"{name}: {{homogeneous: {{from: …, to: …, step: …}}}}"
+    if isinstance(entry, dict) and "distribution" in entry:
+        return {"parameter": name, **_spelled(entry)}
+    if not isinstance(entry, dict) or len(entry) != 1:
+        raise InvalidInput("a varied parameter has one distribution", field=field, value=entry, limit=form)
+    ((word, arguments),) = entry.items()
+    distribution = _distribution(word, field)
+    if distribution == "CHOICE" and isinstance(arguments, list | tuple):
+        arguments = {"values": arguments}
+    elif distribution == "CONSTANT" and not isinstance(arguments, dict):
+        arguments = {"value": arguments}
+    elif arguments is None:
+        arguments = {}
+    if not isinstance(arguments, dict):
+        raise InvalidInput(f"{word} takes a mapping", field=f"{field}.{word}", value=arguments, limit=form)
+    return {"parameter": name, "distribution": distribution, **_spelled(arguments)}
+
+
+def _declared(entry: Any, name: str | None, field: str) -> Any:
+    form = "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
+    if isinstance(entry, dict):
+        named = _spelled(entry)
+        return named if name is None else {"name": name, **named}
+    if name is not None or not isinstance(entry, list | tuple):
+        raise InvalidInput("not a parameter declaration", field=field, value=entry, limit=form)
+    words: dict[str, Any] = dict(zip(("name", "path", "type"), entry, strict=False))
+    rest = list(entry[3:])
+    if words.get("type") == ParameterType.CATEGORICAL:
+        choices = rest[0] if len(rest) == 1 and isinstance(rest[0], list) else rest
+        return {**words, "choices": choices}
+    if len(words) < 3 or len(rest) not in (0, 2):
+        raise InvalidInput("a declaration has three or five entries", field=field, value=list(entry), limit=form)
+    return {**words, **dict(zip(("minimum", "maximum"), rest, strict=False))}
+
+
+def _distribution(word: Any, field: str) -> str:
+    distribution = str(word).upper()
+    if distribution not in _LISTS:
+        raise UnknownName("distribution", str(word), (*_LISTS, *(name.lower() for name in _LISTS)), field=field)
+    return distribution
+
+
+def _spelled(entry: dict[str, Any]) -> dict[str, Any]:
+    """The entry with the long words of the model instead of the short ones of people."""
+    found: dict[str, Any] = {}
+    for key, value in entry.items():
+        word = _WORDS.get(key, key)
+        if word in found:
+            raise InvalidInput("given twice", field=key, value=value)
+        found[word] = value
+    if isinstance(found.get("distribution"), str):
+        found["distribution"] = found["distribution"].upper()
+    return found

@@ -1,0 +1,141 @@
+r"""Specs: read one from text, resolve it against its asset. The door of this package.
+
+>>> spec = parse("name: first\nasset: urban-street\nvary: [[person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]]")
+>>> manifest, asset_digest = asset_manifest(spec.asset)
+>>> len(resolve(spec, manifest, asset_digest=asset_digest).space)
+5
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.runs.documents import (
+    BlockDocument,
+    DeclaredParameter,
+    Requirement,
+    Resolution,
+    RunSpec,
+    Varied,
+    written_place,
+)
+from valerie.runs.loading import load_document
+from valerie.runs.notation import Normalization
+from valerie.runs.resolution import MAX_VARIANTS, ResolvedRun, resolve
+
+__all__ = [
+    "MAX_VARIANTS",
+    "BlockDocument",
+    "DeclaredParameter",
+    "Requirement",
+    "Resolution",
+    "ResolvedRun",
+    "RunSpec",
+    "parse",
+    "resolve",
+]
+
+#: Tags that pydantic puts into the places of problems in a discriminated union.
+_TAGS: Final = frozenset({"HOMOGENEOUS", "GAUSSIAN", "UNIFORM", "CHOICE", "CONSTANT"})
+_PLAIN: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
+
+
+def parse(source: str | bytes | dict[str, Any] | RunSpec) -> RunSpec:
+    """Read a spec in either notation.
+
+    Args:
+        source: YAML or JSON text, or a document that was read already.
+
+    Raises:
+        InvalidInput: the text is no usable document (see `valerie.runs.loading`).
+        InvalidInputs: every problem of the document, each with its dotted field.
+    """
+    if isinstance(source, RunSpec):
+        return source
+    document = load_document(source)
+    normalization = Normalization(document)
+    problems = normalization.problems
+    spec: RunSpec | None = None
+    try:
+        spec = RunSpec.model_validate(normalization.document)
+    except ValidationError as error:
+        problems += _problems(error, normalization.places)
+    except InvalidInputs as error:
+        problems += error.problems
+    if spec is None or problems:
+        raise InvalidInputs(problems)
+    return spec.written_at(normalization.places)
+
+
+def _problems(error: ValidationError, places: Mapping[str, str]) -> list[InvalidInput]:
+    found: dict[str, InvalidInput] = {}
+    for problem in error.errors(include_url=False):
+        if problem["type"] == "too_short" and problem["input"]:
+            continue  # its items were wrong, and are reported themselves
+        loc = [part for part in problem["loc"] if part not in _TAGS and part not in _PLAIN]
+        place = written_place(".".join(map(str, loc)), places)
+        # A union reports one problem for each of its members; one is enough.
+        found.setdefault(place, _problem(problem, place))
+    return list(found.values())
+
+
+def _problem(problem: Any, place: str) -> InvalidInput:
+    given, limit = problem["input"], problem.get("ctx", {})
+    if problem["type"] == "extra_forbidden":
+        *parents, name = problem["loc"]
+        return UnknownName("field", str(name), _fields(parents), field=place)
+    if problem["type"] == "missing":
+        return InvalidInput("this field is missing", field=place)
+    bound = next((f"{sign} {limit[key]}" for key, sign in _BOUNDS.items() if key in limit), None)
+    message = _MESSAGES.get(problem["type"], problem["msg"][:1].lower() + problem["msg"][1:])
+    return InvalidInput(message, field=place, value=None if isinstance(given, dict) else given, limit=bound)
+
+
+_BOUNDS: Final = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<", "max_length": "at most", "min_length": "at least"}
+_MESSAGES: Final = {
+    **dict.fromkeys(
+        (
+            "greater_than",
+            "greater_than_equal",
+            "less_than",
+            "less_than_equal",
+            "too_long",
+            "too_short",
+            "string_too_long",
+            "string_too_short",
+        ),
+        "out of bounds",
+    ),
+    "int_type": "a whole number is needed here",
+    "float_type": "a number is needed here",
+    "string_type": "text is needed here",
+    "bool_type": "true or false is needed here",
+    "tuple_type": "a list is needed here",
+    "dict_type": "a mapping is needed here",
+    "union_tag_not_found": "a distribution is needed here",
+}
+
+
+def _fields(parents: list[Any]) -> list[str]:
+    """The fields that the model at ``parents`` has."""
+    model: type[BaseModel] = RunSpec
+    for part in parents:
+        if part in _TAGS:
+            model = next(m for m in get_args(get_args(Varied)[0]) if get_args(_annotation(m))[0] == part)
+        elif part in model.model_fields:
+            model = next(iter(_models(model.model_fields[part].annotation)), model)
+    return list(model.model_fields)
+
+
+def _annotation(model: type[BaseModel]) -> Any:
+    return model.model_fields["distribution"].annotation
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models(argument)]

@@ -1,0 +1,85 @@
+"""States, kinds and queues: the words that rows, messages, REST and people share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class RunState(StrEnum):
+    """Where a run is in its life."""
+
+    #: Stored; waits for workers that offer what it needs, then its numeric classes are pinned.
+    SUBMITTED = "submitted"
+    #: Its products are written, computed and counted.
+    RUNNING = "running"
+    #: Stopped with a reason (a full disk) and resumed by itself or on request.
+    PAUSED = "paused"
+    #: Every product is done or failed; one process writes summary and report.
+    FINISHING = "finishing"
+    COMPLETED = "completed"
+    #: Ended, and some products failed for good.
+    COMPLETED_WITH_FAILURES = "completed-with-failures"
+    #: Stopped on request; what was done stays.
+    CANCELLED = "cancelled"
+    #: The run itself could not go on; the reason says why.
+    FAILED = "failed"
+
+    @property
+    def is_final(self) -> bool:
+        """Whether nothing happens any more unless someone asks (resume, retry)."""
+        return self in (self.COMPLETED, self.COMPLETED_WITH_FAILURES, self.CANCELLED, self.FAILED)
+
+
+class VariantState(StrEnum):
+    """Whether frames are made of a variant."""
+
+    ACCEPTED = "accepted"
+    #: Illegal or excluded by a constraint; the reason is recorded, and no frame is made.
+    REJECTED = "rejected"
+
+
+class ProductState(StrEnum):
+    """Where a product is."""
+
+    #: An input is not done yet.
+    WAITING = "waiting"
+    #: Can be claimed.
+    READY = "ready"
+    #: Leased by a worker.
+    RUNNING = "running"
+    #: Stored.
+    DONE = "done"
+    #: Failed for good, with stage, error and attempts.
+    FAILED = "failed"
+    #: Not wanted by any running run at the moment.
+    PARKED = "parked"
+
+
+class ProductKind(StrEnum):
+    """What a product is; each has a digest of its true inputs (see `valerie.runs.inputs`)."""
+
+    #: The linear image without movables.
+    BACKGROUND = "background"
+    #: The part of the linear image that the movables change.
+    LAYER = "layer"
+    #: Class, instance and depth maps, amodal masks, visibility.
+    TRUTH = "truth"
+    #: A function's map of train ids.
+    PREDICTION = "prediction"
+    #: Confusion counts of a prediction against a truth.
+    EVALUATION = "evaluation"
+
+    @property
+    def stage(self) -> Stage:
+        """The stage whose workers make it."""
+        if self is ProductKind.PREDICTION:
+            return Stage.INFER
+        return Stage.EVAL if self is ProductKind.EVALUATION else Stage.RENDER
+
+
+class Stage(StrEnum):
+    """A stage of the pipeline; its queues begin with its name (``render.<numeric class>``)."""
+
+    RENDER = "render"
+    INFER = "infer"
+    EVAL = "eval"
