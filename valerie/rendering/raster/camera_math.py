@@ -1,0 +1,157 @@
+"""Matrices of the pin-hole camera and of orthographic light views; numpy only, float64.
+
+Clip space is OpenGL's (−w ≤ x, y, z ≤ w). Pixel coordinates have their origin at the image's top left corner, so that the
+centre of the first pixel is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import View
+from valerie.scene.model import Camera, Matrix
+
+Points = NDArray[np.float64]
+
+
+def view_from_world(camera: Camera) -> Matrix:
+    """(4, 4) world to camera; the camera looks along −z."""
+    inverse: Matrix = np.linalg.inv(camera.transform)
+    return inverse
+
+
+def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_y: int = 0) -> Matrix:
+    """(4, 4) camera to clip space, square pixels, principal point in the middle.
+
+    ``pad_x`` and ``pad_y`` widen the canvas by that many pixels on each side of the same pixel grid: a point that falls on
+    pixel (u, v) of the image falls on (u + pad_x, v + pad_y) of the canvas.
+    """
+    focal = camera.focal_length_px(width)
+    near, far = camera.near, camera.far
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = 2 * focal / (width + 2 * pad_x)
+    matrix[1, 1] = 2 * focal / (height + 2 * pad_y)
+    matrix[2, 2] = -(far + near) / (far - near)
+    matrix[2, 3] = -2 * far * near / (far - near)
+    matrix[3, 2] = -1
+    return matrix
+
+
+def project(points: Points, camera: Camera, width: int, height: int) -> Points:
+    """World points (N, 3) in front of the camera to (N, 3): pixel x, pixel y, depth along the optical axis in metres."""
+    matrix = view_from_world(camera)
+    seen = points @ matrix[:3, :3].T + matrix[:3, 3]
+    focal = camera.focal_length_px(width)
+    depth = -seen[:, 2]
+    return np.stack([width / 2 + focal * seen[:, 0] / depth, height / 2 - focal * seen[:, 1] / depth, depth], axis=1)
+
+
+def box_corners(low: Points, high: Points) -> Points:
+    """(8, 3) corners of an axis-parallel box."""
+    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+
+
+def clip_hull(points: Points, normal: Points, offset: float) -> Points:
+    """Points whose convex hull is that of ``points`` cut by the half space normal·p ≥ offset; (0, 3) if nothing is left.
+
+    Every edge of a hull joins two of its points, so the points on the kept side and the crossings of all pairs with the
+    plane span the cut hull (and nothing more, since pairs lie inside).
+    """
+    height = points @ normal - offset
+    inside, outside = height >= 0, height < 0
+    kept, cut = points[inside], points[outside]
+    share = height[inside][:, None] / (height[inside][:, None] - height[outside][None, :])
+    crossings = kept[:, None] + (cut[None] - kept[:, None]) * share[..., None]
+    return np.concatenate([kept, crossings.reshape(-1, 3)])
+
+
+def seen_points(camera: Camera, view: View, low: Points, high: Points, farthest: float) -> Points:
+    """(N, 3) world points that span what a camera sees of a box up to a depth; (0, 3) if it sees nothing of it.
+
+    They are where a grid of 17 × 17 rays, the image's corners among them, enters and leaves the box.
+    """
+    edge = np.linspace(-0.5, 0.5, 17)
+    focal = camera.focal_length_px(view.width)
+    x, y = (part.ravel() for part in np.meshgrid(edge * view.width / focal, edge * view.height / focal))
+    rays = np.stack([x, y, np.full_like(x, -1.0)], axis=1) @ camera.transform[:3, :3].T
+    rays[rays == 0] = 1e-12
+    first, second = (low - camera.position) / rays, (high - camera.position) / rays
+    enter = np.maximum(np.minimum(first, second).max(axis=1), camera.near)
+    leave = np.minimum(np.maximum(first, second).min(axis=1), farthest)
+    hits = enter < leave
+    spans = np.concatenate([enter[hits], leave[hits]])[:, None]
+    points: Points = camera.position + np.concatenate([rays[hits], rays[hits]]) * spans
+    return points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightView:
+    """An orthographic box around receivers and casters, seen along a direction.
+
+    Attributes:
+        rows: (3, 3) orthonormal; rows are the box's first, second and depth axis in the world. Depth grows away from
+            the light.
+        origin: (3,) metres, the box's low corner in those axes.
+        extent: (3,) metres.
+    """
+
+    rows: Matrix
+    origin: Points
+    extent: Points
+
+    @property
+    def clip_from_world(self) -> Matrix:
+        """(4, 4) world to clip space of the box."""
+        matrix = np.eye(4)
+        scale = 2 / self.extent
+        matrix[:3, :3] = self.rows * scale[:, None]
+        matrix[:3, 3] = -self.origin * scale - 1
+        return matrix
+
+
+def light_axes(toward_light: Points) -> Matrix:
+    """(3, 3) rows of a frame whose third axis points away from the light; the second follows the world's y if it can."""
+    depth = -toward_light / np.linalg.norm(toward_light)
+    reference = np.array([0.0, 1.0, 0.0]) if abs(depth[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    first = np.cross(reference, depth)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(depth, first), depth])
+
+
+def turned_to_fit(rows: Matrix, points: Points) -> Matrix:
+    """The frame turned about its depth axis so that the points' bounding rectangle is smallest (in steps of 3°)."""
+    flat = points @ rows[:2].T
+    best, best_area = 0.0, np.inf
+    for angle in np.deg2rad(np.arange(0, 90, 3)):
+        cosine, sine = np.cos(angle), np.sin(angle)
+        spread = np.ptp(flat @ np.array([[cosine, -sine], [sine, cosine]]), axis=0)
+        area = float(spread[0] * spread[1])
+        if area < best_area - 1e-9:
+            best, best_area = float(angle), area
+    cosine, sine = np.cos(best), np.sin(best)
+    turned = rows.copy()
+    turned[0] = cosine * rows[0] + sine * rows[1]
+    turned[1] = -sine * rows[0] + cosine * rows[1]
+    return turned
+
+
+def fit_light_view(rows: Matrix, receivers: Points, casters: Points, resolution: int, border: float) -> LightView:
+    """The box around ``receivers`` across and around both along the light.
+
+    Args:
+        rows: frame of `light_axes`, perhaps turned.
+        receivers: (N, 3) world points that must be inside.
+        casters: (M, 3) world points whose depth must be inside.
+        resolution: texels per side; the origin is snapped to whole texels, so that neighbouring views share them.
+        border: metres added on each side.
+    """
+    seen, cast = receivers @ rows.T, casters @ rows.T
+    low, high = seen.min(axis=0) - border, seen.max(axis=0) + border
+    low[2] = min(low[2], float(cast[:, 2].min()) - border)
+    high[2] = max(high[2], float(cast[:, 2].max()) + border)
+    texel = (high[:2] - low[:2]) / (resolution - 2)
+    low[:2] = np.floor(low[:2] / texel) * texel
+    return LightView(rows, low, np.array([*(texel * resolution), high[2] - low[2]]))

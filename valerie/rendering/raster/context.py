@@ -1,0 +1,99 @@
+"""The OpenGL context of this process, and the programs compiled in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
+from typing import Final
+
+import moderngl
+
+from valerie.errors import MissingDependency
+from valerie.rendering.raster.scenes import SceneStore
+
+_SHADERS: Final = files("valerie.rendering.raster") / "shaders"
+_INCLUDE: Final = re.compile(r'^#include "([a-z_]+\.glsl)"$', re.MULTILINE)
+
+
+def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
+    """A shader of this package with its includes put in and ``defines`` set, ready to compile.
+
+    Args:
+        name: file below ``shaders/`` without ``.glsl``, e.g. ``lighting.frag``.
+        defines: preprocessor symbols and their values.
+    """
+    text = (_SHADERS / f"{name}.glsl").read_text("utf-8")
+    text = _INCLUDE.sub(lambda match: (_SHADERS / match.group(1)).read_text("utf-8"), text)
+    head = "".join(f"#define {symbol} {value}\n" for symbol, value in (defines or {}).items())
+    return f"#version 430 core\n{head}{text}"
+
+
+class GraphicsContext:
+    """One headless OpenGL 4.3 context (EGL): llvmpipe without a GPU, the vendor's driver with one; the same code.
+
+    Make one per process and hand it to `RasterRenderer` and `TruthPass`, which then share uploaded scenes (`process_context`
+    does that). All drawing happens inside `current`, so that another library's context in the process is not disturbed.
+
+    Raises:
+        MissingDependency: no EGL library or no driver for OpenGL 4.3.
+    """
+
+    def __init__(self) -> None:
+        try:
+            self.gl: moderngl.Context = moderngl.create_context(standalone=True, backend="egl", require=430)
+        except Exception as error:
+            raise MissingDependency(
+                f"no OpenGL 4.3 context through EGL ({error}); on Debian or Ubuntu: "
+                "apt-get install libegl1 libgl1 libgl1-mesa-dri libegl-mesa0"
+            ) from error
+        self.numeric_class = numeric_class(self.gl.info["GL_RENDERER"], self.gl.info["GL_VERSION"])
+        self._programs: dict[tuple[str, str, tuple[tuple[str, int], ...]], moderngl.Program] = {}
+        self.scenes = SceneStore(self.gl)
+        self.closed = False
+
+    @contextmanager
+    def current(self) -> Iterator[moderngl.Context]:
+        """Make this context the current one of the thread, and give the previous one back afterwards."""
+        with self.gl:
+            yield self.gl
+
+    def program(self, vertex: str, fragment: str, **defines: int) -> moderngl.Program:
+        """The program of two shader files; compiled at the first call."""
+        key = (vertex, fragment, tuple(sorted(defines.items())))
+        found = self._programs.get(key)
+        if found is None:
+            found = self.gl.program(
+                vertex_shader=shader_source(vertex, defines), fragment_shader=shader_source(fragment, defines)
+            )
+            self._programs[key] = found
+        return found
+
+    def close(self) -> None:
+        """Free the context and all that lives in it."""
+        if not self.closed:
+            self.closed = True
+            with self.gl:
+                self.scenes.release()
+                for program in self._programs.values():
+                    program.release()
+            self._programs.clear()
+            self.gl.release()
+
+
+@cache
+def process_context() -> GraphicsContext:
+    """The one context of this process, made at the first call."""
+    return GraphicsContext()
+
+
+def numeric_class(renderer: str, version: str) -> str:
+    """A name for the arithmetic of a driver, in ``[a-z0-9.-]``: renderer (with its SIMD width) and driver version.
+
+    ``llvmpipe (LLVM 15.0.6, 256 bits)`` and ``4.5 (Core Profile) Mesa 22.3.6`` give
+    ``llvmpipe-llvm-15.0.6-256-bits-mesa-22.3.6``.
+    """
+    driver = re.sub(r"^[\d.]+\s*(\([^)]*\))?", "", version)
+    return re.sub(r"[^a-z0-9.]+", "-", f"{renderer} {driver}".lower()).strip("-")

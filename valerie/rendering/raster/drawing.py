@@ -1,0 +1,94 @@
+"""Drawing surfaces: which program and which state each kind of surface needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import moderngl
+
+from valerie.rendering.raster.materials import SurfaceKind
+from valerie.rendering.raster.targets import bind, set_uniforms
+
+if TYPE_CHECKING:
+    from valerie.rendering.raster.context import GraphicsContext
+    from valerie.rendering.raster.movable_geometry import PlacedMesh
+    from valerie.rendering.raster.scenes import Statics
+    from valerie.rendering.raster.textures import TextureSet
+
+
+class SurfaceDrawer:
+    """Draws statics and movables with one fragment shader.
+
+    Args:
+        context: owns programs; current in every call.
+        fragment: the shader file, e.g. ``surface.frag``.
+        colors: whether it reads colour and normal textures (else only the alpha of cut surfaces).
+        depth_test: False draws over everything.
+        all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
+    """
+
+    def __init__(
+        self,
+        context: GraphicsContext,
+        fragment: str,
+        *,
+        colors: bool = False,
+        depth_test: bool = True,
+        all_faces: bool = False,
+    ) -> None:
+        self._context = context
+        self._fragment = fragment
+        self._colors = colors
+        self._depth_test = depth_test
+        self._all_faces = all_faces
+
+    def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
+        """Draw all statics into the target in use."""
+        geometry = statics.geometry
+        for batch in geometry.batches if self._colors else geometry.whole:
+            program = self._ready(batch.kind, statics.textures, table, values, movable=False)
+            geometry.array(program).render(moderngl.TRIANGLES, vertices=batch.count, first=batch.first)
+
+    def movables(
+        self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Mapping[str, Any]
+    ) -> None:
+        """Draw placed meshes into the target in use."""
+        for mesh in placed:
+            mesh.draw(self._ready(mesh.kind, textures, table, values, movable=True))
+
+    def _ready(
+        self,
+        kind: SurfaceKind,
+        textures: TextureSet,
+        table: moderngl.Texture,
+        values: Mapping[str, Any],
+        *,
+        movable: bool,
+    ) -> moderngl.Program:
+        gl = self._context.gl
+        defines = {"MOVABLE": 1} if movable else {}
+        bound: dict[str, Any] = {"material_table": table}
+        if kind.color_side and (self._colors or kind.cut):
+            defines["COLOR_TEXTURE"] = 1
+            bound["color_textures"] = textures.arrays[kind.color_side]
+        if kind.normal_side and self._colors:
+            defines["NORMAL_TEXTURE"] = 1
+            bound["normal_textures"] = textures.arrays[kind.normal_side]
+        if kind.cut:
+            defines["CUT"] = 1
+        program = self._context.program("geometry.vert", self._fragment, **defines)
+        flags = moderngl.DEPTH_TEST if self._depth_test else moderngl.NOTHING
+        if not (kind.double_sided or self._all_faces):
+            flags |= moderngl.CULL_FACE
+        gl.enable_only(flags)
+        bind(program, bound)
+        set_uniforms(program, values)
+        return program
+
+
+def table_texture(gl: moderngl.Context, table: Any) -> moderngl.Texture:
+    """The material table, (N, 4, 4) float32, as a texture of N rows."""
+    texture = gl.texture((table.shape[1], table.shape[0]), 4, table.tobytes(), dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture

@@ -1,0 +1,85 @@
+"""What of a scene is drawn: world transforms, inherited visibility, statics apart from movables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.rendering.base import View
+from valerie.scene.model import Camera, Matrix, Mesh, Node, Scene
+
+#: Largest image side: the padded and supersampled canvases have twice as many pixels a side, drivers allow 16,384.
+MAX_PIXELS: Final = 8192
+_IDENTITY: Final[Matrix] = np.eye(4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawItem:
+    """One node's meshes in the world.
+
+    Attributes:
+        world: (4, 4) float64 object to world.
+    """
+
+    node: Node
+    world: Matrix
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        return self.node.meshes
+
+
+def draw_items(scene: Scene, *, movable: bool) -> tuple[DrawItem, ...]:
+    """The visible nodes with meshes that are movable (or not), in the scene's order.
+
+    A node is drawn if it and all its ancestors are visible.
+    """
+    worlds: dict[str, Matrix | None] = {}
+
+    def world_of(node: Node) -> Matrix | None:
+        if node.path not in worlds:
+            parent = scene.nodes.get(node.parent)
+            above = _IDENTITY if parent is None else world_of(parent)
+            worlds[node.path] = above @ node.transform if node.visible and above is not None else None
+        return worlds[node.path]
+
+    items: list[DrawItem] = []
+    for node in scene.nodes.values():
+        if node.meshes and node.movable == movable:
+            world = world_of(node)
+            if world is not None:
+                items.append(DrawItem(node, world))
+    return tuple(items)
+
+
+def camera_of(scene: Scene, view: View) -> Camera:
+    """The camera that a view names.
+
+    Raises:
+        UnknownName: the scene has no such camera.
+        InvalidInput: the image has no pixels, or too many for the graphics library.
+    """
+    for name in ("width", "height"):
+        pixels = getattr(view, name)
+        if not 1 <= pixels <= MAX_PIXELS:
+            raise InvalidInput("image size out of range", field=name, value=pixels, limit=f"1…{MAX_PIXELS}")
+    try:
+        return scene.cameras[view.camera]
+    except KeyError:
+        raise UnknownName("camera", view.camera, scene.cameras, field="camera") from None
+
+
+def camera_key(camera: Camera, view: View) -> tuple[object, ...]:
+    """All that decides where a point falls in the image."""
+    lens = (camera.focal_length_mm, camera.sensor_width_mm, camera.near, camera.far)
+    return (camera.transform.tobytes(), *lens, view.width, view.height)
+
+
+def normal_matrix(world: Matrix) -> NDArray[np.float32]:
+    """(3, 3) float32 that turns normals as ``world`` turns surfaces (inverse transpose)."""
+    turned: NDArray[np.float32] = np.linalg.inv(world[:3, :3]).T.astype(np.float32)
+    return turned

@@ -1,0 +1,72 @@
+"""Materials as rows of a float texture, read by index in the shaders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import RenderingError
+from valerie.rendering.raster.textures import TextureSet
+from valerie.scene.model import Material, Mesh, Scene
+
+#: RGBA texels per material.
+TEXELS: Final = 4
+#: Share of light that a thin sheet (`Material.double_sided`: leaf, cloth, paper) lets through, in its own colour.
+TRANSLUCENCY: Final = 0.35
+
+
+class SurfaceKind(NamedTuple):
+    """What decides which program and state draws a material; meshes of one kind share a draw call.
+
+    Attributes:
+        color_side, normal_side: texture array sides, 0 for none.
+        double_sided: back faces are drawn.
+        cut: texels with low alpha are cut.
+    """
+
+    color_side: int
+    normal_side: int
+    double_sided: bool
+    cut: bool
+
+
+def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
+    """The material that a mesh names.
+
+    Raises:
+        RenderingError: the scene has no such material, or the material names a texture that the scene lacks.
+    """
+    material = scene.materials.get(mesh.material)
+    if material is None:
+        raise RenderingError(f"{path}: the scene has no material {mesh.material!r}")
+    for texture in (material.base_color_texture, material.normal_texture):
+        if texture is not None and texture not in scene.textures:
+            raise RenderingError(f"{path}: material {material.name!r} names texture {texture!r}, which is not there")
+    return material
+
+
+def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
+    """The kind of a material."""
+    cut = material.alpha_cutoff is not None and material.base_color_texture is not None
+    return SurfaceKind(
+        textures.side(material.base_color_texture), textures.side(material.normal_texture), material.double_sided, cut
+    )
+
+
+def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
+    """(N, 4, 4) float32: per material four RGBA texels.
+
+    0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
+    3: layers of the colour and of the normal texture, 0, 0.
+    """
+    table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
+    for row, material in zip(table, materials, strict=False):
+        row[0] = (*material.base_color, material.alpha_cutoff or 0.0)
+        row[1] = (material.roughness, material.metallic, material.specular, material.specular_tint)
+        row[2] = (*material.emissive, TRANSLUCENCY if material.double_sided else 0.0)
+        for column, name in enumerate((material.base_color_texture, material.normal_texture)):
+            row[3, column] = textures.slots[name].layer if name is not None else 0
+    return table

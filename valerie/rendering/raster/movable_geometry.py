@@ -1,0 +1,96 @@
+"""What moves: one set of buffers per mesh, drawn with a world matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.camera_math import Points, box_corners
+from valerie.rendering.raster.drawlist import DrawItem, normal_matrix
+from valerie.rendering.raster.materials import SurfaceKind
+from valerie.rendering.raster.static_geometry import ATTRIBUTES
+from valerie.scene.model import Mesh
+
+
+class MeshBuffers:
+    """One mesh on the graphics card, in its own coordinates.
+
+    Attributes:
+        mesh: kept alive, since the cache that holds these buffers goes by its identity.
+        corners: (8, 3) corners of the mesh's own bounding box.
+    """
+
+    def __init__(self, gl: moderngl.Context, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self._gl = gl
+        self.corners: Points = box_corners(
+            mesh.positions.min(axis=0).astype(np.float64), mesh.positions.max(axis=0).astype(np.float64)
+        )
+        self._buffers = {
+            name: gl.buffer(np.ascontiguousarray(array).tobytes())
+            for name, array in (("in_position", mesh.positions), ("in_normal", mesh.normals), ("in_uv", mesh.uvs))
+        }
+        self._indices = gl.buffer(np.ascontiguousarray(mesh.faces).tobytes())
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+
+    def array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """The vertex array of a program, with those attributes that it reads."""
+        found = self._arrays.get(program.glo)
+        if found is None:
+            content = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
+            found = self._gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4)
+            self._arrays[program.glo] = found
+        return found
+
+    def release(self) -> None:
+        """Free the buffers."""
+        for array in self._arrays.values():
+            array.release()
+        for buffer in (*self._buffers.values(), self._indices):
+            buffer.release()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedMesh:
+    """A mesh at its place in the world.
+
+    Attributes:
+        row: of its material in the material table.
+        corners: (8, 3) metres, corners of its (turned) bounding box in the world.
+    """
+
+    buffers: MeshBuffers
+    item: DrawItem
+    kind: SurfaceKind
+    row: int
+    corners: Points
+
+    @classmethod
+    def place(cls, buffers: MeshBuffers, item: DrawItem, kind: SurfaceKind, row: int) -> PlacedMesh:
+        corners = buffers.corners @ item.world[:3, :3].T + item.world[:3, 3]
+        return cls(buffers, item, kind, row, corners)
+
+    def draw(self, program: moderngl.Program) -> None:
+        """Draw with ``program``, whose other uniforms are set."""
+        world = self.item.world.astype(np.float32)
+        set_uniform(program, "world", world)
+        set_uniform(program, "normal_matrix", normal_matrix(self.item.world))
+        if "ids" in program:
+            program["ids"].value = (self.row, self.item.node.label_id, self.item.node.instance_id)
+        self._gl_front_face(mirrored=bool(np.linalg.det(self.item.world[:3, :3]) < 0), program=program)
+
+    def _gl_front_face(self, *, mirrored: bool, program: moderngl.Program) -> None:
+        gl = program.ctx
+        gl.front_face = "cw" if mirrored else "ccw"
+        self.buffers.array(program).render()
+        gl.front_face = "ccw"
+
+
+def set_uniform(program: moderngl.Program, name: str, matrix: NDArray[np.float32] | Points) -> None:
+    """Write a matrix (row-major here, column-major in GLSL) or a vector, if the program uses it."""
+    if name in program:
+        values = np.asarray(matrix, np.float32)
+        program[name].write(np.ascontiguousarray(values.T if values.ndim == 2 else values).tobytes())

@@ -1,0 +1,147 @@
+"""Scenes on the graphics card: what was uploaded is found again by the identity of meshes and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.cache import LeastRecentlyUsed
+from valerie.rendering.raster.drawlist import DrawItem, draw_items
+from valerie.rendering.raster.materials import SurfaceKind, material_of, material_table, surface_kind
+from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
+from valerie.rendering.raster.static_geometry import StaticGeometry
+from valerie.rendering.raster.textures import TextureSet
+from valerie.scene.model import Material, Node, Scene
+
+#: Assets kept on the graphics card (a worker renders groups of variants of one asset).
+ASSETS: Final = 2
+#: Movable meshes kept.
+MESHES: Final = 256
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statics:
+    """The part of a scene that does not move.
+
+    Attributes:
+        nodes: the nodes it was made of, in order; compared by identity.
+        key: differs for statics that differ in shape or in what of their materials is baked into the G-buffer.
+        materials: of the statics, in the order of their rows.
+    """
+
+    nodes: tuple[Node, ...]
+    geometry: StaticGeometry
+    textures: TextureSet
+    materials: tuple[Material, ...]
+    key: Hashable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """One scene ready to be drawn.
+
+    Attributes:
+        placed: the movables' meshes at their places; their rows follow the statics' in ``materials``.
+        materials: rows of the material table.
+    """
+
+    scene: Scene
+    statics: Statics
+    placed: tuple[PlacedMesh, ...]
+    materials: tuple[Material, ...]
+
+    def table(self) -> NDArray[np.float32]:
+        """The material table, (N, 4, 4) float32."""
+        return material_table(self.materials, self.statics.textures)
+
+
+class SceneStore:
+    """Uploads scenes, and keeps what it uploaded for the next scene of the same asset.
+
+    Args:
+        gl: the context that is current in every call.
+    """
+
+    def __init__(self, gl: moderngl.Context) -> None:
+        self._gl = gl
+        self._textures: LeastRecentlyUsed[TextureSet] = LeastRecentlyUsed(ASSETS)
+        self._geometries: LeastRecentlyUsed[StaticGeometry] = LeastRecentlyUsed(ASSETS)
+        self._meshes: LeastRecentlyUsed[MeshBuffers] = LeastRecentlyUsed(MESHES)
+        self._last: Statics | None = None
+
+    def prepare(self, scene: Scene, *, movables: bool = True) -> Prepared:
+        """The scene's geometry on the card; without its movables if told so."""
+        statics = self._statics(scene)
+        materials = list(statics.materials)
+        placed = self.place(scene, draw_items(scene, movable=True), statics, materials) if movables else ()
+        return Prepared(scene, statics, placed, tuple(materials))
+
+    def place(
+        self, scene: Scene, items: Sequence[DrawItem], statics: Statics, materials: list[Material]
+    ) -> tuple[PlacedMesh, ...]:
+        """Upload single meshes and put them at their places; their materials are appended to ``materials``."""
+        placed: list[PlacedMesh] = []
+        for item in items:
+            for mesh in item.meshes:
+                if not mesh.faces.size:
+                    continue
+                material = material_of(scene, mesh, item.node.path)
+                buffers = self._meshes.get(id(mesh), lambda m=mesh: MeshBuffers(self._gl, m))  # type: ignore[misc]
+                materials.append(material)
+                kind = surface_kind(material, statics.textures)
+                placed.append(PlacedMesh.place(buffers, item, kind, len(materials) - 1))
+        return tuple(placed)
+
+    def release(self) -> None:
+        """Free everything."""
+        self._last = None
+        for cache in (self._textures, self._geometries, self._meshes):
+            cache.clear()
+
+    def _statics(self, scene: Scene) -> Statics:
+        nodes = tuple(node for node in scene.nodes.values() if not node.movable)
+        last = self._last
+        textures = self._texture_set(scene)
+        if (
+            last is not None
+            and last.textures is textures
+            and len(last.nodes) == len(nodes)
+            and all(a is b for a, b in zip(last.nodes, nodes, strict=True))
+            and all(scene.materials.get(m.name) is m for m in last.materials)
+        ):
+            return last
+        items = draw_items(scene, movable=False)
+        rows: dict[str, int] = {}
+        materials: list[Material] = []
+        item_rows: list[tuple[int, ...]] = []
+        item_kinds: list[tuple[SurfaceKind, ...]] = []
+        for item in items:
+            used = [material_of(scene, mesh, item.node.path) for mesh in item.meshes]
+            for material in used:
+                if material.name not in rows:
+                    rows[material.name] = len(materials)
+                    materials.append(material)
+            item_rows.append(tuple(rows[material.name] for material in used))
+            item_kinds.append(tuple(surface_kind(material, textures) for material in used))
+        key = (
+            textures.serial,
+            tuple(item_kinds),
+            tuple(
+                (tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items
+            ),
+        )
+        geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
+        appearance = tuple(
+            (m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff) for m in materials
+        )
+        self._last = Statics(nodes, geometry, textures, tuple(materials), (geometry.serial, textures.serial, appearance))
+        return self._last
+
+    def _texture_set(self, scene: Scene) -> TextureSet:
+        key = tuple((name, id(texture)) for name, texture in scene.textures.items())
+        return self._textures.get(key, lambda: TextureSet(self._gl, scene.textures))

@@ -1,0 +1,40 @@
+// Vertices to clip space. Statics come in world space with their ids; movables with a world matrix and ids of their own.
+// The image's G-buffer, the shadow maps and the truth pass all use this shader, so labels are in step with the image.
+in vec3 in_position;
+in vec3 in_normal;
+in vec2 in_uv;
+uniform mat4 clip_from_world;
+uniform vec4 depth_row;
+#ifdef MOVABLE
+uniform mat4 world;
+uniform mat3 normal_matrix;
+uniform uvec3 ids;
+#else
+in uvec3 in_ids;
+#endif
+out vec3 world_position;
+out vec3 world_normal;
+out vec2 uv;
+out float axis_depth;
+flat out uint material_row;
+flat out uint label;
+flat out uint instance;
+
+void main() {
+#ifdef MOVABLE
+    vec4 position = world * vec4(in_position, 1.0);
+    world_normal = normal_matrix * in_normal;
+    uvec3 all_ids = ids;
+#else
+    vec4 position = vec4(in_position, 1.0);
+    world_normal = in_normal;
+    uvec3 all_ids = in_ids;
+#endif
+    material_row = all_ids.x;
+    label = all_ids.y;
+    instance = all_ids.z;
+    world_position = position.xyz;
+    uv = in_uv;
+    axis_depth = dot(depth_row, position);
+    gl_Position = clip_from_world * position;
+}

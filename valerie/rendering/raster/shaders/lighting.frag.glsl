@@ -1,0 +1,160 @@
+// Radiance of every sample: sun with soft shadows, sky light with occlusion, sky reflections, air light.
+// Unit: π × radiance, so that a white Lambert surface facing a sun of irradiance 1 shows 1 (sky.py).
+#include "octahedron.glsl"
+#include "sample.glsl"
+#include "shadow.glsl"
+uniform sampler2D albedo_map;
+uniform sampler2D normals_map;
+uniform usampler2D material_map;
+uniform sampler2D material_table;
+uniform sampler2D sky_table;        // columns: azimuth from the sun 0 … π, rows: square root of elevation
+uniform sampler2D skylight_red;
+uniform sampler2D skylight_green;
+uniform sampler2D skylight_blue;
+uniform sampler2D skylight_open;
+uniform sampler2D occlusion_map;
+uniform sampler2D static_shadow;
+uniform vec3 static_origin;
+uniform vec3 static_extent;
+uniform sampler2D movable_shadow;
+uniform vec3 movable_origin;
+uniform vec3 movable_extent;
+uniform bool has_movables;
+uniform vec3 toward_sun;
+uniform vec3 sun;
+uniform vec3 haze;
+uniform vec3 ground;
+uniform vec3 street;                // radiance of an average street surface, reflected where the sky is hidden
+uniform vec3 extinction;            // per metre
+uniform float sun_angle;            // radians, half the disc
+uniform float shadow_distance;      // metres along the optical axis; shadows fade out before
+layout(location = 0) out vec4 out_radiance;
+
+// Brightest value that is stored; the disc of the sun is far above what any sensor holds.
+const float BRIGHTEST = 24.0;
+
+vec3 sky(vec3 d) {
+    float elevation = asin(clamp(d.z, 0.0, 1.0));
+    vec2 flat_d = normalize(d.xy + vec2(1e-6, 0.0)), flat_s = normalize(toward_sun.xy + vec2(1e-6, 0.0));
+    float azimuth = acos(clamp(dot(flat_d, flat_s), -1.0, 1.0));
+    vec2 size = vec2(textureSize(sky_table, 0));
+    // Texel centres are the table's entries: half a texel of border is held constant.
+    vec2 at = clamp(vec2(azimuth / 3.14159265, sqrt(elevation / 1.57079633)) * size, vec2(0.5), size - 0.5);
+    vec3 above = texture(sky_table, at / size).rgb;
+    return mix(ground, above, smoothstep(-0.06, 0.0, d.z));
+}
+
+vec3 sun_disc(vec3 d) {
+    float angle = acos(clamp(dot(d, toward_sun), -1.0, 1.0));
+    float disc = 1.0 - smoothstep(sun_angle * 0.95, sun_angle * 1.05, angle);
+    // Scattering in lens and eye: a glow that falls off within some degrees.
+    return sun * (disc * 1000.0 + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
+}
+
+// The pixel whose sky light belongs to this sample: its own, or the neighbour that lies nearest in depth.
+ivec2 light_pixel(ivec2 s, float depth) {
+    ivec2 own = s / 2;
+    ivec2 step_to = (s % 2) * 2 - 1;
+    ivec2 best = own;
+    float best_gap = abs(linear_depth(texelFetch(depth_map, own * 2, 0).r) - depth) - 0.01 * depth;
+    for (int i = 1; i < 4; ++i) {
+        ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), sample_size / 2 - 1);
+        float gap = abs(linear_depth(texelFetch(depth_map, other * 2, 0).r) - depth);
+        if (gap < best_gap) {
+            best = other;
+            best_gap = gap;
+        }
+    }
+    return best;
+}
+
+// Split-sum environment reflectance, fitted by Karis 2014, "Physically based shading on mobile".
+vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
+    vec4 r = roughness * vec4(-1.0, -0.0275, -0.572, 0.022) + vec4(1.0, 0.0425, 1.04, -0.04);
+    float a = min(r.x * r.x, exp2(-9.28 * facing)) * r.x + r.y;
+    vec2 scale_bias = vec2(-1.04, 1.04) * a + r.zw;
+    return f0 * scale_bias.x + scale_bias.y;
+}
+
+float sunlit(vec3 p, vec3 normal, float depth) {
+    float turn = gradient_noise(gl_FragCoord.xy) * 6.2831853;
+    vec3 n = light_rows * normal;
+    float side = n.z < 0.0 ? 1.0 : -1.0;
+    // dz/dx and dz/dy of the surface in the light's frame; a surface along the light has no useful slope.
+    vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
+    vec3 receiver = light_rows * (p + normal * (side * 0.012));
+    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, turn);
+    lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
+    if (has_movables) {
+        lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, turn));
+    }
+    return lit;
+}
+
+void main() {
+    ivec2 s = ivec2(gl_FragCoord.xy);
+    float window = texelFetch(depth_map, s, 0).r;
+    vec3 ray = ray_of(s);
+    vec3 d = normalize(ray);
+    if (window == 1.0) {
+        out_radiance = vec4(min(sky(d) + sun_disc(d), vec3(BRIGHTEST)), 1.0);
+        return;
+    }
+    float depth = linear_depth(window);
+    vec3 p = eye + ray * depth;
+    vec3 albedo = texelFetch(albedo_map, s, 0).rgb;
+    albedo *= albedo;
+    vec4 normals = texelFetch(normals_map, s, 0);
+    vec3 normal = octahedron_decode(normals.xy), face = octahedron_decode(normals.zw);
+    int row = int(texelFetch(material_map, s, 0).r);
+    vec4 surface = texelFetch(material_table, ivec2(1, row), 0);
+    vec4 glow = texelFetch(material_table, ivec2(2, row), 0);
+    float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
+
+    float luminance = dot(albedo, vec3(0.2126, 0.7152, 0.0722));
+    vec3 tint = luminance > 0.0 ? albedo / luminance : vec3(1.0);
+    vec3 f0 = mix(0.04 * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
+    vec3 diffuse = albedo * (1.0 - metallic);
+
+    vec3 view = -d;
+    float facing = max(dot(normal, view), 1e-3);
+    float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);
+
+    // Sun. A face turned away gets none, whatever its normal map says; thin sheets let a share through.
+    float lit = sunlit(p, face, depth);
+    float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
+    float behind = translucency * max(-cosine, 0.0);
+    vec3 color = diffuse * sun * (lit * (front * (1.0 - 0.5 * translucency) + behind));
+    vec3 h = normalize(view + toward_sun);
+    float nh = max(dot(normal, h), 0.0);
+    float alpha = max(roughness * roughness, 0.01);
+    float k = nh * nh * (alpha * alpha - 1.0) + 1.0;
+    float distribution = alpha * alpha / (k * k);                               // π D, Walter et al. 2007
+    float v = 0.5 / mix(2.0 * max(cosine, 0.0) * facing, max(cosine, 0.0) + facing, alpha);  // Hammon 2017
+    vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(view, h), 0.0), 5.0);
+    color += fresnel * sun * (lit * front * distribution * v);
+
+    // Sky.
+    ivec2 pixel = light_pixel(s, depth);
+    vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
+    vec4 blue = texelFetch(skylight_blue, pixel, 0), open = texelFetch(skylight_open, pixel, 0);
+    float near_open = texelFetch(occlusion_map, pixel, 0).r;
+    vec4 n1 = vec4(1.0, normal * 0.6666667);
+    vec3 ambient = max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)), vec3(0.0));
+    vec4 b1 = vec4(1.0, -normal * 0.6666667);
+    vec3 ambient_behind = max(vec3(dot(red, b1), dot(green, b1), dot(blue, b1)), vec3(0.0));
+    color += diffuse * near_open * mix(ambient, ambient_behind, 0.5 * translucency);
+
+    vec3 r = reflect(d, normal);
+    float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
+    vec4 r1 = vec4(1.0, r * 0.6666667);
+    vec3 blurred = max(vec3(dot(red, r1), dot(green, r1), dot(blue, r1)), vec3(0.0));
+    vec3 mirrored = mix(street, sky(vec3(r.xy, abs(r.z))), seen);
+    vec3 environment = mix(mirrored, blurred, smoothstep(0.08, 0.55, roughness));
+    color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
+
+    color += glow.rgb;
+    vec3 clear_air = exp(-extinction * length(p - eye));
+    color = mix(haze, color, clear_air);
+    out_radiance = vec4(min(color, vec3(BRIGHTEST)), 1.0);
+}

@@ -1,0 +1,21 @@
+// From a sample of the G-buffer (two by two per pixel) back to the world.
+uniform sampler2D depth_map;   // window depth, 1 where nothing was drawn
+uniform ivec2 sample_size;     // of the G-buffer
+uniform vec2 near_far;
+uniform vec3 eye;
+uniform mat3 ray_basis;        // columns: right and up at the image's edge, forward, at depth 1
+
+float linear_depth(float window) {
+    return near_far.x * near_far.y / (near_far.y - window * (near_far.y - near_far.x));
+}
+
+// Direction through the middle of a sample, of depth 1 along the optical axis.
+vec3 ray_of(ivec2 s) {
+    vec2 ndc = (vec2(s) + 0.5) / vec2(sample_size) * 2.0 - 1.0;
+    return ray_basis * vec3(ndc, 1.0);
+}
+
+// Interleaved gradient noise (Jimenez 2014, "Next generation post processing in Call of Duty: Advanced Warfare").
+float gradient_noise(vec2 p) {
+    return fract(52.9829189 * fract(dot(p, vec2(0.06711056, 0.00583715))));
+}

@@ -1,0 +1,53 @@
+// Soft shadows of the sun: percentage closer soft shadows (Fernando 2005, doi:10.1145/1187112.1187153) with the sun's angular
+// size, and a receiver plane so that wide kernels do not shadow their own surface. All lengths in metres.
+uniform mat3 light_rows;        // world to the light's frame; depth grows away from the sun
+uniform float sun_spread;       // tangent of half the sun's angle
+uniform float largest_penumbra;
+const int BLOCKER_TAPS = 6;
+const int FILTER_TAPS = 10;
+
+// Depth of the caster at a place of the map, far away where there is none.
+float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) {
+    float found = texelFetch(map, clamp(ivec2(at * scale), ivec2(0), last), 0).r;
+    return found == 1.0 ? 1e9 : found * range;
+}
+
+vec2 vogel(int i, int count, float turn) {
+    float r = sqrt((float(i) + 0.5) / float(count));
+    float a = float(i) * 2.3999632 + turn;
+    return r * vec2(cos(a), sin(a));
+}
+
+// Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra.
+float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, float turn) {
+    vec3 at = receiver - origin;
+    if (any(lessThanEqual(at, vec3(0.0))) || any(greaterThanEqual(at, extent))) return 1.0;
+    vec2 texels = vec2(textureSize(map, 0));
+    vec2 texel = extent.xy / texels;
+    float smallest = max(texel.x, texel.y) * 0.75;
+    float bias = 0.25 * (abs(slope.x) * texel.x + abs(slope.y) * texel.y) + 0.004;
+    vec2 scale = texels / extent.xy;
+    ivec2 last = textureSize(map, 0) - 1;
+    float search = min(largest_penumbra, max(smallest, at.z * sun_spread));
+    float blockers = 0.0, distance_sum = 0.0;
+    for (int i = 0; i < BLOCKER_TAPS; ++i) {
+        vec2 o = vogel(i, BLOCKER_TAPS, turn) * search;
+        float plane = at.z + dot(slope, o) - bias;
+        float found = caster_depth(map, at.xy + o, scale, last, extent.z);
+        if (found < plane) {
+            blockers += 1.0;
+            distance_sum += at.z - found;
+        }
+    }
+    float mean_distance = distance_sum / max(blockers, 1.0);
+    float width = clamp(mean_distance * sun_spread, smallest, search);
+    if (blockers == 0.0) width = smallest;
+    float lit = 0.0;
+    for (int i = 0; i < FILTER_TAPS; ++i) {
+        vec2 o = vogel(i, FILTER_TAPS, turn + 1.0) * width;
+        float plane = at.z + dot(slope, o) - bias;
+        float found = caster_depth(map, at.xy + o, scale, last, extent.z);
+        lit += found < plane ? 0.0 : 1.0;
+    }
+    return lit / float(FILTER_TAPS);
+}

@@ -1,0 +1,8 @@
+// Depth only: shadow maps, sky visibility.
+#include "surface.glsl"
+
+void main() {
+#ifdef CUT
+    cut_by_alpha(color_texel().a);
+#endif
+}

@@ -1,0 +1,44 @@
+// The G-buffer: what lighting needs to know of each sample.
+#include "octahedron.glsl"
+#include "surface.glsl"
+layout(location = 0) out vec4 out_albedo;    // square root of the linear base colour
+layout(location = 1) out vec4 out_normals;   // octahedral: shading normal, interpolated normal
+layout(location = 2) out uint out_material;  // row of the material table
+#ifdef NORMAL_TEXTURE
+uniform sampler2DArray normal_textures;
+#endif
+
+vec3 linear_from_srgb(vec3 c) {
+    return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
+}
+
+void main() {
+    vec3 color = material_texel(0).rgb;
+#ifdef COLOR_TEXTURE
+    vec4 texel = color_texel();
+#ifdef CUT
+    cut_by_alpha(texel.a);
+#endif
+    color *= linear_from_srgb(texel.rgb);
+#endif
+    vec3 normal = normalize(world_normal);
+    if (!gl_FrontFacing) normal = -normal;
+    vec3 shading = normal;
+#ifdef NORMAL_TEXTURE
+    // Tangent frame from screen derivatives (Schueler 2013, "Normal mapping without precomputed tangents", GPU Pro 4).
+    // In glTF v grows downwards and the map's +y points upwards in the image.
+    vec3 dx = dFdx(world_position), dy = dFdy(world_position);
+    vec2 du = dFdx(uv), dv = dFdy(uv);
+    vec3 across_x = cross(dy, normal), across_y = cross(normal, dx);
+    vec3 tangent = across_x * du.x + across_y * dv.x;
+    vec3 bitangent = -(across_x * du.y + across_y * dv.y);
+    float largest = max(dot(tangent, tangent), dot(bitangent, bitangent));
+    if (largest > 1e-24) {
+        vec3 t = texture(normal_textures, vec3(uv, material_texel(3).y)).xyz * 2.0 - 1.0;
+        shading = normalize(mat3(tangent * inversesqrt(largest), bitangent * inversesqrt(largest), normal) * t);
+    }
+#endif
+    out_albedo = vec4(sqrt(color), 1.0);
+    out_normals = vec4(octahedron_encode(shading), octahedron_encode(normal));
+    out_material = material_row;
+}

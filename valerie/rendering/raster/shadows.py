@@ -1,0 +1,151 @@
+"""Shadow maps: of the statics for what a camera sees, of the movables, and of the statics from all over the sky."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import View
+from valerie.rendering.raster.camera_math import (
+    LightView,
+    Points,
+    box_corners,
+    fit_light_view,
+    light_axes,
+    seen_points,
+    turned_to_fit,
+)
+from valerie.rendering.raster.drawing import SurfaceDrawer
+from valerie.rendering.raster.targets import Target
+from valerie.scene.model import Camera
+
+if TYPE_CHECKING:
+    from valerie.rendering.raster.context import GraphicsContext
+    from valerie.rendering.raster.scenes import Prepared, Statics
+
+#: Texels per side of the statics' and of the movables' map.
+STATIC_MAP: Final = 4096
+MOVABLE_MAP: Final = 1024
+#: Metres along the optical axis, beyond which there are no shadows.
+SHADOW_DISTANCE: Final = 160.0
+#: Metres, widest blur of a shadow's edge to each side.
+LARGEST_PENUMBRA: Final = 0.25
+#: Directions over the sky, and texels per side of each one's map.
+SKY_TILES: Final = (8, 4)
+SKY_MAP: Final = 512
+
+
+class ShadowMap:
+    """A depth map and the box that it covers."""
+
+    def __init__(self, gl: moderngl.Context, light: LightView, resolution: int) -> None:
+        self.light = light
+        self.target = Target(gl, (resolution, resolution), (), depth=True)
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        assert self.target.depth is not None
+        return self.target.depth
+
+    def release(self) -> None:
+        """Free the map."""
+        self.target.release()
+
+
+class SkyMaps:
+    """The statics' depth from directions spread evenly over the sky, in one atlas.
+
+    Attributes:
+        directions: (K, 3) unit vectors towards the sky.
+        rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
+    """
+
+    def __init__(self, gl: moderngl.Context, drawer: SurfaceDrawer, statics: Statics, table: moderngl.Texture) -> None:
+        across, down = SKY_TILES
+        self.directions = even_directions(across * down)
+        self.target = Target(gl, (across * SKY_MAP, down * SKY_MAP), (), depth=True)
+        self.target.use()
+        self.target.clear()
+        geometry = statics.geometry
+        core = box_corners(geometry.core_low - 1, geometry.core_high + 1)
+        casters = box_corners(geometry.low, geometry.high)
+        rows: list[NDArray[np.float64]] = []
+        framebuffer = self.target.framebuffer
+        for k, direction in enumerate(self.directions):
+            light = fit_light_view(turned_to_fit(light_axes(direction), core), core, casters, SKY_MAP, 0.5)
+            framebuffer.viewport = (k % across * SKY_MAP, k // across * SKY_MAP, SKY_MAP, SKY_MAP)
+            framebuffer.use()
+            drawer.statics(statics, table, {"clip_from_world": light.clip_from_world})
+            rows.append(np.hstack([light.rows, -light.origin[:, None]]) / light.extent[:, None])
+        self.rows = np.concatenate(rows).astype(np.float32)
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        assert self.target.depth is not None
+        return self.target.depth
+
+    def release(self) -> None:
+        """Free the atlas."""
+        self.target.release()
+
+
+class Shadows:
+    """Makes shadow maps."""
+
+    def __init__(self, context: GraphicsContext) -> None:
+        self._context = context
+        self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True)
+        self._movable: ShadowMap | None = None
+
+    def static(
+        self, statics: Statics, camera: Camera, view: View, toward_sun: Points, table: moderngl.Texture
+    ) -> ShadowMap:
+        """The statics' map, fitted to what the camera sees of them."""
+        geometry = statics.geometry
+        receivers = seen_points(camera, view, geometry.core_low - 2, geometry.core_high + 2, SHADOW_DISTANCE)
+        if not len(receivers):
+            receivers = box_corners(geometry.core_low, geometry.core_high)
+        rows = turned_to_fit(light_axes(toward_sun), receivers)
+        light = fit_light_view(rows, receivers, box_corners(geometry.low, geometry.high), STATIC_MAP, 1.0)
+        shadow = ShadowMap(self._context.gl, light, STATIC_MAP)
+        shadow.target.use()
+        shadow.target.clear()
+        self._drawer.statics(statics, table, {"clip_from_world": light.clip_from_world})
+        return shadow
+
+    def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> ShadowMap:
+        """The movables' map, in the axes of the statics'; valid until the next call."""
+        geometry = prepared.statics.geometry
+        bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
+        depths = np.concatenate([bodies, box_corners(geometry.low, geometry.high)])
+        light = fit_light_view(static.rows, bodies, depths, MOVABLE_MAP, LARGEST_PENUMBRA + 0.1)
+        if self._movable is None:
+            self._movable = ShadowMap(self._context.gl, light, MOVABLE_MAP)
+        self._movable.light = light
+        self._movable.target.use()
+        self._movable.target.clear()
+        values = {"clip_from_world": light.clip_from_world}
+        self._drawer.movables(prepared.placed, prepared.statics.textures, table, values)
+        return self._movable
+
+    def sky(self, statics: Statics, table: moderngl.Texture) -> SkyMaps:
+        """The statics' maps from all over the sky."""
+        return SkyMaps(self._context.gl, self._drawer, statics, table)
+
+    def release(self) -> None:
+        """Free the movables' map."""
+        if self._movable is not None:
+            self._movable.release()
+            self._movable = None
+
+
+def even_directions(count: int) -> Points:
+    """(count, 3) unit vectors spread evenly over the upper half of the sphere (a Fibonacci spiral)."""
+    k = np.arange(count)
+    z = 1 - (k + 0.5) / count
+    angle = k * np.pi * (3 - np.sqrt(5))
+    flat = np.sqrt(1 - z * z)
+    return np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)

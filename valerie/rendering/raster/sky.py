@@ -1,0 +1,199 @@
+"""The daylight sky: colour of the sun at the ground, radiance of the sky, air light. Computed on the CPU, once per sun.
+
+Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
+atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the second order. Rayleigh coefficients
+and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze follows turbidity by
+its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550 nm).
+
+Units. All radiances here and in the linear image are π × radiance, so that a white Lambert surface that faces a sun of
+irradiance 1 shows 1.0 without the sky. The sun's luminance at the ground is the scene's `Sun.irradiance` at every elevation;
+its colour and the ratio of sky to sun follow from the model (bounded for a low sun, see `_bounded`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.scene.model import Scene
+
+Array = NDArray[np.float64]
+
+#: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
+AZIMUTHS: Final = 48
+ELEVATIONS: Final = 40
+
+_GROUND: Final = 6_360e3
+_TOP: Final = 6_420e3
+_RAYLEIGH: Final = np.array([5.8e-6, 13.5e-6, 33.1e-6])
+_RAYLEIGH_HEIGHT: Final = 8_000.0
+_MIE_HEIGHT: Final = 1_200.0
+_MIE_ALBEDO: Final = 0.9
+_MIE_G: Final = 0.76
+_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
+#: Colour of the sun above the air; slightly blue, so that noon light (sun and sky together) is white.
+_SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
+_GROUND_ALBEDO: Final = 0.2
+_BRIGHTEST_SKY: Final = 0.6
+_SAMPLES: Final = 20
+_SUN_SAMPLES: Final = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sky:
+    """Light of one sun and one air. All colours are linear RGB in the image's unit.
+
+    Attributes:
+        sun_direction: (3,) unit vector towards the sun, in the world.
+        sun: (3,) irradiance of a surface that faces the sun; zero when it is below the horizon.
+        table: (ELEVATIONS, AZIMUTHS, 3) float32 sky radiance, see `sky_directions`.
+        extinction: (3,) per metre, of the air at the ground.
+        haze: (3,) radiance of the horizon, which distant things fade into.
+        ground: (3,) radiance of sunlit and skylit ground of albedo 0.2.
+        sky_irradiance: (3,) of a horizontal surface by the whole sky, sun excluded.
+    """
+
+    sun_direction: Array
+    sun: Array
+    table: NDArray[np.float32]
+    extinction: Array
+    haze: Array
+    ground: Array
+    sky_irradiance: Array
+
+    def radiance(self, directions: Array) -> Array:
+        """(N, 3) sky radiance in world directions (N, 3) above the horizon, nearest entries of the table."""
+        elevation = np.arcsin(np.clip(directions[:, 2], 0, 1))
+        horizontal = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-9)
+        toward = self.sun_direction[:2] / max(float(np.linalg.norm(self.sun_direction[:2])), 1e-9)
+        azimuth = np.arccos(np.clip(horizontal @ toward, -1, 1))
+        row = np.clip(np.sqrt(elevation / (np.pi / 2)) * ELEVATIONS, 0, ELEVATIONS - 1).astype(int)
+        column = np.clip(azimuth / np.pi * AZIMUTHS, 0, AZIMUTHS - 1).astype(int)
+        found: Array = self.table[row, column].astype(np.float64)
+        return found
+
+
+def sky_of(scene: Scene) -> Sky:
+    """The sky of a scene."""
+    sun, environment = scene.sun, scene.environment
+    sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
+    table = table * (sun.irradiance * environment.sky_strength)
+    sky_irradiance = _horizontal(table)
+    direct = sun_color * sun.irradiance
+    ground = _GROUND_ALBEDO * (direct * max(np.sin(sun.elevation), 0.0) + sky_irradiance)
+    return Sky(
+        sun_direction=scene.sun_direction(),
+        sun=direct,
+        table=table.astype(np.float32),
+        extinction=extinction,
+        haze=table[1].mean(axis=0),
+        ground=ground,
+        sky_irradiance=sky_irradiance,
+    )
+
+
+def sky_directions() -> Array:
+    """(ELEVATIONS, AZIMUTHS, 3) unit vectors of the table's entries, the sun's azimuth being +x."""
+    elevation = _elevations()[:, None]
+    azimuth = ((np.arange(AZIMUTHS) + 0.5) / AZIMUTHS * np.pi)[None, :]
+    flat = np.cos(elevation)
+    return np.stack(
+        [flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(np.sin(elevation), (ELEVATIONS, AZIMUTHS))],
+        axis=-1,
+    )
+
+
+def _horizontal(table: Array) -> Array:
+    """(3,) irradiance of the ground by a sky: the cosine-weighted mean over the hemisphere.
+
+    The table spans half of it; the other half is its mirror image.
+    """
+    elevation = _elevations()
+    weight = np.cos(elevation) * np.sin(elevation) * np.gradient(elevation)
+    mean: Array = (table.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+    return mean
+
+
+def _bounded(irradiance: float) -> float:
+    """Factor that keeps the sky's irradiance below `_BRIGHTEST_SKY` of the sun's.
+
+    With the sun's luminance given at the ground, a low sun in hazy air would stand for an enormous one above it, and its
+    sky would drown everything. Below half of the bound the factor is 1 within 2 %.
+    """
+    return float((1 + (irradiance / _BRIGHTEST_SKY) ** 4) ** -0.25)
+
+
+def _elevations() -> Array:
+    rows: Array = ((np.arange(ELEVATIONS) + 0.5) / ELEVATIONS) ** 2 * (np.pi / 2)
+    return rows
+
+
+@lru_cache(maxsize=64)
+def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
+    """Colour of the sun of luminance 1 at the ground, sky table of that sun, extinction at the ground (per metre)."""
+    thickness = _RAYLEIGH[1] * _RAYLEIGH_HEIGHT
+    mie = max(turbidity - 1.0, 0.0) * thickness / _MIE_HEIGHT
+    # A sun at or below the horizon lights the high air only; the model is kept just above it and faded out below.
+    above = max(elevation, np.deg2rad(0.5))
+    toward_sun = np.array([np.cos(above), 0.0, np.sin(above)])
+    observer = np.array([[0.0, 0.0, _GROUND + 2.0]])
+    transmitted = (_SUN_ABOVE_AIR * np.exp(-_thickness(observer, toward_sun[None], mie)))[0]
+    strength = 1.0 / float(transmitted @ _LUMINANCE)
+    directions = sky_directions().reshape(-1, 3)
+    first, scattering = _scattered(directions, toward_sun, mie)
+    weight = (np.cos(_elevations()) * np.gradient(_elevations()))[:, None, None]
+    mean_sky = (first.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
+    mean = 0.5 * mean_sky + 0.5 * _GROUND_ALBEDO * (transmitted * toward_sun[2] / np.pi + mean_sky)
+    table = ((first + scattering * mean) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
+    table = table * _bounded(float(_horizontal(table) @ _LUMINANCE))
+    dusk = float(np.clip(np.rad2deg(elevation) / 6 + 1, 0, 1)) ** 2
+    risen = float(np.clip(np.rad2deg(elevation) / 0.5 + 0.5, 0, 1))
+    return transmitted * strength * risen, table * dusk, _RAYLEIGH + mie
+
+
+def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array, Array]:
+    """First-order radiance (N, 3) per unit of sun, and the factor of an isotropic surrounding's radiance."""
+    origin = np.array([0.0, 0.0, _GROUND + 2.0])
+    length = _to_sphere(origin[None], directions, _TOP)
+    edges = (np.linspace(0, 1, _SAMPLES + 1) ** 2.5)[None, :] * length[:, None]
+    middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
+    points = origin + directions[:, None, :] * middle[..., None]
+    height = np.maximum(np.linalg.norm(points, axis=-1) - _GROUND, 0)
+    air, haze = np.exp(-height / _RAYLEIGH_HEIGHT), np.exp(-height / _MIE_HEIGHT)
+    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None]
+    travelled = np.cumsum(extinction * step[..., None], axis=1) - extinction * step[..., None] / 2
+    to_sun = _thickness(points.reshape(-1, 3), np.broadcast_to(toward_sun, (points.size // 3, 3)), mie)
+    reaching = np.exp(-travelled - to_sun.reshape(travelled.shape)) * _SUN_ABOVE_AIR
+    cosine = directions @ toward_sun
+    rayleigh_phase = 3 / (16 * np.pi) * (1 + cosine**2)
+    g = _MIE_G
+    mie_phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
+    by_air = (reaching * (air * step)[..., None]).sum(axis=1) * _RAYLEIGH * rayleigh_phase[:, None]
+    by_haze = (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO) * mie_phase[:, None]
+    scattered = air[..., None] * _RAYLEIGH + (haze * mie * _MIE_ALBEDO)[..., None]
+    surrounding = (np.exp(-travelled) * scattered * step[..., None]).sum(axis=1)
+    return by_air + by_haze, surrounding
+
+
+def _thickness(points: Array, directions: Array, mie: float) -> Array:
+    """(N, 3) optical thickness from points to the top of the air; large where the ground is in the way."""
+    length = _to_sphere(points, directions, _TOP)
+    edges = (np.linspace(0, 1, _SUN_SAMPLES + 1) ** 2)[None, :] * length[:, None]
+    middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)
+    way = points[:, None, :] + directions[:, None, :] * middle[..., None]
+    height = np.linalg.norm(way, axis=-1) - _GROUND
+    height = np.maximum(height, 0)
+    air = (np.exp(-height / _RAYLEIGH_HEIGHT) * step).sum(axis=1)
+    haze = (np.exp(-height / _MIE_HEIGHT) * step).sum(axis=1)
+    return air[:, None] * _RAYLEIGH + (haze * mie)[:, None]
+
+
+def _to_sphere(points: Array, directions: Array, radius: float) -> Array:
+    """Distance (N,) from points inside a sphere around the origin to its surface along unit directions."""
+    along = (points * directions).sum(axis=1)
+    distance: Array = -along + np.sqrt(along**2 - (points**2).sum(axis=1) + radius**2)
+    return distance

@@ -1,0 +1,146 @@
+"""Everything that does not move, flattened to world space: one vertex buffer, one index buffer, a few draw calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.drawlist import DrawItem, normal_matrix
+from valerie.rendering.raster.materials import SurfaceKind
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Consecutive indices that one draw call draws."""
+
+    kind: SurfaceKind
+    first: int
+    count: int
+
+
+_SERIALS = count()
+
+
+class StaticGeometry:
+    """The static part of a scene on the graphics card.
+
+    Args:
+        gl: the current context.
+        items: what is drawn; kept alive, since caches compare its meshes by identity.
+        rows: per item and mesh, the row of its material in the material table.
+        kinds: per item and mesh, how it is drawn.
+
+    Attributes:
+        serial: differs for each one made in this process (an ``id`` may come back).
+        low, high: (3,) metres, world bounds of all vertices (a unit box around the origin if there are none).
+        core_low, core_high: the same without the outermost 0.5 % of the vertices on each side, so that a ground plane that
+            reaches to the horizon does not count.
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        items: Sequence[DrawItem],
+        rows: Sequence[Sequence[int]],
+        kinds: Sequence[Sequence[SurfaceKind]],
+    ) -> None:
+        self._items = tuple(items)
+        self.serial = next(_SERIALS)
+        vertices: list[tuple[NDArray[np.float32], ...]] = []
+        ids: list[NDArray[np.uint32]] = []
+        faces: dict[SurfaceKind, list[NDArray[np.uint32]]] = {}
+        start = 0
+        for item, item_rows, item_kinds in zip(items, rows, kinds, strict=True):
+            mirrored = np.linalg.det(item.world[:3, :3]) < 0
+            for mesh, row, kind in zip(item.meshes, item_rows, item_kinds, strict=True):
+                count = len(mesh.positions)
+                vertices.append((*_in_world(item, mesh.positions, mesh.normals), mesh.uvs))
+                ids.append(np.broadcast_to(np.uint32([row, item.node.label_id, item.node.instance_id]), (count, 3)))
+                corners = mesh.faces[:, ::-1] if mirrored else mesh.faces
+                faces.setdefault(kind, []).append(corners + np.uint32(start))
+                start += count
+        self.triangles = 0
+        self.batches: list[Batch] = []
+        self.low, self.high = np.full(3, -0.5), np.full(3, 0.5)
+        self.core_low, self.core_high = self.low, self.high
+        self._buffers: dict[str, moderngl.Buffer] = {}
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self._gl = gl
+        if not start:
+            return
+        positions, normals, uvs = (np.concatenate(part) for part in zip(*vertices, strict=True))
+        self.low, self.high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
+        self.core_low, self.core_high = np.quantile(positions, (0.005, 0.995), axis=0)
+        ordered: list[NDArray[np.uint32]] = []
+        # Cut surfaces come last: all others are one range for passes that need only their shape.
+        for kind in sorted(faces, key=lambda k: (k.cut, k)):
+            joined = np.concatenate(faces[kind])
+            self.batches.append(Batch(kind, self.triangles * 3, joined.size))
+            self.triangles += len(joined)
+            ordered.append(joined)
+        for name, array in (
+            ("in_position", positions),
+            ("in_normal", normals),
+            ("in_uv", uvs),
+            ("in_ids", np.concatenate(ids)),
+        ):
+            self._buffers[name] = gl.buffer(np.ascontiguousarray(array).tobytes())
+        self._indices = gl.buffer(np.ascontiguousarray(np.concatenate(ordered)).tobytes())
+
+    @property
+    def whole(self) -> tuple[Batch, ...]:
+        """Batches merged for passes that need no colour: single-sided, double-sided (both uncut), and the cut ones."""
+        merged: list[Batch] = []
+        for sided in (False, True):
+            merged += _joined([b for b in self.batches if not b.kind.cut and b.kind.double_sided == sided])
+        return (*merged, *(b for b in self.batches if b.kind.cut))
+
+    def array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """The vertex array of a program, with those attributes that it reads."""
+        found = self._arrays.get(program.glo)
+        if found is None:
+            content = [
+                (buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program
+            ]
+            found = self._gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4)
+            self._arrays[program.glo] = found
+        return found
+
+    def release(self) -> None:
+        """Free the buffers."""
+        for array in self._arrays.values():
+            array.release()
+        for buffer in self._buffers.values():
+            buffer.release()
+        if self._buffers:
+            self._indices.release()
+
+
+#: Vertex attributes and their formats in moderngl's notation.
+ATTRIBUTES = {"in_position": "3f4", "in_normal": "3f4", "in_uv": "2f4", "in_ids": "3u4"}
+
+
+def _in_world(
+    item: DrawItem, positions: NDArray[np.float32], normals: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    world = item.world
+    moved = (positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
+    turned = normals @ normal_matrix(world).T
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    return moved, (turned / np.maximum(length, 1e-12)).astype(np.float32)
+
+
+def _joined(batches: Sequence[Batch]) -> list[Batch]:
+    """Neighbouring ranges as one."""
+    joined: list[Batch] = []
+    for batch in batches:
+        if joined and joined[-1].first + joined[-1].count == batch.first:
+            joined[-1] = Batch(joined[-1].kind, joined[-1].first, joined[-1].count + batch.count)
+        else:
+            joined.append(batch)
+    return joined

@@ -1,0 +1,147 @@
+"""What is drawn into: textures and framebuffers by size, and the helpers of passes over the whole screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import moderngl
+import numpy as np
+
+from valerie.rendering.base import Rectangle, View
+from valerie.rendering.raster.movable_geometry import set_uniform
+
+#: Samples per pixel and direction of the image (truth has one sample, at the pixel's centre).
+SAMPLES: Final = 2
+
+
+class Target:
+    """A framebuffer with its textures.
+
+    Args:
+        gl: the current context.
+        size: (width, height) in texels.
+        formats: (components, dtype) per colour attachment, in moderngl's notation.
+        depth: whether it has a depth texture.
+    """
+
+    def __init__(
+        self, gl: moderngl.Context, size: tuple[int, int], formats: tuple[tuple[int, str], ...], *, depth: bool
+    ) -> None:
+        self.size = size
+        self.colors: list[moderngl.Texture] = []
+        for components, dtype in formats:
+            texture = gl.texture(size, components, dtype=dtype)
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self.colors.append(texture)
+        self.depth: moderngl.Texture | None = None
+        if depth:
+            self.depth = gl.depth_texture(size)
+            self.depth.compare_func = ""
+            self.depth.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.framebuffer: moderngl.Framebuffer = gl.framebuffer(self.colors, self.depth)
+
+    def use(self, rectangle: tuple[int, int, int, int] | None = None) -> None:
+        """Draw into this target, only inside ``rectangle`` (x, y, width, height from the bottom left) if given."""
+        self.framebuffer.scissor = rectangle
+        self.framebuffer.use()
+
+    def clear(self, depth: float = 1.0) -> None:
+        """Zero all colours, ``depth`` everywhere (inside the scissor rectangle)."""
+        self.framebuffer.clear(depth=depth)
+
+    def release(self) -> None:
+        """Free framebuffer and textures."""
+        self.framebuffer.release()
+        for texture in self.colors:
+            texture.release()
+        if self.depth is not None:
+            self.depth.release()
+
+
+class ImageTargets:
+    """The targets of one image size: G-buffer with movables, sky light, occlusion, radiance, pixels."""
+
+    def __init__(self, gl: moderngl.Context, view: View) -> None:
+        size = (view.width, view.height)
+        fine = (view.width * SAMPLES, view.height * SAMPLES)
+        self.surfaces = surface_target(gl, view)
+        self.skylight = Target(gl, size, ((4, "f2"),) * 4, depth=False)
+        self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
+        self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
+        self.radiance = Target(gl, fine, ((4, "f2"),), depth=False)
+        self.pixels = Target(gl, size, ((4, "f2"),), depth=False)
+
+    def release(self) -> None:
+        """Free all of them."""
+        for target in (
+            self.surfaces, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance, self.pixels,
+        ):  # fmt: skip
+            target.release()
+
+
+def surface_target(gl: moderngl.Context, view: View) -> Target:
+    """A G-buffer: albedo, normals, material row, depth."""
+    fine = (view.width * SAMPLES, view.height * SAMPLES)
+    return Target(gl, fine, ((4, "f1"), (4, "nu2"), (1, "u2")), depth=True)
+
+
+def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[int, int, int, int]:
+    """A rectangle of the image as OpenGL counts it: from the bottom, in samples."""
+    bottom = view.height - rectangle.y - rectangle.height
+    return (
+        rectangle.x * samples, bottom * samples, rectangle.width * samples, rectangle.height * samples,
+    )  # fmt: skip
+
+
+def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:
+    """Put textures on units and tell the program; those that it does not read are left out."""
+    unit = 0
+    for name, texture in textures.items():
+        if name in program:
+            texture.use(unit)
+            program[name].value = unit
+            unit += 1
+
+
+def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
+    """Set numbers, tuples and matrices (row-major arrays) of a program; those that it does not use are left out."""
+    for name, value in values.items():
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            set_uniform(program, name, value)
+        elif name in program:
+            program[name].value = value
+
+
+class ScreenPass:
+    """A fragment shader over all pixels of a target."""
+
+    def __init__(self, gl: moderngl.Context, program: moderngl.Program) -> None:
+        self.program = program
+        self._gl = gl
+        self._array: moderngl.VertexArray = gl.vertex_array(program, [])
+
+    def run(
+        self,
+        target: Target,
+        rectangle: tuple[int, int, int, int],
+        textures: Mapping[str, moderngl.Texture],
+        values: Mapping[str, Any],
+        *,
+        writes_depth: bool = False,
+    ) -> None:
+        """Shade ``rectangle`` (bottom-left origin) of ``target``."""
+        target.use(rectangle)
+        if writes_depth:
+            self._gl.enable_only(moderngl.DEPTH_TEST)
+            self._gl.depth_func = "1"
+        else:
+            self._gl.enable_only(moderngl.NOTHING)
+        bind(self.program, textures)
+        set_uniforms(self.program, values)
+        self._array.render(moderngl.TRIANGLES, vertices=3)
+        self._gl.depth_func = "<"
+
+    def release(self) -> None:
+        """Free the vertex array."""
+        self._array.release()

@@ -1,0 +1,87 @@
+"""A scene's textures on the graphics card: square 2D arrays with mipmaps, one per size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import count
+from typing import Final
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.scene.model import Texture
+
+#: Sides of the arrays; an image goes into the smallest that holds it, resampled unless it has exactly that size.
+SIDES: Final = (64, 128, 256, 512, 1024, 2048)
+
+
+_SERIALS = count()
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """Where a texture lies: the array of a side, and the layer in it."""
+
+    side: int
+    layer: int
+
+
+class TextureSet:
+    """All textures of an asset, uploaded once.
+
+    Args:
+        gl: the current context.
+        textures: by name, as in `Scene.textures`; kept alive while the set lives.
+
+    Attributes:
+        serial: differs for each one made in this process.
+    """
+
+    def __init__(self, gl: moderngl.Context, textures: Mapping[str, Texture]) -> None:
+        self._textures = dict(textures)
+        self.serial = next(_SERIALS)
+        self.slots: dict[str, Slot] = {}
+        self.arrays: dict[int, moderngl.TextureArray] = {}
+        layers: dict[int, list[NDArray[np.uint8]]] = {}
+        for name, texture in self._textures.items():
+            side = _side_for(texture.image.shape[0], texture.image.shape[1])
+            images = layers.setdefault(side, [])
+            self.slots[name] = Slot(side, len(images))
+            images.append(_as_layer(texture.image, side))
+        for side, images in layers.items():
+            array = gl.texture_array((side, side, len(images)), 4, np.stack(images).tobytes())
+            array.build_mipmaps()
+            array.anisotropy = 8.0
+            array.repeat_x = array.repeat_y = True
+            self.arrays[side] = array
+
+    def side(self, name: str | None) -> int:
+        """Side of the array that holds the texture; 0 for no texture."""
+        return self.slots[name].side if name is not None else 0
+
+    def release(self) -> None:
+        """Free the arrays."""
+        for array in self.arrays.values():
+            array.release()
+
+
+def _side_for(height: int, width: int) -> int:
+    longest = max(height, width)
+    return next((side for side in SIDES if side >= longest), SIDES[-1])
+
+
+def _as_layer(image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """(side, side, 4) uint8: resampled to the side, opaque where the image has no alpha."""
+    if image.shape[:2] != (side, side):
+        shrink = max(image.shape[:2]) > side
+        image = np.asarray(
+            cv2.resize(image, (side, side), interpolation=cv2.INTER_AREA if shrink else cv2.INTER_LINEAR), np.uint8
+        )
+    if image.shape[2] == 4:
+        return image
+    layer = np.full((side, side, 4), 255, np.uint8)
+    layer[..., :3] = image
+    return layer

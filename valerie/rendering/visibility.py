@@ -1,0 +1,127 @@
+"""How well each person is seen in a frame: areas, occlusion, truncation, distance, boxes. Pure numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import PERSON
+from valerie.rendering.base import GroundTruth, PersonTruth, View
+from valerie.scene.model import Camera, Node, Scene
+
+#: Raised by hand whenever a column's meaning changes.
+REVISION: Final = 1
+
+#: Why a person has no visible pixel.
+ABSENT: Final = "absent"
+OUTSIDE: Final = "outside the image"
+HIDDEN: Final = "fully hidden"
+
+Box = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """One person in one frame.
+
+    Attributes:
+        instance_id: label id × 1000 + n.
+        pixel_area: visible pixels.
+        pixel_area_percent: the same, of all pixels of the image, 0 … 100.
+        pixel_area_amodal: pixels of the person rendered alone, within the image.
+        occlusion_rate: 1 − pixel_area / pixel_area_amodal, by other objects only, 0 … 1; 1 when fully hidden; None when the
+            amodal area is 0.
+        truncation_rate: share of the whole person (on a canvas padded by half an image on each side) that lies beyond the
+            image's border, 0 … 1; None when nothing of it is on the padded canvas.
+        distance_m: from the optical centre to the person's ground origin, Euclidean; None when absent.
+        depth_m: of that origin along the optical axis, negative behind the camera; None when absent.
+        box, amodal_box: (x, y, width, height) of the visible and of the amodal pixels; None when there are none.
+        undefined_reason: None if a pixel is visible, else ``absent``, ``outside the image`` or ``fully hidden``.
+    """
+
+    instance_id: int
+    pixel_area: int
+    pixel_area_percent: float
+    pixel_area_amodal: int
+    occlusion_rate: float | None
+    truncation_rate: float | None
+    distance_m: float | None
+    depth_m: float | None
+    box: Box | None
+    amodal_box: Box | None
+    undefined_reason: str | None
+
+
+def measure(truth: GroundTruth, scene: Scene, view: View) -> tuple[Visibility, ...]:
+    """Visibility of every person that the scene names, by ascending instance id.
+
+    Persons of the scene graph that are not drawn (an unchosen character, an absent person) are reported as ``absent``.
+
+    Args:
+        truth: of this scene and view.
+        scene: for positions and for the persons that are absent.
+        view: whose camera distances are measured from.
+    """
+    camera = scene.cameras[view.camera]
+    drawn = {person.instance_id: person for person in truth.persons}
+    roots = person_roots(scene)
+    return tuple(
+        _present(drawn[number], truth, scene, roots, camera) if number in drawn else _absent(number)
+        for number in sorted({*roots, *drawn})
+    )
+
+
+def person_roots(scene: Scene) -> Mapping[int, Node]:
+    """Instance id of each person to its topmost node, whose place is the person's ground origin."""
+    roots: dict[int, Node] = {}
+    for node in scene.nodes.values():
+        if node.label_id == PERSON.id and node.instance_id:
+            known = roots.get(node.instance_id)
+            if known is None or node.path.count(".") < known.path.count("."):
+                roots[node.instance_id] = node
+    return roots
+
+
+def _absent(instance_id: int) -> Visibility:
+    return Visibility(instance_id, 0, 0.0, 0, None, None, None, None, None, None, ABSENT)
+
+
+def _present(
+    person: PersonTruth, truth: GroundTruth, scene: Scene, roots: Mapping[int, Node], camera: Camera
+) -> Visibility:
+    visible = truth.instance_map == person.instance_id
+    area, amodal = int(np.count_nonzero(visible)), int(np.count_nonzero(person.amodal))
+    reason = None
+    if area == 0:
+        reason = HIDDEN if amodal else OUTSIDE
+    distance = depth = None
+    root = roots.get(person.instance_id)
+    if root is not None:
+        offset = scene.world_transform(root.path)[:3, 3] - camera.position
+        forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+        distance, depth = float(np.linalg.norm(offset)), float(offset @ forward)
+    return Visibility(
+        instance_id=person.instance_id,
+        pixel_area=area,
+        pixel_area_percent=100.0 * area / visible.size,
+        pixel_area_amodal=amodal,
+        occlusion_rate=1.0 - area / amodal if amodal else None,
+        truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
+        distance_m=distance,
+        depth_m=depth,
+        box=_box(visible),
+        amodal_box=_box(person.amodal),
+        undefined_reason=reason,
+    )
+
+
+def _box(mask: NDArray[np.bool_]) -> Box | None:
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not rows.size:
+        return None
+    columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
+    return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)
