@@ -7,10 +7,12 @@ is 5 %. What holds between bins may still have another cause than the axis it is
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Final
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from valerie.analysis.comparisons import Comparison, FindingKind, compare_all
 from valerie.analysis.intervals import Interval, Resampler, simultaneous
@@ -72,6 +74,11 @@ class Findings:
     def to_json(self) -> dict[str, object]:
         """Plain dicts, lists, numbers and None."""
         return asdict(self)
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, object]) -> Findings:
+        """Read what `to_json` gave, also after a trip through JSON."""
+        return TypeAdapter(cls).validate_python(document)
 
 
 def find_findings(table: EvaluationTable, trends: Trends, *, resampler: Resampler) -> Findings:

@@ -6,11 +6,13 @@ Every aggregate exists twice, named so: as *frame mean* (each person-frame weigh
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from valerie.analysis.frames import (
     ALL,
@@ -130,6 +132,11 @@ class Summary:
     def to_json(self) -> dict[str, object]:
         """Plain dicts, lists, numbers and None."""
         return asdict(self)
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, object]) -> Summary:
+        """Read what `to_json` gave, also after a trip through JSON."""
+        return TypeAdapter(cls).validate_python(document)
 
 
 def summarize(table: EvaluationTable, *, threshold: float = 0.5, resampler: Resampler | None = None) -> Summary:

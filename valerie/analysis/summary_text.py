@@ -20,29 +20,19 @@ _DASH = "–"
 def summary_renderable(summary: Summary, findings: Findings | None = None) -> RenderableType:
     """The summary for a rich console; with the strongest findings below it where they are given."""
     several = len({row.sensor for row in summary.rows}) > 1
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title_justify="left")
-    table.add_column("function")
-    table.add_column("pedestrian")
-    columns = (
-        "frames",
-        "pACC mean, %",
-        "min",
-        "max",
-        "pooled",
-        f"≥ {summary.threshold:g}, %",
-        "precision, %",
-        "IoU, %",
-    )
-    for name in columns:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column("pedestrian", no_wrap=True)
+    for name in ("frames", "mean pACC", "min", "max", "pooled", f"≥ {summary.threshold:g}", "precision", "IoU"):
         table.add_column(name, justify="right")
     table.add_column("undefined")
     previous = None
     for row in summary.rows:
-        who = (row.function, row.sensor)
-        if previous not in (None, who):
-            table.add_section()
-        name = row.function + (f" · {row.sensor}" if several else "")
-        table.add_row(*(Text(cell) for cell in _cells(row, name if who != previous else "")))
+        who = row.function + (f" · {row.sensor}" if several else "")
+        if previous != who:
+            if previous is not None:
+                table.add_section()
+            table.add_row(Text(who, style="bold"))
+        table.add_row(*(Text(cell) for cell in _cells(row)))
         previous = who
     parts: list[RenderableType] = [table if summary.rows else Text("No person was evaluated.")]
     parts += [Text(line, style="dim") for line in _notes(summary)]
@@ -61,11 +51,10 @@ def summary_text(summary: Summary, findings: Findings | None = None, *, width: i
     return "\n".join(line.rstrip() for line in sink.getvalue().splitlines()).strip("\n") + "\n"
 
 
-def _cells(row: SummaryRow, name: str) -> tuple[str, ...]:
+def _cells(row: SummaryRow) -> tuple[str, ...]:
     reasons = ", ".join(f"{count} {reason}" for reason, count in row.undefined.items()) or "none"
     return (
-        name,
-        "all together" if row.character == ALL else row.character,
+        "  " + ("all together" if row.character == ALL else row.character),
         f"{row.frames:,}",
         _percent(row.pacc_mean) + _within(row.pacc_mean_interval),
         _percent(row.pacc_min),
@@ -79,13 +68,10 @@ def _cells(row: SummaryRow, name: str) -> tuple[str, ...]:
 
 
 def _notes(summary: Summary) -> list[str]:
-    lines = [
-        "Means weigh every person in every frame the same, pooled counts every pixel; precision and IoU: mean / pooled, "
-        "of the frame. [ ]: 95 % interval."
-    ]
+    lines = ["In per cent; [95 % interval]; precision and IoU are of the frame: mean / from pooled counts."]
     shares = [
-        f"{'all' if s.character == ALL else s.character} {_percent(s.share)} % of {s.persons:,}"
-        for s in summary.occlusion
+        f"{'all' if share.character == ALL else share.character} {_percent(share.share)} % of {share.persons:,}"
+        for share in summary.occlusion
     ]
     if shares:
         lines.append(f"More than {100 * OCCLUDED:g} % occluded: {', '.join(shares)}.")
