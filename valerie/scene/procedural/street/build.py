@@ -94,7 +94,9 @@ class _Workshop:
 
     def _build_shared(self, kind: str, variant: int) -> Bag:
         if kind in SHAPES:
-            return build_car(SHAPES[kind], CarPaint(f"paint-{kind}-{variant}", variant % 4, (variant * 3 + len(kind)) % 4))
+            return build_car(
+                SHAPES[kind], CarPaint(f"paint-{kind}-{variant}", variant % 4, (variant * 3 + len(kind)) % 4)
+            )
         if kind in _TREES:
             rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
             return build_tree(_TREES[kind], rng, bark="bark", leaves=f"leaves-{variant}")
@@ -109,7 +111,7 @@ class _Workshop:
 
 _TREES = {
     "tree": TreeSettings(),
-    "far-tree": TreeSettings(clusters=90, leaves=36, leaf=0.19),
+    "far-tree": TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20),
 }
 
 _UNIQUE: dict[str, Callable[[Placement], Bag]] = {

@@ -31,9 +31,11 @@ from valerie.scene.procedural.street.noise import smoothstep
 _LEVELS = np.array([0.0, 0.06, 0.16, 0.30, 0.45, 0.60, 0.72, 0.82, 0.90, 0.955, 0.985, 1.0])
 _WIDTH = np.array([0.935, 0.965, 0.985, 0.996, 1.0, 0.998, 0.993, 0.986, 0.978, 0.962, 0.942, 0.915])
 _FRONT = np.array([-0.10, -0.03, 0.0, 0.0, -0.01, -0.025, -0.05, -0.08, -0.12, -0.165, -0.205, -0.25])
-_REAR = np.array([0.10, 0.04, 0.0, 0.0, 0.0, 0.02, 0.03, 0.035, 0.045, 0.06, 0.085, 0.12])
+_REAR = np.array([0.10, 0.04, 0.0, 0.0, 0.0, 0.01, 0.015, 0.02, 0.025, 0.035, 0.05, 0.075])
 #: The plan outline (|x|/w)^q + (|y|/l)^p = 1.
 _P, _Q = 7.0, 2.4
+#: Where nose and tail are sampled, as fractions of the half width.
+_FRACTIONS = np.array([0.0, 0.2, 0.4, 0.55, 0.7, 0.8, 0.88, 0.94, 0.975])
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +65,14 @@ def _paint_uvs(shape: CarShape, points: Floats) -> Floats:
 
 def _stations(shape: CarShape) -> Floats:
     """(N,) positions along the car from rear to front in [−1, 1] of half its length: dense at ends and arches."""
-    fraction = np.array([0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985])
-    ends = (1.0 - fraction**_Q) ** (1.0 / _P)
+    ends = (1.0 - _FRACTIONS**_Q) ** (1.0 / _P)
     half = 0.5 * shape.length
     arch = shape.arch
-    steps = np.concatenate([[-1.001], -np.cos(np.linspace(0.0, np.pi, 13)), [1.001]]) * arch
+    steps = np.concatenate([[-1.001], -np.cos(np.linspace(0.0, np.pi, 10)), [1.001]]) * arch
     places = [shape.rear_axle + steps, shape.front_axle + steps]
-    middle = np.linspace(shape.rear_axle + 1.15 * arch, shape.front_axle - 1.15 * arch, 9)
-    rear_gap = np.linspace(-half * ends[-1], shape.rear_axle - 1.1 * arch, 4)[1:]
-    front_gap = np.linspace(shape.front_axle + 1.1 * arch, half * ends[-1], 5)[:-1]
+    middle = np.linspace(shape.rear_axle + 1.15 * arch, shape.front_axle - 1.15 * arch, 6)
+    rear_gap = np.linspace(-half * ends[-1], shape.rear_axle - 1.1 * arch, 3)[1:]
+    front_gap = np.linspace(shape.front_axle + 1.1 * arch, half * ends[-1], 4)[:-1]
     inner = np.concatenate([*places, middle, rear_gap, front_gap]) / half
     inner = inner[np.abs(inner) < ends[-1]]
     return np.unique(np.concatenate([inner, ends, -ends]))
@@ -123,13 +124,16 @@ def _lower_body(bag: Bag, shape: CarShape, body: str) -> None:
 def _inside_of_arches(bag: Bag, shape: CarShape) -> None:
     """Dark floor, and liners that keep one from looking through the wheel arches."""
     half, width = 0.5 * shape.length, 0.5 * shape.width
-    floor = boxes([[-width * 0.9, -half * 0.93, shape.sill]], [[width * 0.9, half * 0.93, shape.sill + 0.03]])
+    floor = boxes([[-width * 0.86, -half * 0.86, shape.sill + 0.01]], [[width * 0.86, half * 0.86, shape.sill + 0.04]])
     core = boxes([[-width + 0.3, -half * 0.9, shape.sill]], [[width - 0.3, half * 0.88, 0.72]])
     gap = [shape.rear_axle - shape.arch - 0.02, shape.rear_axle + shape.arch + 0.02,
            shape.front_axle - shape.arch - 0.02, shape.front_axle + shape.arch + 0.02]  # fmt: skip
-    low = [[side, y, shape.sill] for side in (-width + 0.05, width - 0.30) for y in (gap[0], gap[1] - 0.03, gap[2], gap[3] - 0.03)]
-    high = [[x + 0.25, y + 0.03, 0.66] for x, y, _ in low]
-    roof = [[side, y, 0.66] for side in (-width + 0.05, width - 0.30) for y in (gap[0], gap[2])]
+    low, high = [], []
+    for y in (gap[0], gap[1] - 0.03, gap[2], gap[3] - 0.03):
+        reach = 0.93 * float(_outline(shape, np.array([y / half]))[0])
+        low += [[-reach, y, shape.sill + 0.03], [width - 0.34, y, shape.sill + 0.03]]
+        high += [[-width + 0.34, y + 0.03, 0.66], [reach, y + 0.03, 0.66]]
+    roof = [[side, y, 0.66] for side in (-width + 0.06, width - 0.31) for y in (gap[0], gap[2])]
     roof_high = [[x + 0.25, y + 2.0 * shape.arch + 0.04, 0.69] for x, y, _ in roof]
     bag.add("car-underside", floor, core, boxes(low, high), boxes(roof, roof_high))
 
@@ -138,14 +142,28 @@ def _glass_house(bag: Bag, shape: CarShape, body: str) -> None:
     half_belt, half_roof = 0.5 * shape.width * shape.belt_width, 0.5 * shape.width * shape.roof_width
     fraction = np.array([0.0, 0.4, 0.75, 0.915])
     bow_base, bow_roof = 0.20, 0.08
-    front = [(f * half_belt, shape.cowl - bow_base * f**2, f * half_roof, shape.roof_front - bow_roof * f**2) for f in fraction]
-    side_front, side_rear = (shape.cowl - bow_base, shape.roof_front - bow_roof), (shape.tail + 0.07, shape.roof_rear + 0.05)
+    front = [
+        (f * half_belt, shape.cowl - bow_base * f**2, f * half_roof, shape.roof_front - bow_roof * f**2)
+        for f in fraction
+    ]
+    side_front, side_rear = (
+        (shape.cowl - bow_base, shape.roof_front - bow_roof),
+        (shape.tail + 0.07, shape.roof_rear + 0.05),
+    )
     keys = [(half_belt, base, half_roof, top) for base, top in shape.side_keys(side_front, side_rear)]
-    rear = [(f * half_belt, shape.tail + 0.07 * f**2, f * half_roof, shape.roof_rear + 0.05 * f**2) for f in fraction[::-1]]
+    rear = [
+        (f * half_belt, shape.tail + 0.07 * f**2, f * half_roof, shape.roof_rear + 0.05 * f**2) for f in fraction[::-1]
+    ]
     half_ring = np.array([*front, *keys, *rear])
     heights = np.array([0.0, 0.075, 0.3, 0.55, 0.78, 0.925, 1.0])
     h = heights[None, :]
-    base_z = shape.belt(half_ring[:, 1]) + np.where(half_ring[:, 0] < half_belt - 1e-9, shape.crown * (1.0 - (half_ring[:, 0] / half_belt) ** 2), 0.0)
+    # The body narrows towards its ends, and the glass house with it.
+    narrowed = _outline(shape, half_ring[:, 1] / (0.5 * shape.length)) / (0.5 * shape.width)
+    half_ring[:, 0] *= narrowed
+    half_ring[:, 2] *= 0.5 + 0.5 * narrowed
+    base_z = shape.belt(half_ring[:, 1]) + shape.crown * np.maximum(
+        1.0 - (half_ring[:, 0] / half_belt / narrowed) ** 2, 0.0
+    )
     x = half_ring[:, :1] * (1 - h) + half_ring[:, 2:3] * h + 0.035 * np.sin(np.pi * h) * (half_ring[:, :1] / half_belt)
     y = half_ring[:, 1:2] * (1 - h) + half_ring[:, 3:4] * h
     top = shape.height - 0.075
@@ -200,16 +218,21 @@ def _patch(
         slant: how much the outer end is raised, in levels.
         uv: the texture's part (u0, v0, u1, v1), upright as seen from outside.
     """
-    f = np.linspace(across[0], across[1], 9)[:, None]
-    t = np.linspace(levels[0], levels[1], 4)[None]
+    # The body's own grid lines, so that the patch is parallel to it.
+    lines = np.concatenate([-_FRACTIONS, _FRACTIONS])
+    f = np.array([across[0], *np.unique(lines[(lines > across[0]) & (lines < across[1])]), across[1]])[:, None]
+    inner = _LEVELS[(levels[0] < _LEVELS) & (levels[1] > _LEVELS)]
+    t = np.array([levels[0], *inner, levels[1]])[None]
+    rise = (t - levels[0]) / (levels[1] - levels[0])
+    share = (f - across[0]) / (across[1] - across[0])
     t = np.clip(t + slant * np.abs(f), 0.0, 1.0)
     station = (1.0 - np.minimum(np.abs(f), 0.999) ** _Q) ** (1.0 / _P) * (1.0 if front else -1.0)
     points = _point(shape, station, 0.5 * shape.width * np.abs(f), t)
     points[..., 0] *= np.sign(f + 1e-12)
     points[..., 1] += lift if front else -lift
-    points[..., 0] *= 1.0 + lift
-    u = np.linspace(uv[0], uv[2], 9)[:, None] if not front else np.linspace(uv[2], uv[0], 9)[:, None]
-    v = np.linspace(uv[3], uv[1], 4)[None]
+    points[..., 0] += np.sign(f) * lift * np.abs(f) ** 3
+    u = uv[0] + (uv[2] - uv[0]) * ((1.0 - share) if front else share)
+    v = uv[3] + (uv[1] - uv[3]) * rise
     return sheet(points, np.stack(np.broadcast_arrays(u, v), -1), flip=front)
 
 
@@ -223,26 +246,72 @@ def _front_and_rear(bag: Bag, shape: CarShape, paint: CarPaint) -> None:
     bag.add("car-plate", _patch(shape, (-wide, wide), (0.27, 0.43), front=True, lift=0.014, uv=plate))
     low, high = look.rear_plate
     bag.add("car-plate", _patch(shape, (-wide, wide), (low, high), front=False, lift=0.014, uv=plate))
+    # Shut lines: bumper and tailgate, bonnet.
+    split = look.tail[2] - 0.10
+    bag.add("car-trim", _patch(shape, (-0.93, 0.93), (split, split + 0.012), front=False, lift=0.004))
+    bag.add(
+        "car-trim", _patch(shape, (-0.88, 0.88), (look.lamp[2] - 0.05, look.lamp[2] - 0.038), front=True, lift=0.004)
+    )
+    bag.add("car-trim", _patch(shape, (-0.93, 0.93), (0.0, 0.13), front=True, lift=0.004))
     for side in (-1.0, 1.0):
         lamp = (side * look.lamp[0], side * look.lamp[1])
         tail = (side * look.tail[0], side * look.tail[1])
-        order = (lambda pair, s=side: pair if s > 0 else pair[::-1])
+        order = lambda pair, s=side: pair if s > 0 else pair[::-1]
         bag.add("car-lamp", _patch(shape, order(lamp), look.lamp[2:4], front=True, slant=look.lamp[4], lift=0.008))
-        bag.add("car-tail-lamp", _patch(shape, order(tail), look.tail[2:4], front=False, slant=look.tail[4], lift=0.008))
+        bag.add(
+            "car-tail-lamp", _patch(shape, order(tail), look.tail[2:4], front=False, slant=look.tail[4], lift=0.008)
+        )
+        _lamp_details(bag, shape, side)
         bag.add("car-reflector", _patch(shape, order((side * 0.6, side * 0.8)), (0.22, 0.26), front=False, lift=0.010))
+
+
+def _lamp_details(bag: Bag, shape: CarShape, side: float) -> None:
+    """Clear stripe and dark bezel of a tail lamp; the dark housing and the reflector of a head lamp."""
+    look = shape.face
+
+    def between(start: float, stop: float, share: tuple[float, float]) -> tuple[float, float]:
+        ends = (side * (start + share[0] * (stop - start)), side * (start + share[1] * (stop - start)))
+        return ends if side > 0 else ends[::-1]
+
+    inner, outer, low, high, slant = look.tail
+    third = (high - low) / 3.0
+    stripe = between(inner, outer, (0.08, 0.62))
+    bag.add(
+        "car-lens",
+        _patch(shape, stripe, (low + 1.15 * third, low + 1.75 * third), front=False, slant=slant, lift=0.011),
+    )
+    bag.add(
+        "car-trim",
+        _patch(shape, between(inner, outer, (-0.04, 1.0)), (low - 0.02, low), front=False, slant=slant, lift=0.010),
+    )
+    inner, outer, low, high, slant = look.lamp
+    housing = between(inner, outer, (0.10, 0.82))
+    middle = 0.5 * (low + high)
+    bag.add("car-trim", _patch(shape, housing, (middle - 0.055, middle + 0.055), front=True, slant=slant, lift=0.011))
+    bag.add(
+        "car-lens",
+        _patch(
+            shape,
+            between(inner, outer, (0.30, 0.58)),
+            (middle - 0.04, middle + 0.04),
+            front=True,
+            slant=slant,
+            lift=0.014,
+        ),
+    )
 
 
 def _wheels(bag: Bag, shape: CarShape, paint: CarPaint) -> None:
     radius, wide = shape.wheel, 0.2
     rim = 0.66 * radius
     tyre = lathe(
-        [(rim, 0.02), (radius - 0.03, 0.0), (radius - 0.004, 0.03), (radius, 0.08), (radius - 0.01, wide - 0.02), (rim, wide)], 22
+        [(rim, 0.02), (radius - 0.03, 0.0), (radius, 0.04), (radius - 0.01, wide - 0.02), (rim, wide)], 18
     )  # fmt: skip
-    angle = np.linspace(0.0, 2.0 * np.pi, 23)[:-1]
+    angle = np.linspace(0.0, 2.0 * np.pi, 19)[:-1]
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
     cell = np.array([paint.wheel % 2, paint.wheel // 2]) * 0.5
     disc_uv = cell + 0.25 + 0.25 * np.stack([np.cos(angle), np.sin(angle)], -1)
-    centre = np.concatenate([circle[:, :2] * rim, np.full((22, 1), 0.03)], -1)
+    centre = np.concatenate([circle[:, :2] * rim, np.full((18, 1), 0.03)], -1)
     points = np.stack([centre, np.broadcast_to([0.0, 0.0, 0.035], centre.shape)], 1)
     uvs = np.stack([disc_uv, np.broadcast_to(cell + 0.25, disc_uv.shape)], 1)
     face = sheet(points, np.concatenate([uvs, uvs[:1]]), closed=True, flip=True)
@@ -260,11 +329,13 @@ def _small_parts(bag: Bag, shape: CarShape, body: str) -> None:
     mirror_y = shape.cowl - 0.42
     mirror_z = float(shape.belt(np.array([mirror_y]))[0]) + 0.11
     spots = [(side * (width + 0.06), mirror_y, mirror_z) for side in (-1.0, 1.0)]
-    bag.add(body, _plain(shape, ellipsoids(spots, (0.11, 0.06, 0.075), 10)))
+    bag.add(body, _plain(shape, ellipsoids(spots, (0.11, 0.06, 0.075), 8)))
     bag.add("car-trim", boxes([[-width - 0.05, mirror_y - 0.02, mirror_z - 0.07], [width - 0.09, mirror_y - 0.02, mirror_z - 0.07]],
                               [[-width + 0.09, mirror_y + 0.03, mirror_z - 0.04], [width + 0.05, mirror_y + 0.03, mirror_z - 0.04]]))  # fmt: skip
     handles = [
-        (side * (width - 0.012), y, float(shape.belt(np.array([y]))[0]) - 0.13) for side in (-1.0, 1.0) for y in shape.handles
+        (side * (width - 0.012), y, float(shape.belt(np.array([y]))[0]) - 0.13)
+        for side in (-1.0, 1.0)
+        for y in shape.handles
     ]
     low, high = np.array(handles) - (0.022, 0.09, 0.013), np.array(handles) + (0.022, 0.09, 0.013)
     bag.add(body, _plain(shape, boxes(low, high)))

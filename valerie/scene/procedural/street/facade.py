@@ -56,7 +56,9 @@ class Trim:
     surrounds: str = "none"
 
 
-def wall_with_openings(width: float, height: float, openings: Sequence[Opening], tile: float, base: float = 0.0) -> Floats:
+def wall_with_openings(
+    width: float, height: float, openings: Sequence[Opening], tile: float, base: float = 0.0
+) -> Floats:
     """(N, 4, 3) quadrilaterals of the front without the openings (the grid of all their edges)."""
     del tile
     xs = np.unique([0.0, width, *(o.x0 for o in openings), *(o.x1 for o in openings)])
@@ -76,7 +78,9 @@ def front_quads(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: Floats) -> Fl
     )
 
 
-def build_front(bag: Bag, width: float, height: float, openings: Sequence[Opening], trim: Trim, rng: np.random.Generator) -> None:
+def build_front(
+    bag: Bag, width: float, height: float, openings: Sequence[Opening], trim: Trim, rng: np.random.Generator
+) -> None:
     """Wall, reveals, and a window, door or shop front in every opening."""
     bag.add(trim.wall, quads(wall_with_openings(width, height, openings, trim.tile), tile=trim.tile))
     if not openings:
@@ -211,7 +215,9 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
     bag.add("window-glass", quads(panes, corner[:, None] + square[None]))
 
 
-def moulding(width: float, z: float, profile: Sequence[tuple[float, float]], tile: float = 2.0, overhang: float = 0.0) -> list[object]:
+def moulding(
+    width: float, z: float, profile: Sequence[tuple[float, float]], tile: float = 2.0, overhang: float = 0.0
+) -> list[object]:
     """A cornice along the whole front: ``profile`` of (out, up) from the wall's face outwards and up."""
     line = [(-out, z + up) for out, up in profile]
     return [extrude(line, -overhang, width + overhang, tile=tile)]

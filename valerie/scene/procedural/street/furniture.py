@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, lathe, quads, repeat, sheet, tubes
+from valerie.scene.procedural.street.geometry import (
+    Bag,
+    Floats,
+    Surface,
+    boxes,
+    fan,
+    lathe,
+    quads,
+    repeat,
+    sheet,
+    tubes,
+)
 from valerie.scene.procedural.street.plan import Placement
 from valerie.scene.procedural.street.textures.things import SIGN_CELLS
 
@@ -34,7 +45,10 @@ def post(height: float = 2.9, radius: float = 0.032) -> Bag:
 
 def bollard() -> Bag:
     bag = Bag()
-    bag.add("iron", lathe([(0.075, 0.0), (0.07, 0.1), (0.05, 0.14), (0.048, 0.78), (0.062, 0.82), (0.06, 0.9), (0.0, 0.96)], 12))
+    bag.add(
+        "iron",
+        lathe([(0.075, 0.0), (0.07, 0.1), (0.05, 0.14), (0.048, 0.78), (0.062, 0.82), (0.06, 0.9), (0.0, 0.96)], 12),
+    )
     bag.add("lens", lathe([(0.0505, 0.62), (0.0505, 0.72)], 12))
     return bag
 
@@ -91,9 +105,19 @@ def bins(seed: int) -> Bag:
             rows.append([(x + bottom[a, 0], bottom[a, 1], 0.06), (x + bottom[b, 0], bottom[b, 1], 0.06),
                          (x + top[b, 0], top[b, 1], high), (x + top[a, 0], top[a, 1], high)])  # fmt: skip
         bag.add(material, quads(rows))
-        lid = [[(x - 0.29, -0.33, high), (x + 0.29, -0.33, high), (x + 0.29, 0.33, high + 0.1), (x - 0.29, 0.33, high + 0.1)]]
+        lid = [
+            [
+                (x - 0.29, -0.33, high),
+                (x + 0.29, -0.33, high),
+                (x + 0.29, 0.33, high + 0.1),
+                (x - 0.29, 0.33, high + 0.1),
+            ]
+        ]
         bag.add(material, quads(lid), boxes([[x - 0.29, -0.33, high - 0.05]], [[x + 0.29, 0.33, high]], skip=("-z",)))
-        bag.add("car-tyre", boxes([[x - 0.24, 0.16, 0.0], [x + 0.19, 0.16, 0.0]], [[x - 0.19, 0.34, 0.18], [x + 0.24, 0.34, 0.18]]))
+        bag.add(
+            "car-tyre",
+            boxes([[x - 0.24, 0.16, 0.0], [x + 0.19, 0.16, 0.0]], [[x - 0.19, 0.34, 0.18], [x + 0.24, 0.34, 0.18]]),
+        )
     return bag
 
 
@@ -121,11 +145,14 @@ def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rn
     cells = (np.floor(rng.random((len(face), 2)) * [16.0, 12.0]) + 0.5) / 16.0
     lean = normal + 0.5 * along
     lean /= np.linalg.norm(lean, axis=1, keepdims=True)
-    from valerie.scene.procedural.street.geometry import Surface
-
     bag.add(
         "leaves-0",
-        Surface(corners.reshape(-1, 3), np.repeat(lean, 3, axis=0), np.repeat(cells, 3, axis=0), np.arange(3 * len(face)).reshape(-1, 3)),
+        Surface(
+            corners.reshape(-1, 3),
+            np.repeat(lean, 3, axis=0),
+            np.repeat(cells, 3, axis=0),
+            np.arange(3 * len(face)).reshape(-1, 3),
+        ),
     )
     return bag
 
@@ -134,14 +161,14 @@ def hedge(placement: Placement) -> Bag:
     """A clipped hedge along y: size is (thickness, length, height)."""
     thick, long, high = placement.size
     rng = np.random.default_rng(placement.seed)
-    return _foliage(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 150.0, 0.07, rng)
+    return _foliage(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
 
 
 def planter(placement: Placement) -> Bag:
     """A wooden box with shrubs: size is (thickness, length)."""
     thick, long = placement.size
     rng = np.random.default_rng(placement.seed)
-    bag = _foliage(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 260.0, 0.10, rng)
+    bag = _foliage(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
     bag.add("planter", boxes([[-0.5 * thick, 0.0, 0.0]], [[0.5 * thick, long, 0.5]], skip=("-z",)))
     return bag
 

@@ -22,6 +22,8 @@ class _House:
 
     width: float
     depth: float
+    bays: int
+    door_bay: int
     floors: int
     ground_floor: float
     floor: float
@@ -37,12 +39,11 @@ class _House:
 def build_house(placement: Placement) -> Bag:
     """One house in the frame of its front (see `facade`)."""
     rng = np.random.default_rng(placement.seed)
-    width, depth = placement.size
-    house = _decide(placement.kind, width, depth, placement.variant, rng)
+    house = _decide(placement, rng)
     bag = Bag()
     openings = _openings(house, placement.kind, rng)
     gabled = placement.kind == "gable"
-    build_front(bag, width, house.eaves, openings, house.trim, rng)
+    build_front(bag, house.width, house.eaves, openings, house.trim, rng)
     _other_walls(bag, house, gabled=gabled)
     _base(bag, house, openings)
     _ornaments(bag, house, placement.kind, openings, rng)
@@ -54,36 +55,61 @@ def build_house(placement: Placement) -> Bag:
     return bag
 
 
-def _decide(kind: str, width: float, depth: float, floors: int, rng: np.random.Generator) -> _House:
+def _decide(placement: Placement, rng: np.random.Generator) -> _House:
+    kind, floors = placement.kind, placement.variant
+    width, depth = placement.size[:2]
+    bays, door_bay = int(placement.size[2]), int(placement.size[3])
+
+    def house(floors: int, ground_floor: float, floor: float, trim: Trim, pitch: float) -> _House:
+        return _House(width, depth, bays, door_bay, floors, ground_floor, floor, trim, roof, pitch)
+
     tint = f"render-{rng.integers(RENDER_COLORS)}"
     door = f"door-{rng.integers(DOOR_COLORS)}"
     roof = f"roof-{rng.integers(ROOF_COLORS)}"
     bricks = "brick-red" if rng.random() < 0.62 else "brick-buff"
     plain = Trim(tint, tint, "frame-white", "stone", "stucco", door, RENDER_TILE)
     if kind == "brick":
-        trim = replace(plain, wall=bricks, reveal=bricks, tile=BRICK_TILE, surround="stucco", surrounds="lintel", sashes=2, transom=0.52 if rng.random() < 0.5 else 0.7)
-        return _House(width, depth, min(floors, 4), 3.5, float(rng.uniform(2.95, 3.2)), trim, roof, 42.0)
+        trim = replace(
+            plain,
+            wall=bricks,
+            reveal=bricks,
+            tile=BRICK_TILE,
+            surround="stucco",
+            surrounds="lintel",
+            sashes=2,
+            transom=0.52 if rng.random() < 0.5 else 0.7,
+        )
+        return house(min(floors, 4), 3.5, float(rng.uniform(2.95, 3.2)), trim, 42.0)
     if kind == "classic":
         trim = replace(plain, surrounds="pediment", sashes=2, transom=0.7, depth=0.2)
-        return _House(width, depth, min(max(floors, 4), 5), 4.1, float(rng.uniform(3.4, 3.65)), trim, roof, 38.0)
+        return house(min(floors, 4), 4.1, float(rng.uniform(3.4, 3.65)), trim, 38.0)
     if kind == "plain":
-        trim = replace(plain, sashes=2, transom=0.0, depth=0.12, frame="frame-white" if rng.random() < 0.7 else "frame-dark")
-        return _House(width, depth, floors, 3.2, 2.85, trim, roof, 33.0)
+        trim = replace(
+            plain, sashes=2, transom=0.0, depth=0.12, frame="frame-white" if rng.random() < 0.7 else "frame-dark"
+        )
+        return house(floors, 3.2, 2.85, trim, 33.0)
     if kind == "gable":
         wall = bricks if rng.random() < 0.5 else tint
-        trim = replace(plain, wall=wall, reveal=wall, tile=BRICK_TILE, surrounds="flat" if wall == tint else "lintel", sashes=2, transom=0.62)
-        return _House(width, depth, min(floors, 4), 3.4, 2.95, trim, roof, 52.0)
+        trim = replace(
+            plain,
+            wall=wall,
+            reveal=wall,
+            tile=BRICK_TILE,
+            surrounds="flat" if wall == tint else "lintel",
+            sashes=2,
+            transom=0.62,
+        )
+        return house(min(floors, 4), 3.4, 2.95, trim, 52.0)
     trim = replace(plain, surrounds="flat", sashes=2, transom=0.68)
-    return _House(width, depth, floors, 4.0, float(rng.uniform(3.0, 3.3)), trim, roof, 40.0)
+    return house(floors, 4.0, float(rng.uniform(3.0, 3.3)), trim, 40.0)
 
 
 def _openings(house: _House, kind: str, rng: np.random.Generator) -> list[Opening]:
-    bays = max(round(house.width / rng.uniform(2.35, 2.9)), 3)
+    bays, door_bay = house.bays, house.door_bay
     pitch = house.width / bays
     wide = float(np.clip(pitch * rng.uniform(0.40, 0.48), 0.9, 1.45))
     if kind == "plain":
         wide = float(np.clip(pitch * 0.58, 1.1, 1.8))
-    door_bay = int(rng.integers(bays))
     openings = []
     step = 0.16
     centres = (np.arange(bays) + 0.5) * pitch
@@ -101,7 +127,9 @@ def _openings(house: _House, kind: str, rng: np.random.Generator) -> list[Openin
             if k == door_bay:
                 openings.append(Opening(x - half, x + half, step, top, "door"))
             else:
-                openings.append(Opening(x - 0.5 * wide, x + 0.5 * wide, 1.15, min(house.ground_floor - 0.55, 2.95), "window"))
+                openings.append(
+                    Opening(x - 0.5 * wide, x + 0.5 * wide, 1.15, min(house.ground_floor - 0.55, 2.95), "window")
+                )
     balcony = kind in {"plain", "classic", "shop"}
     for floor in range(1, house.floors):
         z = house.ground_floor + (floor - 1) * house.floor
@@ -109,10 +137,11 @@ def _openings(house: _House, kind: str, rng: np.random.Generator) -> list[Openin
         for k, x in enumerate(centres):
             french = balcony and _has_balcony(kind, k, bays, floor, house.floors)
             low, high = (z + 0.12, z + 0.9 + tall) if french else (z + 0.9, z + 0.9 + tall)
-            openings.append(Opening(x - 0.5 * wide, x + 0.5 * wide, low, min(high, house.eaves - 0.4), "french" if french else "window"))
-    if kind == "gable":
-        z = house.eaves + 0.6
-        del z
+            openings.append(
+                Opening(
+                    x - 0.5 * wide, x + 0.5 * wide, low, min(high, house.eaves - 0.4), "french" if french else "window"
+                )
+            )
     return openings
 
 
@@ -165,9 +194,15 @@ def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng:
     if kind == "classic":
         # Rusticated ground floor: ashlar piers between the openings, proud of the wall.
         holes = sorted((o.x0 - 0.26, o.x1 + 0.26) for o in openings if o.z0 < 2.0)
-        spans = [(a, b) for a, b in zip([0.0, *(b for _, b in holes)], [*(a for a, _ in holes), w], strict=True) if b - a > 0.12]
+        spans = [
+            (a, b)
+            for a, b in zip([0.0, *(b for _, b in holes)], [*(a for a, _ in holes), w], strict=True)
+            if b - a > 0.12
+        ]
         low = [(a, -0.035, 0.62) for a, _ in spans]
-        bag.add("ashlar", boxes(low, [(b, 0.0, house.ground_floor - 0.1) for _, b in spans], skip=("+y",), tile=STONE_TILE))
+        bag.add(
+            "ashlar", boxes(low, [(b, 0.0, house.ground_floor - 0.1) for _, b in spans], skip=("+y",), tile=STONE_TILE)
+        )
         for floor in range(1, house.floors - 1):
             bag.add("stucco", *moulding(w, house.ground_floor + floor * house.floor - 0.05, _BAND))
         count = max(int(w / 0.55), 2)
@@ -263,13 +298,26 @@ def _dormer(bag: Bag, house: _House, x: float, slope: float, low: float, over: f
     matrix[:3, 3] = (x - half, y, z)
     bag.merge(dormer, matrix)
     x0, x1, top = x - half, x + half, z + tall
-    sides = [[(x0, back, z), (x0, y, z), (x0, y, top), (x0, back, top)], [(x1, y, z), (x1, back, z), (x1, back, top), (x1, y, top)]]
+    sides = [
+        [(x0, back, z), (x0, y, z), (x0, y, top), (x0, back, top)],
+        [(x1, y, z), (x1, back, z), (x1, back, top), (x1, y, top)],
+    ]
     bag.add("zinc", quads(sides))
     peak = top + 0.5
     bag.add("stucco", fan([(x0, y, top), (x1, y, top), (x, y, peak)]))
     out = y - 0.15
-    left = [(x0 - 0.15, out, top - 0.1), (x, out, peak + 0.02), (x, back + 0.5, peak + 0.02), (x0 - 0.15, back + 0.5, top - 0.1)]
-    right = [(x, out, peak + 0.02), (x1 + 0.15, out, top - 0.1), (x1 + 0.15, back + 0.5, top - 0.1), (x, back + 0.5, peak + 0.02)]
+    left = [
+        (x0 - 0.15, out, top - 0.1),
+        (x, out, peak + 0.02),
+        (x, back + 0.5, peak + 0.02),
+        (x0 - 0.15, back + 0.5, top - 0.1),
+    ]
+    right = [
+        (x, out, peak + 0.02),
+        (x1 + 0.15, out, top - 0.1),
+        (x1 + 0.15, back + 0.5, top - 0.1),
+        (x, back + 0.5, peak + 0.02),
+    ]
     bag.add(house.roof, quads([left, right], tile=ROOF_TILE))
 
 
@@ -279,7 +327,10 @@ def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
     rise = 0.5 * w * np.tan(np.radians(house.pitch))
     middle, peak = 0.5 * w, h + rise
     wall = house.trim.wall
-    slopes = [[(0, 0.15, h), (middle, 0.15, peak), (middle, d, peak), (0, d, h)], [(middle, 0.15, peak), (w, 0.15, h), (w, d, h), (middle, d, peak)]]
+    slopes = [
+        [(0, 0.15, h), (middle, 0.15, peak), (middle, d, peak), (0, d, h)],
+        [(middle, 0.15, peak), (w, 0.15, h), (w, d, h), (middle, d, peak)],
+    ]
     bag.add(house.roof, quads(slopes, tile=ROOF_TILE))
     bag.add(wall, fan([(w, d, h), (0, d, h), (middle, d, peak)], tile=house.trim.tile))
     steps = 6
@@ -313,8 +364,14 @@ def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
 def _chimneys(bag: Bag, house: _House, rng: np.random.Generator, *, gabled: bool) -> None:
     ridge = house.eaves + 0.5 * (house.width if gabled else house.depth) * np.tan(np.radians(house.pitch))
     for _ in range(int(rng.integers(1, 3))):
-        x, y = (rng.uniform(0.6, house.width - 1.4), 0.5 * house.depth) if not gabled else (0.5 * house.width - 0.4, rng.uniform(4.0, 8.0))
-        bag.add("brick-red", boxes([[x, y, ridge - 1.0]], [[x + 0.8, y + 0.5, ridge + 0.95]], skip=("-z",), tile=BRICK_TILE))
+        x, y = (
+            (rng.uniform(0.6, house.width - 1.4), 0.5 * house.depth)
+            if not gabled
+            else (0.5 * house.width - 0.4, rng.uniform(4.0, 8.0))
+        )
+        bag.add(
+            "brick-red", boxes([[x, y, ridge - 1.0]], [[x + 0.8, y + 0.5, ridge + 0.95]], skip=("-z",), tile=BRICK_TILE)
+        )
         bag.add("stucco", boxes([[x - 0.06, y - 0.06, ridge + 0.95]], [[x + 0.86, y + 0.56, ridge + 1.05]]))
         pots = [[[x + px, y + 0.25, ridge + 1.05], [x + px, y + 0.25, ridge + 1.4]] for px in (0.2, 0.6)]
         bag.add("roof-0", tubes(pots, np.full((2, 2), 0.1), 7))

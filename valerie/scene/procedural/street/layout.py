@@ -112,30 +112,44 @@ def _place_houses(plan: _Plan, rng: np.random.Generator) -> None:
                 setback = 1.7
             front = LEFT_FRONT - setback if left else RIGHT_FRONT + setback
             heading, start = (0.5 * math.pi, y) if left else (-0.5 * math.pi, y + width)
+            bays, door = _bays(width, rng)
             house = plan.add(
                 "building", style, front, start, z=KERB_HEIGHT, heading=heading, seed=_seed(rng),
-                size=(round(width, 3), HOUSE_DEPTH), variant=int(rng.integers(3, 6)),
+                size=(round(width, 3), HOUSE_DEPTH, bays, door), variant=int(rng.choice([3, 3, 4, 4, 5])),
             )  # fmt: skip
             plan.block(house, turned_rectangle(front, start, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
             if garden:
-                _place_garden(plan, rng, left=left, y0=y, y1=y + width)
+                entrance = (door + 0.5) * width / bays
+                _place_garden(
+                    plan, rng, left=left, y0=y, y1=y + width, gate=y + entrance if left else y + width - entrance
+                )
             previous = style
             y += width
 
 
-def _place_garden(plan: _Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float) -> None:
-    """A strip of grass behind railings or a low wall, with a hedge; the path to the door stays open at one end."""
-    outer, inner = (LEFT_FRONT - 0.02, LEFT_FRONT - 1.7) if left else (RIGHT_FRONT + 0.02, RIGHT_FRONT + 1.7)
-    x0, x1 = min(outer, inner), max(outer, inner)
-    lawn = plan.add("terrain", "garden", x0, y0, z=KERB_HEIGHT, size=(x1 - x0, y1 - y0))
-    border = plan.add(
-        *(("fence", "railing") if rng.random() < 0.6 else ("wall", "low")), outer, y0, z=KERB_HEIGHT, size=(y1 - y0,)
-    )
-    hedge_x = outer - 0.45 if left else outer + 0.45
-    hedge = plan.add("vegetation", "hedge", hedge_x, y0 + 0.3, z=KERB_HEIGHT, seed=_seed(rng), size=(0.6, y1 - y0 - 0.6, 0.9))
-    plan.block(border, rectangle(outer - 0.1, y0, outer + 0.1, y1))
-    plan.block(hedge, rectangle(hedge_x - 0.3, y0 + 0.3, hedge_x + 0.3, y1 - 0.3))
-    del lawn
+def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
+    """Number of window axes of a front, and which of them has the door."""
+    bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
+    return bays, int(rng.integers(bays))
+
+
+def _place_garden(plan: _Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float) -> None:
+    """Grass and a hedge behind railings or a low wall on both sides of the way to the door."""
+    outward = -1.0 if left else 1.0
+    line = (LEFT_FRONT if left else RIGHT_FRONT) + 0.12 * outward
+    kind = ("fence", "railing") if rng.random() < 0.6 else ("wall", "low")
+    for start, stop in ((y0, gate - 0.75), (gate + 0.75, y1)):
+        if stop - start < 1.0:
+            continue
+        inner = line + 1.58 * outward
+        plan.add("terrain", "garden", min(line, inner), start, z=KERB_HEIGHT, size=(abs(inner - line), stop - start))
+        border = plan.add(*kind, line, start, z=KERB_HEIGHT, size=(stop - start,))
+        plan.block(border, rectangle(line - 0.12, start, line + 0.12, stop))
+        x = line + 0.45 * outward
+        hedge = plan.add(
+            "vegetation", "hedge", x, start + 0.2, z=KERB_HEIGHT, seed=_seed(rng), size=(0.6, stop - start - 0.4, 0.9)
+        )
+        plan.block(hedge, rectangle(x - 0.3, start + 0.2, x + 0.3, stop - 0.2))
 
 
 def _place_ends(plan: _Plan, rng: np.random.Generator) -> None:
@@ -143,14 +157,15 @@ def _place_ends(plan: _Plan, rng: np.random.Generator) -> None:
     for y, heading, direction in ((ROAD_STOP + 3.0, 0.0, 1.0), (ROAD_START - 3.0, math.pi, -1.0)):
         plan.add("road", "cross-road", 2.5, y - 6.0 * direction, size=(90.0, 6.0))
         plan.add("sidewalk", "cross-footway", 2.5, y - 1.5 * direction, size=(90.0, 3.0))
-        x, previous = -39.0, ""
-        while x < 44.0:
+        x, previous = -21.0, ""
+        while x < 26.0:
             width = float(rng.uniform(11.0, 16.0))
             style = str(rng.choice([s for s in ("brick", "classic", "plain", "shop") if s != previous]))
             origin = x if direction > 0 else x + width
+            bays, door = _bays(width, rng)
             house = plan.add(
                 "building", style, origin, y, z=KERB_HEIGHT, heading=heading, seed=_seed(rng),
-                size=(round(width, 3), HOUSE_DEPTH), variant=int(rng.integers(4, 6)),
+                size=(round(width, 3), HOUSE_DEPTH, bays, door), variant=int(rng.integers(4, 6)),
             )  # fmt: skip
             plan.block(house, turned_rectangle(origin, y, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
             previous = style
@@ -180,7 +195,8 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
                 heading=(math.pi if backwards else 0.0) + float(rng.normal(0.0, 0.008)),
             )  # fmt: skip
             plan.block(
-                car, turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+                car,
+                turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
             )
             y += length + float(rng.uniform(0.7, 1.5) if rng.random() < 0.52 else rng.uniform(3.6, 8.5))
 
@@ -193,13 +209,15 @@ def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, floa
         while y < ROW_STOP - 3.0:
             here = y + float(rng.uniform(-1.2, 1.2))
             y += 10.2
-            if CAMERA_CORRIDOR[1] - 2.0 < here < CAMERA_CORRIDOR[3] + 0.5 or any(abs(here - c) < 4.5 for c in CROSSINGS):
+            if CAMERA_CORRIDOR[1] - 2.0 < here < CAMERA_CORRIDOR[3] + 0.5 or any(
+                abs(here - c) < 4.5 for c in CROSSINGS
+            ):
                 continue
             if rng.random() < 0.08:
                 continue
             x = LEFT_KERB - 0.62 if left else RIGHT_KERB + 0.62
             tree = plan.add(
-                "vegetation", "tree" if 0.0 < here < 52.0 else "far-tree", x, here, z=KERB_HEIGHT,
+                "vegetation", "tree" if 0.0 < here < 42.0 else "far-tree", x, here, z=KERB_HEIGHT,
                 heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
                 size=(float(rng.uniform(0.92, 1.1)),),
             )  # fmt: skip
@@ -227,7 +245,9 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
                 return candidate
         return y
 
-    def kerbside(object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: object) -> Placement:
+    def kerbside(
+        object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: object
+    ) -> Placement:
         x = LEFT_KERB - inset if left else RIGHT_KERB + inset
         heading = 0.0 if left else math.pi
         placed = plan.add(object_class, kind, x, y, z=KERB_HEIGHT, heading=heading, **more)
@@ -259,5 +279,13 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
                 planter = plan.add("vegetation", "planter", wall, y, z=KERB_HEIGHT, seed=_seed(rng), size=(0.5, 1.1))
                 plan.block(planter, rectangle(wall - 0.25, y, wall + 0.25, y + 1.1))
             else:
-                bins = plan.add("static", "bins", wall, y, z=KERB_HEIGHT, heading=0.5 * math.pi if left else -0.5 * math.pi, seed=_seed(rng))
+                bins = plan.add(
+                    "static",
+                    "bins",
+                    wall,
+                    y,
+                    z=KERB_HEIGHT,
+                    heading=0.5 * math.pi if left else -0.5 * math.pi,
+                    seed=_seed(rng),
+                )
                 plan.block(bins, rectangle(wall - 0.36, y - 0.65, wall + 0.36, y + 0.65))

@@ -29,7 +29,12 @@ _PAINTS: tuple[tuple[Color, float], ...] = (
     ((0.10, 0.17, 0.24), 0.45), ((0.012, 0.03, 0.09), 0.3), ((0.52, 0.12, 0.02), 0.2),
 )  # fmt: skip
 _PAINT_WEIGHTS = np.array([3.0, 3.0, 3.0, 2.5, 2.0, 1.6, 0.7, 0.8, 1.0, 1.0, 0.4])
-_LEAVES: tuple[Color, ...] = ((0.050, 0.115, 0.018), (0.075, 0.135, 0.022), (0.036, 0.090, 0.022), (0.095, 0.125, 0.020))
+_LEAVES: tuple[Color, ...] = (
+    (0.050, 0.115, 0.018),
+    (0.075, 0.135, 0.022),
+    (0.036, 0.090, 0.022),
+    (0.095, 0.125, 0.020),
+)
 
 
 def make_textures(seed: int) -> dict[str, Texture]:
@@ -142,7 +147,14 @@ def _cars(rng: np.random.Generator) -> list[Material]:
         for k, pick in enumerate(picks):
             color, metallic = _PAINTS[pick]
             materials.append(
-                Material(f"paint-{kind}-{k}", _shifted(color, rng), f"flank-{kind}", metallic=metallic, roughness=0.28, specular=1.4)
+                Material(
+                    f"paint-{kind}-{k}",
+                    _shifted(color, rng),
+                    f"flank-{kind}",
+                    metallic=metallic,
+                    roughness=0.28,
+                    specular=1.4,
+                )
             )
     return [
         *materials,
@@ -150,7 +162,8 @@ def _cars(rng: np.random.Generator) -> list[Material]:
         Material("car-trim", (0.014, 0.014, 0.015), roughness=0.45),
         Material("car-underside", (0.012, 0.012, 0.012), roughness=0.9),
         Material("car-grille", (0.018, 0.018, 0.019), roughness=0.4),
-        Material("car-lamp", (0.55, 0.56, 0.58), metallic=0.5, roughness=0.12, specular=1.5),
+        Material("car-lamp", (0.30, 0.31, 0.33), metallic=0.4, roughness=0.12, specular=1.5),
+        Material("car-lens", (0.62, 0.62, 0.64), metallic=0.3, roughness=0.15, specular=1.5),
         Material("car-tail-lamp", (0.24, 0.006, 0.006), roughness=0.15, specular=1.4),
         Material("car-reflector", (0.35, 0.02, 0.01), roughness=0.2),
         Material("car-plate", (1.0, 1.0, 1.0), "plates", roughness=0.4),

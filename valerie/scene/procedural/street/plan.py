@@ -43,7 +43,8 @@ class Placement:
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
         seed: the object's own source of chance.
-        size: metres, meaning by kind (houses: width, depth); empty where the kind says it all.
+        size: metres, meaning by kind (houses: width, depth, then window axes and which has the door); empty where the kind
+            says it all.
         variant: which of the shared models or colours of that kind.
     """
 
@@ -106,9 +107,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
 def turned_rectangle(x: float, y: float, heading: float, low: Point, high: Point) -> Polygon:
     """The rectangle ``low`` … ``high`` of an object's own frame, placed at (x, y) with a heading."""
     cos, sin = math.cos(heading), math.sin(heading)
-    return tuple(
-        (round(x + u * cos - v * sin, 4), round(y + u * sin + v * cos, 4)) for u, v in rectangle(*low, *high)
-    )
+    return tuple((round(x + u * cos - v * sin, 4), round(y + u * sin + v * cos, 4)) for u, v in rectangle(*low, *high))
 
 
 def disc(x: float, y: float, radius: float, corners: int = 8) -> Polygon:

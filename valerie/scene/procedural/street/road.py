@@ -48,7 +48,9 @@ def build_carriageway(placement: Placement) -> Bag:
         y0, y1 = cuts[:-1], cuts[1:]
         x0, x1 = np.full_like(y0, LEFT_KERB), np.full_like(y0, RIGHT_KERB)
         u, v0, v1 = np.zeros_like(y0), (y0 - first) / length - k, (y1 - first) / length - k
-        uvs = np.stack([np.stack([u, v0], -1), np.stack([u + 1.0, v0], -1), np.stack([u + 1.0, v1], -1), np.stack([u, v1], -1)], 1)
+        uvs = np.stack(
+            [np.stack([u, v0], -1), np.stack([u + 1.0, v0], -1), np.stack([u + 1.0, v1], -1), np.stack([u, v1], -1)], 1
+        )
         bag.add(material, quads(floor_quads(x0, x1, y0, y1, 0.0), uvs))
     return bag
 
@@ -89,7 +91,11 @@ def build_footway(placement: Placement) -> Bag:
     # Behind the building line, where houses stand back.
     beyond = front + outward * 1.8
     strip = floor_quads(
-        np.array([min(front, beyond)]), np.array([max(front, beyond)]), np.array([start]), np.array([stop]), KERB_HEIGHT - 0.004
+        np.array([min(front, beyond)]),
+        np.array([max(front, beyond)]),
+        np.array([start]),
+        np.array([stop]),
+        KERB_HEIGHT - 0.004,
     )
     bag.add("kerb", quads(strip, tile=2.0))
     return bag
@@ -123,7 +129,10 @@ def build_cross_footway(placement: Placement) -> Bag:
     """The far footway of a cross street."""
     bag = Bag()
     length, width = placement.size
-    bag.add("kerb", boxes([[-0.5 * length, -0.5 * width, 0.0]], [[0.5 * length, 0.5 * width, KERB_HEIGHT]], skip=("-z",), tile=2.0))
+    bag.add(
+        "kerb",
+        boxes([[-0.5 * length, -0.5 * width, 0.0]], [[0.5 * length, 0.5 * width, KERB_HEIGHT]], skip=("-z",), tile=2.0),
+    )
     return bag
 
 

@@ -24,7 +24,7 @@ class TreeSettings:
         fork: height at which the trunk divides; the crown begins a little above.
         radius: of the crown.
         trunk: radius of the trunk at its foot.
-        clusters, leaves: number of clusters, and of leaves in each.
+        clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
         leaf: length of a leaf.
     """
 
@@ -33,8 +33,9 @@ class TreeSettings:
     radius: float = 2.35
     trunk: float = 0.15
     clusters: int = 230
-    leaves: int = 36
-    leaf: float = 0.115
+    branches: int = 34
+    leaves: int = 30
+    leaf: float = 0.125
 
 
 def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str) -> Bag:
@@ -51,7 +52,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
     limb_count = int(rng.integers(5, 7))
     limbs = _limbs(settings, fork, limb_count, rng)
     branches = _branches(settings, limbs, clusters, rng)
-    twigs = _reach(branches, clusters, rng, sag=0.12)
+    twigs = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
     trunk = _bezier(np.zeros((1, 3)), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
     flare = np.array([1.45, 1.08, 1.0, 0.95, 0.9, 0.88, 0.86]) * settings.trunk
     wood = (0.5, 1.0)
@@ -108,8 +109,8 @@ def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Gene
 
 
 def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
-    """(≈ 34, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
-    chosen = clusters[rng.permutation(len(clusters))[:34]]
+    """(branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
+    chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
     return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-0.10)
 
@@ -130,23 +131,29 @@ def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: floa
 def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
     """One pointed triangle per leaf; normals lean towards the crown's outside, which shades like a mass of leaves."""
     count = settings.leaves * len(clusters)
-    spread = 0.30 * (230 / settings.clusters) ** (1 / 3)
+    spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
     centre = np.repeat(clusters, settings.leaves, axis=0)
-    place = centre + rng.normal(0.0, 1.0, (count, 3)) * np.array([spread, spread, 0.72 * spread])
+    place = centre + np.clip(rng.normal(0.0, 1.0, (count, 3)), -1.9, 1.9) * np.array([spread, spread, 0.72 * spread])
     middle = clusters.mean(axis=0)
     outward = unit(place - middle)
     facing = unit(rng.normal(size=(count, 3)) + np.array([0.0, 0.0, 0.55]) + 0.35 * outward)
     along = unit(np.cross(facing, rng.normal(size=(count, 3))) + np.array([0.0, 0.0, -0.25]))
     across = unit(np.cross(facing, along))
     size = settings.leaf * rng.uniform(0.7, 1.3, (count, 1))
-    tip, left, right = along * 0.6 * size, (-0.45 * along + 0.42 * across) * size, (-0.45 * along - 0.42 * across) * size
+    tip, left, right = (
+        along * 0.6 * size,
+        (-0.45 * along + 0.42 * across) * size,
+        (-0.45 * along - 0.42 * across) * size,
+    )
     corners = place[:, None] + np.stack([tip, left, right], 1)
     face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     turned = np.sum(face * facing, axis=1) < 0.0
     corners[turned] = corners[turned][:, ::-1]
     shading = unit(facing + 0.9 * outward + np.array([0.0, 0.0, 0.25]))
     # Leaves inside the crown stay in the dark half of the palette.
-    inside = np.linalg.norm((place - middle) / np.array([settings.radius, settings.radius, 0.45 * settings.height]), axis=1)
+    inside = np.linalg.norm(
+        (place - middle) / np.array([settings.radius, settings.radius, 0.45 * settings.height]), axis=1
+    )
     column = np.floor(rng.uniform(0.0, 16.0, count))
     row = np.floor(np.clip(inside * 11.0 + rng.uniform(0.0, 5.0, count), 0.0, 15.0))
     uvs = (np.stack([column, row], -1) + 0.5) / 16.0

@@ -108,7 +108,9 @@ def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field
         row = np.floor(edge / 0.16)
         position = along / 0.165 + 0.5 * row  # 80 setts in 13.2 m
         stone = np.floor(position).astype(np.int64) % 80 * 7 + row.astype(np.int64)
-        joint = np.minimum(np.abs(position - np.round(position)) * 0.165, np.abs(edge / 0.16 - np.round(edge / 0.16)) * 0.16)
+        joint = np.minimum(
+            np.abs(position - np.round(position)) * 0.165, np.abs(edge / 0.16 - np.round(edge / 0.16)) * 0.16
+        )
         tone = (0.13 + 0.12 * hashed(stone, int(rng.integers(2**31)))) * (0.35 + 0.65 * smoothstep(0.004, 0.02, joint))
         inside = (edge < 0.32)[..., None]
         stone_color = tone[..., None] * np.array([1.0, 0.97, 0.93], np.float32)
@@ -160,7 +162,9 @@ def _zebra_paint(across: Field, along: Field) -> Field:
 def asphalt_normals(rng: np.random.Generator) -> Image:
     """(1024, 1024, 3) normals of coarse aggregate; the same mapping as `asphalt`."""
     shape = (_SIZE, _SIZE)
-    height = 0.0005 * band_noise(shape, rng, longest=8, slope=0.3) + 0.0015 * band_noise(shape, rng, longest=200, shortest=40)
+    height = 0.0005 * band_noise(shape, rng, longest=8, slope=0.3) + 0.0015 * band_noise(
+        shape, rng, longest=200, shortest=40
+    )
     return normal_map(height, (ROAD_TILE[0] / _SIZE, ROAD_TILE[1] / _SIZE))
 
 
@@ -175,7 +179,9 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image]:
     row = np.floor((across - 0.5) / 0.8)
     position = along / 0.8 + 0.5 * row
     number = np.floor(position).astype(np.int64) % 4 * 5 + row.astype(np.int64)
-    slab_joint = np.minimum(np.abs(position - np.round(position)) * 0.8, np.abs((across - 0.5) / 0.8 - np.round((across - 0.5) / 0.8)) * 0.8)
+    slab_joint = np.minimum(
+        np.abs(position - np.round(position)) * 0.8, np.abs((across - 0.5) / 0.8 - np.round((across - 0.5) / 0.8)) * 0.8
+    )
     # Setts of 6.4 cm (50 in 3.2 m), uneven by noise.
     u, v = across / 0.062 + 0.16 * wobble, along / 0.064 + 0.16 * band_noise(shape, rng, longest=60, shortest=12)
     u = u + 0.5 * (np.floor(v) % 2)

@@ -108,7 +108,9 @@ def sign_faces() -> Image:
     y, x = (np.mgrid[0:cell, 0:cell] + 0.5) / (cell / 2) - 1.0
     red, white, blue, black = (0.55, 0.015, 0.02), (0.78, 0.78, 0.76), (0.01, 0.08, 0.42), (0.02, 0.02, 0.02)
 
-    def over(base: NDArray[np.floating], mask: NDArray[np.floating], color: tuple[float, float, float]) -> NDArray[np.floating]:
+    def over(
+        base: NDArray[np.floating], mask: NDArray[np.floating], color: tuple[float, float, float]
+    ) -> NDArray[np.floating]:
         return np.asarray(base * (1.0 - mask[..., None]) + np.array(color) * mask[..., None])
 
     def plain(color: tuple[float, float, float]) -> NDArray[np.floating]:
@@ -119,17 +121,35 @@ def sign_faces() -> Image:
         return smoothstep(-0.02, 0.02, inside)
 
     def triangle(scale: float) -> NDArray[np.floating]:
-        edge = np.minimum(0.56 * scale - y, np.minimum(0.5 * y + 0.56 * scale - 0.866 * x, 0.5 * y + 0.56 * scale + 0.866 * x))
+        edge = np.minimum(
+            0.56 * scale - y, np.minimum(0.5 * y + 0.56 * scale - 0.866 * x, 0.5 * y + 0.56 * scale + 0.866 * x)
+        )
         return smoothstep(-0.02, 0.02, edge)
 
     thirty = np.maximum.reduce(
-        [box(-0.45, -0.35, -0.1, -0.23), box(-0.4, -0.06, -0.1, 0.06), box(-0.45, 0.23, -0.1, 0.35), box(-0.22, -0.35, -0.08, 0.35)]
+        [
+            box(-0.45, -0.35, -0.1, -0.23),
+            box(-0.4, -0.06, -0.1, 0.06),
+            box(-0.45, 0.23, -0.1, 0.35),
+            box(-0.22, -0.35, -0.08, 0.35),
+        ]
     )
     zero = np.maximum(box(0.08, -0.35, 0.45, 0.35) - box(0.21, -0.22, 0.32, 0.22), 0.0)
     stripe = smoothstep(0.09, 0.05, np.abs(x - y))
-    walker = np.maximum.reduce([_disc(x - 0.02, y + 0.42, 0.11), box(-0.1, -0.3, 0.12, 0.1), box(-0.2, 0.05, -0.05, 0.5), box(0.05, 0.05, 0.2, 0.5)])
-    letter = np.maximum(box(-0.35, -0.6, -0.12, 0.62), _disc(x - 0.05, y + 0.25, 0.36) - _disc(x - 0.05, y + 0.25, 0.15))
-    arrow = np.maximum(box(-0.14, -0.2, 0.14, 0.7), smoothstep(-0.02, 0.02, np.minimum(-0.15 - y, y + 0.75 - 1.3 * np.abs(x))))
+    walker = np.maximum.reduce(
+        [
+            _disc(x - 0.02, y + 0.42, 0.11),
+            box(-0.1, -0.3, 0.12, 0.1),
+            box(-0.2, 0.05, -0.05, 0.5),
+            box(0.05, 0.05, 0.2, 0.5),
+        ]
+    )
+    letter = np.maximum(
+        box(-0.35, -0.6, -0.12, 0.62), _disc(x - 0.05, y + 0.25, 0.36) - _disc(x - 0.05, y + 0.25, 0.15)
+    )
+    arrow = np.maximum(
+        box(-0.14, -0.2, 0.14, 0.7), smoothstep(-0.02, 0.02, np.minimum(-0.15 - y, y + 0.75 - 1.3 * np.abs(x)))
+    )
     faces = [
         over(plain(red), box(-0.72, -0.16, 0.72, 0.16), white),
         over(over(plain(red), _disc(x, y, 0.74), white), np.maximum(thirty, zero), black),
@@ -148,7 +168,9 @@ def sign_faces() -> Image:
         while left < 0.7:
             wide = rng.uniform(0.05, 0.13)
             if rng.random() < 0.8:
-                face = over(face, box(left, -0.32 if rng.random() < 0.3 else -0.12, left + 0.4 * wide, 0.3), (0.8, 0.76, 0.62))
+                face = over(
+                    face, box(left, -0.32 if rng.random() < 0.3 else -0.12, left + 0.4 * wide, 0.3), (0.8, 0.76, 0.62)
+                )
                 face = over(face, box(left, rng.choice([-0.12, 0.08, 0.2]), left + wide, 0.3) * 0.9, (0.8, 0.76, 0.62))
             left += wide + 0.05
         faces.append(face)

@@ -66,7 +66,9 @@ def render(rng: np.random.Generator) -> tuple[Image, Image]:
     grain = band_noise(shape, rng, longest=4, slope=0.0)
     tone = 0.9 * (1.0 + 0.035 * cloud - 0.055 * np.maximum(runs, 0.0) + 0.025 * grain)
     tint = np.array([1.0, 0.99, 0.97])
-    height = 0.0012 * band_noise(shape, rng, longest=14, shortest=3, slope=0.6) + 0.002 * band_noise(shape, rng, longest=90, shortest=30)
+    height = 0.0012 * band_noise(shape, rng, longest=14, shortest=3, slope=0.6) + 0.002 * band_noise(
+        shape, rng, longest=90, shortest=30
+    )
     return srgb8(tone[..., None] * tint), normal_map(height, (RENDER_TILE / 512, RENDER_TILE / 512))
 
 
@@ -85,7 +87,9 @@ def ashlar(rng: np.random.Generator) -> tuple[Image, Image]:
     tone = (0.76 + 0.16 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.05 * grain + 0.05 * cloud)
     tone = tone * (0.6 + 0.4 * inside)
     height = 0.012 * inside + 0.0008 * grain
-    return srgb8(tone[..., None] * np.array([1.0, 0.975, 0.94])), normal_map(height, (STONE_TILE / size, STONE_TILE / size))
+    return srgb8(tone[..., None] * np.array([1.0, 0.975, 0.94])), normal_map(
+        height, (STONE_TILE / size, STONE_TILE / size)
+    )
 
 
 def roof_tiles(rng: np.random.Generator) -> tuple[Image, Image]:
@@ -112,7 +116,9 @@ def interiors(rng: np.random.Generator) -> Image:
     y, x = np.mgrid[0:cell, 0:cell] / cell
     for k in range(ATLAS_CELLS**2):
         room = np.array([0.030, 0.029, 0.028]) * rng.uniform(0.5, 1.5) * (1.3 - 0.6 * y[..., None])
-        room = room + 0.02 * rng.uniform(0.0, 1.0) * smoothstep(0.15, 0.0, np.abs(y - rng.uniform(0.05, 0.3)))[..., None]
+        room = (
+            room + 0.02 * rng.uniform(0.0, 1.0) * smoothstep(0.15, 0.0, np.abs(y - rng.uniform(0.05, 0.3)))[..., None]
+        )
         kind = k % 5
         folds = 0.72 + 0.28 * np.sin(x * rng.uniform(60.0, 110.0) + 1.5 * np.sin(x * 23.0 + k))
         cloth = np.array([0.42, 0.40, 0.36]) * rng.uniform(0.5, 1.1) * folds[..., None]
