@@ -1,0 +1,78 @@
+# `make` alone prints the targets. `make run` and `make test` set everything up by themselves.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+VENV ?= .venv
+export VENV
+PYTHON_BIN := $(VENV)/bin/python
+SPEC ?= examples/first-run.yaml
+PYTEST_OPTIONS ?=
+# Real processes, GL and networks on two cores: these limits are for the tests, not for users.
+TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 LP_NUM_THREADS=0
+
+##@ Use
+
+.PHONY: help
+help: ## Print this list
+	@awk 'BEGIN {FS = ":.*## "} \
+	  /^##@/ {printf "\n%s\n", substr($$0, 5)} \
+	  /^[a-z][a-z0-9-]*:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+.PHONY: setup
+setup: ## Make the virtual environment for running
+	@bin/setup run
+
+.PHONY: run
+run: setup ## Run a validation from a spec (SPEC=examples/first-run.yaml) and show its result
+	@exec $(VENV)/bin/valerie run $(SPEC) --end-with-parent
+
+.PHONY: up
+up: setup ## Start server, workers and dashboard, and stay until Ctrl-C
+	@exec $(VENV)/bin/valerie up --end-with-parent
+
+##@ Develop
+
+.PHONY: setup-dev
+setup-dev: ## Make the virtual environment for tests and checks
+	@bin/setup dev
+
+.PHONY: check
+check: setup-dev ## Format, lint, types, import rules
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+.PHONY: format
+format: setup-dev ## Format the code
+	$(VENV)/bin/ruff check --fix-only --quiet .
+	$(VENV)/bin/ruff format .
+
+.PHONY: test
+test: setup-dev ## The tests (at most 20 minutes on two cores)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(PYTEST_OPTIONS)
+
+.PHONY: test-all
+test-all: setup-dev ## Every test but the containers
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(PYTEST_OPTIONS)
+
+.PHONY: test-compose
+test-compose: setup-dev ## Build and run the containers, and a run through them (needs a Docker engine)
+	$(PYTHON_BIN) -m pytest tests/compose -s $(PYTEST_OPTIONS)
+
+BENCHES := $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
+.PHONY: bench
+bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Every benchmark; results go to var/bench/
+
+bench-%: setup-dev ## One benchmark, e.g. make bench-renderers
+	@exec $(PYTHON_BIN) benchmarks/bench_$(subst -,_,$*).py
+
+.PHONY: clean
+clean: ## Remove what tools left; data (var/) and the environment stay
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist *.egg-info
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
+
+.PHONY: distclean
+distclean: clean ## Remove the environment too
+	rm -rf $(VENV) $(VENV).lock

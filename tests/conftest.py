@@ -1,0 +1,76 @@
+"""What holds for every test: a clean environment, patience on slow machines, and no skip that nobody reviewed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# A setting of the developer's shell must not decide what a test sees.
+for _name in [name for name in os.environ if name.startswith("VALERIE_") and not name.startswith("VALERIE_TEST_")]:
+    del os.environ[_name]
+
+# Machines differ in speed; what a property says does not.
+settings.register_profile("valerie", deadline=None)
+settings.load_profile("valerie")
+
+_ALLOWED = Path(__file__).with_name("allowed_skips.txt")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """The container tests need a Docker engine: they run when they are asked for by path, and then never skip."""
+    folder = Path(__file__).with_name("compose")
+    asked_for = any("compose" in str(argument) for argument in config.args)
+    return True if collection_path == folder and not asked_for else None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(SkipPolice(read_allowed(_ALLOWED.read_text())), "skip-police")
+
+
+def read_allowed(text: str) -> list[tuple[str, str]]:
+    """(pattern of ids, part of the reason) of each line that is no comment."""
+    lines = [line.strip() for line in text.splitlines()]
+    entries = [line.partition("|") for line in lines if line and not line.startswith("#")]
+    return [(pattern.strip(), reason.strip()) for pattern, _, reason in entries]
+
+
+class SkipPolice:
+    """Fails the session when a test was skipped, or expected to fail, that the reviewed list does not name."""
+
+    def __init__(self, allowed: list[tuple[str, str]]) -> None:
+        self._allowed = allowed
+        self._caught: list[str] = []
+
+    def _look(self, report: pytest.TestReport | pytest.CollectReport) -> None:
+        expected_failure = getattr(report, "wasxfail", None)
+        if not report.skipped and expected_failure is None:
+            return
+        reason = expected_failure
+        if reason is None:
+            reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if not any(fnmatchcase(report.nodeid, pattern) and part in reason for pattern, part in self._allowed):
+            self._caught.append(f"{report.nodeid}: {reason}")
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._look(report)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        self._look(report)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> Iterator[None]:
+        # Before the terminal's own hook, which shows the exit status.
+        if self._caught and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        yield
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        if self._caught:
+            terminalreporter.section("skips that tests/allowed_skips.txt does not allow", sep="=", red=True)
+            for line in self._caught:
+                terminalreporter.line(line)
