@@ -106,7 +106,7 @@ def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[
         )
     hem = _crotch(body) + cut.lower * (body.head("spine_02")[2] - _crotch(body))
     neck, head = body.head("neck_01"), body.head("head")
-    axis = surface.normalize(surface.normalize(head - neck) + np.array([0.0, 0.55, 0.0]))
+    axis = surface.normalize(surface.normalize(head - neck) + np.array([0.0, 0.38, 0.0]))
     reach = body.head("neck_01") + cut.upper * axis
     along = np.zeros(len(points))
     for side in ("l", "r"):

@@ -199,8 +199,9 @@ def _target(folder: Path, name: str) -> NDArray[np.float64]:
     if not path.is_file():
         names = (p.relative_to(folder / "targets").as_posix() for p in (folder / "targets").rglob("*.target.gz"))
         raise UnknownName("body target", name, (n.removesuffix(".target.gz") for n in names))
-    lines = gzip.decompress(path.read_bytes()).decode("utf-8").splitlines()
-    rows = np.array(" ".join(line for line in lines if not line.startswith("#")).split(), np.float64).reshape(-1, 4)
+    lines = [line for line in gzip.decompress(path.read_bytes()).splitlines() if line and not line.startswith(b"#")]
     offsets = np.zeros_like(_base_mesh(folder).vertices)
-    offsets[rows[:, 0].astype(np.int64)] = rows[:, 1:] @ _TO_WORLD.T
+    if lines:  # the target of an average body moves nothing
+        rows = np.loadtxt(lines, ndmin=2)
+        offsets[rows[:, 0].astype(np.int64)] = rows[:, 1:] @ _TO_WORLD.T
     return freeze(offsets)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from valerie.scene.procedural.human.surface import Indices, Points, edges_of, neighbours, vertex_normals
+from valerie.scene.procedural.human.surface import Indices, Points, boundary_loops, edges_of, neighbours, vertex_normals
 
 #: Distance in metres that keeps the surfaces of different regions apart when the nearest point is looked up.
 _REGION_STEP: Final = 10.0
@@ -61,7 +61,13 @@ class Obstacle:
 
 
 def settle(
-    start: Points, rest: Points, faces: Indices, pinned: NDArray[np.bool_], regions: Indices, under: Obstacle, fabric: Fabric
+    start: Points,
+    rest: Points,
+    faces: Indices,
+    pinned: NDArray[np.bool_],
+    regions: Indices,
+    under: Obstacle,
+    fabric: Fabric,
 ) -> Points:
     """Let a garment settle.
 
@@ -92,7 +98,10 @@ def settle(
     fall = np.array([0.0, 0.0, -_FALL])
     nearest = tree.query(_with_region(position, regions))[1]
     for step in range(fabric.steps):
-        position, previous = np.where(free[:, None], position + _DAMPING * (position - previous) + fall, position), position
+        position, previous = (
+            np.where(free[:, None], position + _DAMPING * (position - previous) + fall, position),
+            position,
+        )
         for _ in range(3):
             delta = position[b] - position[a]
             length = np.maximum(np.linalg.norm(delta, axis=1), 1e-9)
@@ -106,6 +115,11 @@ def settle(
     smooth = neighbours(faces, len(rest))
     for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin: takes the iterations' noise away, keeps the folds
         position[free] += (factor * (smooth @ position - position))[free]
+    for loop in boundary_loops(faces):  # a hem is a line, sewn over twice
+        for _ in range(8):
+            edge = position[loop]
+            edge = edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0) - 2.0 * edge)
+            position[loop] = edge
     for _ in range(3):
         nearest = tree.query(_with_region(position, regions))[1]
         position, previous = _push_out(position, position, under, nearest, fabric, np.ones_like(free))

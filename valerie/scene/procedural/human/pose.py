@@ -27,6 +27,9 @@ _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
 _TOES: Final = {0: 8, 8: 0, 30: 0, 45: 8, 55: 26, 62: 20, 70: 5, 85: 8}
 
+#: Feet whose soles differ by more than this in height (metres) are not both on the ground.
+_DOUBLE_SUPPORT: Final = 0.08
+
 
 @dataclass(frozen=True, slots=True)
 class Gait:
@@ -95,7 +98,7 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
         "spine_02": _turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
         "spine_03": _turn(x=-0.2 * gait.lean_deg, z=0.4 * twist),
         "neck_01": _turn(x=0.5 * gait.lean_deg, z=-0.6 * twist),
-        "head": _turn(x=0.5 * gait.lean_deg, z=-0.4 * twist),
+        "head": _turn(x=0.5 * gait.lean_deg + 3.0, z=-0.4 * twist),
     }
     for side, offset in (("l", 0.0), ("r", 0.5)):
         rotations |= _leg(body, gait, side, gait.phase + offset, twist)
@@ -185,3 +188,41 @@ def _between(start: Points, end: Points) -> Rotation:
     if length < 1e-9:
         return Rotation.identity()
     return Rotation.from_rotvec(axis / length * np.arctan2(length, float(start @ end)))
+
+
+def plant(
+    body: Body, rotations: Mapping[str, Rotation], soles: Mapping[str, tuple[Points, Points]]
+) -> dict[str, Rotation]:
+    """Bring both feet to the ground when the gait has both on it.
+
+    Measured mean angles leave a gap of centimetres under one foot; the knee of the leg that reaches lower gives way until
+    both soles touch the same plane. Feet further apart than that (a leg in swing) are left as they are.
+
+    Args:
+        body: the shaped body.
+        rotations: of all bones.
+        soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
+    """
+
+    def lowest(knees: Mapping[str, Rotation], side: str) -> float:
+        posed = pose_body(body, knees)
+        return float(posed.apply(*soles[side])[:, 2].min())
+
+    heights = {side: lowest(rotations, side) for side in soles}
+    longer = min(heights, key=lambda side: heights[side])
+    gap = max(heights.values()) - heights[longer]
+    if gap > _DOUBLE_SUPPORT:
+        return dict(rotations)
+    bone = f"calf_{longer}"
+
+    def bent(degrees: float) -> dict[str, Rotation]:
+        return {**rotations, bone: rotations[bone] * _turn(x=-degrees)}
+
+    low, high = 0.0, 40.0
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        if lowest(bent(middle), longer) - heights[longer] < gap:
+            low = middle
+        else:
+            high = middle
+    return bent(0.5 * (low + high))

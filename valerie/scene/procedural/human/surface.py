@@ -49,8 +49,9 @@ def edges_of(faces: Indices) -> tuple[Indices, Indices]:
     """Undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     low_high = np.sort(sides.reshape(-1, 2), axis=1)
-    edges, inverse = np.unique(low_high, axis=0, return_inverse=True)
-    return edges, inverse.reshape(faces.shape)
+    base = int(faces.max()) + 1 if faces.size else 1
+    keys, inverse = np.unique(low_high[:, 0] * base + low_high[:, 1], return_inverse=True)
+    return np.stack([keys // base, keys % base], axis=1), inverse.reshape(faces.shape)
 
 
 def subdivide(quads: Indices, count: int) -> Mapped:
@@ -89,16 +90,14 @@ def subdivide(quads: Indices, count: int) -> Mapped:
     )
     boundary_edges = vertex_edges @ sparse.diags((~inner).astype(np.float64))
     crease = 0.25 * boundary_edges @ edge_middles + sparse.diags(np.full(count, 0.5))
-    vertex_points = sparse.diags((~on_boundary).astype(np.float64)) @ smooth + sparse.diags(
-        on_boundary.astype(np.float64)
-    ) @ crease
+    vertex_points = (
+        sparse.diags((~on_boundary).astype(np.float64)) @ smooth + sparse.diags(on_boundary.astype(np.float64)) @ crease
+    )
     matrix = sparse.vstack([vertex_points, edge_points, face_points]).tocsr()
 
     edge_of_side = sides + count
     face_point = np.arange(number_of_faces) + count + number_of_edges
-    small = [
-        np.stack([quads[:, k], edge_of_side[:, k], face_point, edge_of_side[:, k - 1]], axis=1) for k in range(4)
-    ]
+    small = [np.stack([quads[:, k], edge_of_side[:, k], face_point, edge_of_side[:, k - 1]], axis=1) for k in range(4)]
     return Mapped(matrix, np.stack(small, axis=1).reshape(-1, 4))
 
 
@@ -124,11 +123,8 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     order = order[distance[order] < snap]
     _, first = np.unique(near[order], return_index=True)
     chosen = order[first]
-    moved = sparse.identity(count, format="lil")
+    moved = _shifted(count, near[chosen], far[chosen], distance[chosen])
     values = field.copy()
-    for vertex, other, part in zip(near[chosen], far[chosen], distance[chosen], strict=True):
-        moved[vertex, vertex] = 1.0 - part
-        moved[vertex, other] = part
     values[near[chosen]] = 0.0
 
     inside = values <= 0.0
@@ -153,10 +149,10 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     part = values[new[:, 0]] / (values[new[:, 0]] - values[new[:, 1]])
     rows = np.repeat(np.arange(len(new)), 2)
     weights = np.stack([1.0 - part, part], axis=1)
-    added = sparse.csr_matrix((weights.ravel(), (rows, new.ravel())), shape=(len(new), count)) @ moved.tocsr()
+    added = sparse.csr_matrix((weights.ravel(), (rows, new.ravel())), shape=(len(new), count)) @ moved
     everything = np.concatenate([kept, np.array(pieces, np.int64).reshape(-1, 3)])
     small = compact(everything, count + len(new))
-    return Mapped(small.matrix @ sparse.vstack([moved.tocsr(), added]), small.faces)
+    return Mapped(small.matrix @ sparse.vstack([moved, added]), small.faces)
 
 
 def vertex_normals(points: Points, faces: Indices) -> Points:
@@ -214,3 +210,106 @@ def _averages(groups: Indices, count: int) -> Any:
     rows = np.repeat(np.arange(len(groups)), groups.shape[1])
     values = np.full(groups.size, 1.0 / groups.shape[1])
     return sparse.csr_matrix((values, (rows, groups.ravel())), shape=(len(groups), count))
+
+
+def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[Indices, Points, Indices]:
+    """Give every corner its texture coordinate: vertices are doubled where a seam passes.
+
+    Args:
+        faces: (F, 3).
+        corner_uvs: (F, 3, 2) of each face's corners.
+        wraps: u is periodic with period 1; a face across the wrap gets coordinates beyond 1.
+
+    Returns:
+        (V',) which old vertex each new one is, (V', 2) its texture coordinates, (F, 3) new faces.
+    """
+    uvs = corner_uvs.copy()
+    if wraps:
+        across = np.ptp(uvs[..., 0], axis=1) > 0.5
+        low = across[:, None] & (uvs[..., 0] < 0.5)
+        uvs[..., 0] += low
+    # coordinates between −2 and 6 in millionths make one number with the vertex
+    u, v = (np.round(uvs.reshape(-1, 2) * 1e6).astype(np.int64) + 2_000_000).T
+    keys = (faces.ravel() * 8_000_000 + u) * 8_000_000 + v
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return faces.ravel()[first], uvs.reshape(-1, 2)[first], inverse.reshape(faces.shape)
+
+
+def strip(first: Indices, second: Indices) -> Indices:
+    """(2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
+
+    A ring that follows a surface's own sides (`boundary_loops`) gets a strip that continues the surface.
+    """
+    p, q, r, s = first, np.roll(first, -1), second, np.roll(second, -1)
+    return np.concatenate([np.stack([q, p, r], axis=1), np.stack([q, r, s], axis=1)])
+
+
+def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.bool_] | None = None) -> Mapped:
+    """Collapse short, flat edges until about ``target`` triangles are left; open edges keep their vertices.
+
+    Rounds of independent collapses to the edges' middles, cheapest first: an edge costs its length plus a hundred times the
+    height that it would cut off.
+    """
+    count = len(points)
+    matrix = sparse.identity(count, format="csr")
+    current, keep_out = points, np.zeros(count, bool) if locked is None else locked.copy()
+    for _ in range(12):
+        surplus = (len(faces) - target) // 2
+        if surplus <= 0:
+            break
+        edges, sides = edges_of(faces)
+        uses = np.bincount(sides.ravel(), minlength=len(edges))
+        fixed = keep_out.copy()
+        fixed[edges[uses != 2].ravel()] = True
+        chosen = _collapsible(current, faces, edges, fixed, min(surplus, len(faces) // 10))
+        if len(chosen) == 0:
+            break
+        step = _shifted(len(current), chosen[:, 0], chosen[:, 1], np.full(len(chosen), 0.5))
+        goal = np.arange(len(current))
+        goal[chosen[:, 1]] = chosen[:, 0]
+        merged = goal[faces]
+        alive = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 0] != merged[:, 2])
+        small = compact(merged[alive], len(current))
+        forward = small.matrix @ step
+        keep_out = (small.matrix @ keep_out.astype(np.float64)) > 0.5
+        matrix, current, faces = forward @ matrix, forward @ current, small.faces
+    return Mapped(matrix, faces)
+
+
+def _collapsible(
+    points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], wanted: int
+) -> NDArray[np.int64]:
+    """Up to ``wanted`` edges whose neighbourhoods do not touch, cheapest first."""
+    count = len(points)
+    normals = vertex_normals(points, faces)
+    free = ~fixed[edges].any(axis=1)
+    a, b = edges.T
+    length = np.linalg.norm(points[b] - points[a], axis=1)
+    bend = np.abs(1.0 - np.einsum("ij,ij->i", normals[a], normals[b]))
+    cost = length * (1.0 + 100.0 * bend)
+    ring: list[list[int]] = [[] for _ in range(count)]
+    for p, q in edges.tolist():
+        ring[p].append(q)
+        ring[q].append(p)
+    taken = bytearray(count)
+    chosen: list[tuple[int, int]] = []
+    limit = np.sort(cost[free])[min(4 * wanted, int(free.sum()) - 1)] if free.any() else 0.0
+    candidates = np.flatnonzero(free & (cost <= limit))
+    for p, q in edges[candidates[np.argsort(cost[candidates], kind="stable")]].tolist():
+        around = [*ring[p], *ring[q]]
+        # the link condition: more than two common neighbours would pinch the surface
+        if any(taken[k] for k in around) or len(set(ring[p]).intersection(ring[q])) != 2:
+            continue
+        for k in around:
+            taken[k] = 1
+        chosen.append((p, q))
+        if len(chosen) == wanted:
+            break
+    return np.array(chosen, np.int64).reshape(-1, 2)
+
+
+def _shifted(count: int, vertices: Indices, others: Indices, shares: Points) -> Any:
+    """Sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
+    diagonal = np.ones(count)
+    diagonal[vertices] = 1.0 - shares
+    return (sparse.diags(diagonal) + sparse.csr_matrix((shares, (vertices, others)), shape=(count, count))).tocsr()
