@@ -227,6 +227,13 @@ class RunSpec(Document):
             raise InvalidInputs(problems)
         return self
 
+    def __eq__(self, other: object) -> bool:
+        # Where something was written is no part of what was written.
+        return isinstance(other, RunSpec) and self.__dict__ == other.__dict__
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
     @property
     def digest(self) -> str:
         """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""

@@ -321,18 +321,21 @@ class _Resolver:
 
     def look_for_oversights(self, space: ParameterSpace) -> None:
         """Warn of what is legal and probably not meant."""
-        used = {path for block in space.blocks for path in (v.path for v in block.variations)}
+        used = {v.path for block in space.blocks for v in block.variations}
         used |= {path for block in space.blocks for path in block.constants or ()}
         used |= {path for block in space.blocks for point in block.points for path in point}
         constant = {self._paths[name] for name in self.spec.constants}
         for i, block in enumerate(space.blocks):
+            place = self.spec.field(f"blocks.{i}.vary")
             for path in {v.path for v in block.variations} & (constant | set(block.constants or ())):
-                self.warnings.append(f"blocks.{i}: {self._by_path[path].name} is varied and constant; it is varied")
-            if block.design == "sobol" and block.count is not None and block.count & (block.count - 1):
-                nearest = 1 << (block.count.bit_length() - 1)
+                self.warnings.append(f"{place}: {self._by_path[path].name} is varied and constant; it is varied")
+            count = block.count
+            if block.design == "sobol" and count is not None and count & (count - 1):
+                lower = 1 << (count.bit_length() - 1)
+                place = self.spec.field(f"blocks.{i}.count")
                 self.warnings.append(
-                    f"blocks.{i}: sobol points are balanced for powers of two, and {block.count} is none "
-                    f"(near: {nearest}, {2 * nearest})"
+                    f"{place}: sobol points are balanced for powers of two, and {count} is none; "
+                    f"near are {lower} and {2 * lower}"
                 )
         for parameter in self.spec.parameters:
             path = self._paths[parameter.name]

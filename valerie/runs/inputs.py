@@ -1,0 +1,132 @@
+"""What each product of a frame truly depends on, and the digests that follow: the identity of all stored work.
+
+Per frame (variant, camera): ::
+
+    background   asset, everything that is not below a movable node, camera, resolution, engine
+    layer        background, everything of the scene, engine
+    truth        asset, poses and characters, camera, resolution, truth pass
+    prediction   background, layer, sensor response, function
+    evaluation   prediction, truth
+
+"Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and numeric class, as the run
+pinned them at submission. Names of runs, variants, sensors and parameters are inputs of nothing: equal work has equal
+digests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+from valerie.parameters.assignment import DigestPrefix, canonical_json
+from valerie.parameters.definitions import Value
+from valerie.runs.resolution import ResolvedRun
+from valerie.runs.states import ProductKind
+from valerie.scene.variation import split
+from valerie.sensing.sensor import REVISION as SENSING_REVISION
+from valerie.sensing.sensor import SensorSetting
+
+#: Raised by hand whenever equal predictions and truths give other counts.
+EVALUATION_REVISION: Final = 1
+#: Raised by hand whenever the meaning of the digests below changes.
+_SCHEME: Final = 1
+
+
+class EvaluationDigests(NamedTuple):
+    """One function on one picture of a frame.
+
+    Attributes:
+        sensor_index: place in ``spec.sensors``.
+        function_index: place in ``spec.functions``.
+        prediction, scores: digests of the prediction and of the evaluation.
+    """
+
+    sensor_index: int
+    function_index: int
+    prediction: str
+    scores: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameDigests:
+    """All products of one frame."""
+
+    background: str
+    layer: str
+    truth: str
+    evaluations: tuple[EvaluationDigests, ...]
+
+
+class ProductInputs:
+    """Digests of the products of a run's frames; what frames share is hashed once.
+
+    Args:
+        resolved: the run.
+        asset_digest: of its asset.
+        pins: what the run pinned: ``engine`` and ``truth`` with ``numeric_class`` and ``revision``, ``functions`` by
+            name with ``digest`` and ``numeric_class``.
+    """
+
+    def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Mapping[str, Any]) -> None:
+        spec = resolved.spec
+        self._manifest = resolved.manifest
+        self._cameras = resolved.cameras
+        self._sensors = spec.sensors
+        engine = {"name": spec.renderer, **_pinned(pins["engine"])}
+        resolution = spec.resolution.model_dump()
+        self._background: list[DigestPrefix] = []
+        self._truth: list[DigestPrefix] = []
+        for camera in self._cameras:
+            view = {"camera": camera, **resolution}
+            self._background.append(_prefix(ProductKind.BACKGROUND, asset_digest, view, engine))
+            self._truth.append(_prefix(ProductKind.TRUTH, asset_digest, view, _pinned(pins["truth"])))
+        self._layer = _prefix(ProductKind.LAYER, engine)
+        self._predictions = [
+            _prefix(
+                ProductKind.PREDICTION,
+                {key: pins["functions"][name][key] for key in ("digest", "numeric_class")},
+                SENSING_REVISION,
+            )
+            for name in spec.functions
+        ]
+        self._evaluation = _prefix(ProductKind.EVALUATION, EVALUATION_REVISION)
+        # Most variants of a run share the light, and so the background.
+        self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
+
+    def frame(self, assignment: Mapping[str, Value], camera_index: int) -> FrameDigests:
+        """The products of the frame that ``resolved.cameras[camera_index]`` takes of a variant (path to value)."""
+        inputs = split(assignment, self._manifest, self._cameras[camera_index])
+        background = self._background_digest(camera_index, canonical_json(inputs.background))
+        layer = self._layer.digest(background, inputs.layer)
+        truth = self._truth[camera_index].digest(inputs.geometry)
+        evaluations = []
+        # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
+        radiometry = {path: value for path, value in inputs.sensor.items() if path in assignment}
+        for sensor_index, setting in enumerate(self._sensors):
+            response = _response(setting, canonical_json(radiometry))
+            for function_index, prefix in enumerate(self._predictions):
+                prediction = prefix.digest(background, layer, response)
+                scores = self._evaluation.digest(prediction, truth)
+                evaluations.append(EvaluationDigests(sensor_index, function_index, prediction, scores))
+        return FrameDigests(background, layer, truth, tuple(evaluations))
+
+    def _hash_background(self, camera_index: int, inputs: bytes) -> str:
+        return self._background[camera_index].digest(inputs)
+
+
+def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
+    return DigestPrefix(_SCHEME, kind.value, *parts)
+
+
+def _pinned(pin: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: pin[key] for key in ("revision", "numeric_class")}
+
+
+@lru_cache(maxsize=4096)
+def _response(setting: SensorSetting, radiometry: bytes) -> bytes:
+    """The canonical form of a setting with a variant's values put in; its name makes no pixel."""
+    import orjson
+
+    return canonical_json(setting.with_assignment(orjson.loads(radiometry)).model_dump(exclude={"name"}))
