@@ -95,7 +95,7 @@ def parameters() -> dict[str, str]:
     return dict(PARAMETERS)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def dropping_table() -> EvaluationTable:
     """150 situations; a-net sees 0.9 up to 30 m, 0.5 beyond; b-net sees 0.7 (black outfit) or 0.8 (yellow shirt)."""
 

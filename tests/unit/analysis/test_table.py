@@ -194,6 +194,6 @@ def test_combine_tells_tuples_apart_as_python_does():
     generator = np.random.default_rng(5)
     keys = [generator.integers(0, 7, 500), generator.choice([0.5, np.nan, -1.0], 500), generator.integers(-3, 3, 500)]
     combined = combine(keys)
-    tuples = [tuple(None if v != v else float(v) for v in row) for row in zip(*keys, strict=True)]
+    tuples = [tuple(None if np.isnan(v) else float(v) for v in row) for row in zip(*keys, strict=True)]
 
     assert len(set(zip(tuples, combined.tolist(), strict=True))) == len(set(tuples)) == combined.max() + 1

@@ -1,0 +1,56 @@
+import pytest
+
+from valerie.analysis.examples import choose_examples
+from valerie.analysis.table import EvaluationTable
+
+
+@pytest.fixture
+def rows(synthetic):
+    made = synthetic(lambda *_: 0.6, xs=[0.0, 1.0], ys=[5.0, 9.0])
+    for row in made:
+        row["occlusion_rate"] = 0.02
+    return made
+
+
+def change(rows, frame, **values):
+    """Give a frame's rows other values; ``pacc`` may differ by function."""
+    for row in rows:
+        if row["frame_id"] == frame:
+            pacc = values.get("pacc", row["pacc"])
+            pacc = pacc[row["function"]] if isinstance(pacc, dict) else pacc
+            row |= {**values, "pacc": pacc}
+
+
+def test_the_extremes_are_chosen_and_named(rows, parameters):
+    change(rows, "000001-0", pacc=0.99)
+    change(rows, "000002-0", pacc=0.05)
+    change(rows, "000003-0", pacc=0.01, occlusion_rate=0.5)
+    change(rows, "000004-0", pacc=0.3, occlusion_rate=0.9)
+    change(rows, "000005-0", pacc={"a-net": 0.95, "b-net": 0.1})
+    found = {e.title: e for e in choose_examples(EvaluationTable.from_rows(rows, parameters))}
+
+    assert {title: e.frame_id for title, e in found.items()} == {
+        "Best seen": "000001-0",
+        "Worst in plain sight": "000002-0",
+        "Worst of all": "000003-0",
+        "Most occluded": "000004-0",
+        "Most disputed": "000005-0",
+    }
+    assert found["Most disputed"].pacc == {"a-net": 0.95, "b-net": 0.1}
+
+
+def test_no_frame_is_shown_twice(rows, parameters):
+    frames = [e.frame_id for e in choose_examples(EvaluationTable.from_rows(rows, parameters))]
+
+    assert len(frames) == len(set(frames)) >= 3
+
+
+def test_an_undefined_person_is_no_example(rows, parameters):
+    change(rows, "000001-0", pacc=None, undefined_reason="fully hidden", occlusion_rate=1.0)
+    frames = [e.frame_id for e in choose_examples(EvaluationTable.from_rows(rows, parameters))]
+
+    assert "000001-0" not in frames
+
+
+def test_without_defined_persons_there_are_no_examples(parameters):
+    assert choose_examples(EvaluationTable.from_rows([], parameters)) == ()

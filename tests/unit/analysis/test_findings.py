@@ -1,0 +1,152 @@
+import json
+
+import numpy as np
+import pytest
+
+from valerie.analysis.analyze import analyze
+from valerie.analysis.comparisons import FindingKind
+from valerie.analysis.findings import Findings
+from valerie.analysis.table import EvaluationTable
+
+GRID = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 15).tolist()}
+
+
+@pytest.fixture(scope="module")
+def of(request):
+    def choose(analysis, kind):
+        return [finding for finding in analysis.findings.items if finding.kind is kind]
+
+    return choose
+
+
+def test_the_drop_at_thirty_metres_is_found_and_said_with_its_numbers(dropping_table, of):
+    analysis = analyze(dropping_table)
+    (drop,) = [f for f in of(analysis, FindingKind.BINS) if f.column == "distance_m" and f.function == "a-net"]
+
+    assert drop.effect == pytest.approx(-0.4, abs=0.02)
+    assert drop.interval.low < -0.4 < drop.interval.high < 0
+    assert drop.sentence.startswith("a-net: pACC falls by 4")
+    assert "from distance 25–30 m (" in drop.sentence
+    assert f"n = {drop.n['from']}" in drop.sentence
+
+
+def test_a_function_without_a_drop_gets_no_sentence_about_distance(dropping_table, of):
+    found = of(analyze(dropping_table), FindingKind.BINS)
+
+    assert not [f for f in found if f.function == "b-net"]
+
+
+def test_characters_are_compared_within_the_same_situations(dropping_table, of):
+    (found,) = of(analyze(dropping_table), FindingKind.CHARACTERS)
+
+    assert found.function == "b-net"
+    assert found.effect == pytest.approx(-0.1, abs=0.01)
+    assert found.n == {"pairs": 150 * 3}
+    assert "b-net sees yellow-shirt better than black-outfit in the same situations" in found.sentence
+    assert "10." in found.sentence or "9.9" in found.sentence
+
+
+def test_the_difference_is_that_of_the_pairs_even_where_one_half_is_missing(dropping_table, of):
+    keep = np.ones(len(dropping_table), bool)
+    far = dropping_table.numbers("scene.person-1.pos.y") > 20
+    keep[far & dropping_table.codes("character").where("yellow-shirt")] = False
+    table = dropping_table.select(keep)
+    found = [f for f in of(analyze(table), FindingKind.CHARACTERS) if f.function == "a-net"]
+
+    assert found == []  # the mean of all black outfits is lower, for they also stand far away: no effect of the outfit
+
+
+def test_functions_are_compared_on_the_same_pictures(dropping_table, of):
+    found = of(analyze(dropping_table), FindingKind.FUNCTIONS)
+    best = {f.sentence.split(" sees ")[1].split(" better")[0]: f.function for f in found}
+
+    pacc, functions = dropping_table.numbers("pacc"), dropping_table.codes("function")
+    for character, function in best.items():
+        rows = dropping_table.codes("character").where(character)
+        means = {name: pacc[rows & functions.where(name)].mean() for name in functions.names}
+        assert max(means, key=means.__getitem__) == function
+    assert found
+
+
+def test_unpaired_designs_compare_averages_and_say_so(synthetic, parameters, of):
+    generator = np.random.default_rng(1)
+    rows = []
+    for number in range(80):
+        character = ("black-outfit", "yellow-shirt")[number % 2]
+        place = {"xs": [float(generator.uniform(-2, 7))], "ys": [float(generator.uniform(5, 33))]}
+        low = 0.5 if character == "black-outfit" else 0.8
+        made = synthetic(
+            lambda *law, low=low: low + 0.03 * law[-1],
+            characters=(character,),
+            functions=("net",),
+            seed=number,
+            **place,
+        )
+        rows += [{**row, "variant_index": number, "frame_id": f"{number}-{row['camera']}"} for row in made]
+    (found,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.CHARACTERS)
+
+    assert found.n == {"first": 120, "second": 120}
+    assert "on average, in different situations" in found.sentence
+
+
+def test_a_function_that_sees_persons_everywhere_is_named(synthetic, parameters, of):
+    rows = synthetic(lambda *_: 1.0, functions=("net",), false_positives=5000, **GRID)
+    (found,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.FALSE_POSITIVES)
+    tp = sum(row["tp"] for row in rows)
+    wrong = 5000 * len(rows)
+
+    assert found.effect == pytest.approx(wrong / (wrong + tp) - 0.5)
+    assert (
+        f"{100 * wrong / (wrong + tp):.1f} % of the pixels that it calls person belong to no person" in found.sentence
+    )
+
+
+def test_a_precise_function_is_not_named_for_its_precision(dropping_table, of):
+    assert of(analyze(dropping_table), FindingKind.FALSE_POSITIVES) == []
+
+
+def test_noise_alone_says_nothing_in_nearly_every_run(synthetic, parameters):
+    loud = 0
+    for seed in range(12):
+        rows = synthetic(lambda *law: 0.7 + 0.1 * law[-1], xs=GRID["xs"][::2], ys=GRID["ys"][::3], seed=seed)
+        findings = analyze(EvaluationTable.from_rows(rows, parameters), seed=seed, resamples=1000).findings
+        assert findings.examined > 3
+        loud += bool(findings.items)
+    assert loud <= 3  # 0.6 expected
+
+
+def test_findings_are_sorted_by_evidence_and_never_hold_zero(dropping_table):
+    findings = analyze(dropping_table).findings
+    evidence = [finding.evidence for finding in findings.items]
+
+    assert evidence == sorted(evidence, reverse=True)
+    assert all(f.interval.low > 0 or f.interval.high < 0 for f in findings.items)
+    assert findings.examined > findings.held >= len(findings.items)
+
+
+def test_equal_input_gives_equal_findings_and_they_survive_json(dropping_table):
+    first, second = analyze(dropping_table, seed=3).findings, analyze(dropping_table, seed=3).findings
+
+    assert first == second
+    assert Findings.from_json(json.loads(json.dumps(first.to_json()))) == first
+
+
+def test_names_with_braces_stay_as_they_are(synthetic, parameters):
+    rows = synthetic(lambda f, *_: 0.9 if f == "{0}" else 0.3, functions=("{0}", "{size}"), **GRID)
+    sentences = [f.sentence for f in analyze(EvaluationTable.from_rows(rows, parameters)).findings.items]
+
+    assert any("{0} sees" in sentence and "{size} does" in sentence for sentence in sentences)
+
+
+def test_a_handful_of_frames_is_not_examined(synthetic, parameters):
+    rows = synthetic(lambda *_: 0.5, xs=[0.0], ys=[5.0, 9.0])
+    findings = analyze(EvaluationTable.from_rows(rows, parameters)).findings
+
+    assert (findings.items, findings.examined) == ((), 0)
+
+
+def test_no_rows_no_findings(parameters):
+    analysis = analyze(EvaluationTable.from_rows([], parameters))
+
+    assert analysis.findings.items == ()
+    assert analysis.trends.items == ()

@@ -1,0 +1,176 @@
+import json
+
+import numpy as np
+import pytest
+
+from valerie.analysis.intervals import Resampler, wilson
+from valerie.analysis.summary import Summary, summarize
+from valerie.analysis.summary_text import summary_text
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+
+BASE = {
+    "run_id": "r", "variant_index": 0, "camera": "camera-1", "character": "black-outfit", "sensor": "default",
+    "function": "net", "instance_id": 24001, "occlusion_rate": 0.0, "distance_m": 20.0, "pixel_accuracy": 0.9,
+    "undefined_reason": None,
+}  # fmt: skip
+
+
+def row(frame, tp, fn, fp, frame_tp=None, frame_fn=None, **more):
+    frame_tp, frame_fn = tp if frame_tp is None else frame_tp, fn if frame_fn is None else frame_fn
+    called, union = frame_tp + fp, frame_tp + fp + frame_fn
+    return {
+        **BASE,
+        "frame_id": frame,
+        "tp": tp,
+        "fn": fn,
+        "fp": fp,
+        "pacc": tp / (tp + fn) if tp + fn else None,
+        "precision": frame_tp / called if called else None,
+        "iou": frame_tp / union if union else None,
+        **more,
+    }
+
+
+def hidden(frame, fp=0, **more):
+    return row(frame, 0, 0, fp, undefined_reason="fully hidden", occlusion_rate=1.0, **more)
+
+
+def table_of(*rows):
+    return EvaluationTable.from_rows(rows, {})
+
+
+def only(summary, character="black-outfit"):
+    (found,) = [r for r in summary.rows if r.character == character]
+    return found
+
+
+def test_means_weigh_persons_and_pooled_counts_weigh_pixels():
+    found = only(summarize(table_of(row("a", 90, 10, 10), row("b", 0, 20, 0), row("c", 300, 100, 0))))
+
+    assert found.pacc_mean == pytest.approx((0.9 + 0 + 0.75) / 3)
+    assert found.pacc_pooled == pytest.approx(390 / 520)
+    assert (found.pacc_min, found.pacc_max) == (0.0, 0.9)
+    assert found.precision_mean == pytest.approx((0.9 + 1.0) / 2)  # frame b calls nothing person
+    assert found.precision_pooled == pytest.approx(390 / 400)
+    assert found.iou_mean == pytest.approx((90 / 110 + 0 + 0.75) / 3)
+    assert found.iou_pooled == pytest.approx(390 / 530)
+
+
+def test_an_undefined_person_is_counted_with_its_reason_and_never_as_zero():
+    found = only(summarize(table_of(row("a", 90, 10, 0), hidden("b"), hidden("c"))))
+
+    assert (found.frames, found.persons, found.defined) == (3, 3, 1)
+    assert found.undefined == {"fully hidden": 2}
+    assert found.pacc_mean == found.pacc_min == 0.9
+
+
+def test_the_detection_rate_is_the_share_of_defined_persons_from_the_threshold_on():
+    table = table_of(row("a", 50, 50, 0), row("b", 49, 51, 0), row("c", 90, 10, 0), hidden("d"))
+    found = only(summarize(table, threshold=0.5))
+
+    assert (found.detected, found.defined) == (2, 3)
+    assert found.detection_rate == pytest.approx(2 / 3)
+    assert found.detection_interval == wilson(2, 3)
+    assert only(summarize(table, threshold=0.95)).detected == 0
+
+
+def test_a_function_that_never_saw_a_person_has_no_numbers_but_counts():
+    found = only(summarize(table_of(hidden("a"), hidden("b"))))
+
+    assert found.pacc_mean is found.pacc_pooled is found.detection_rate is found.pacc_mean_interval is None
+    assert found.undefined == {"fully hidden": 2}
+
+
+def test_characters_are_listed_and_then_taken_together():
+    table = table_of(row("a", 90, 10, 0), row("b", 40, 60, 0, character="yellow-shirt"))
+    summary = summarize(table)
+
+    assert [r.character for r in summary.rows] == ["black-outfit", "yellow-shirt", "all"]
+    assert only(summary, "yellow-shirt").pacc_mean == pytest.approx(0.4)
+    assert only(summary, "all").pacc_mean == pytest.approx(0.65)
+
+
+def test_two_persons_of_one_frame_share_its_false_positives_once():
+    frame = {"frame_tp": 120, "frame_fn": 80}
+    table = table_of(
+        row("a", 90, 10, 30, **frame), row("a", 30, 70, 30, instance_id=24002, character="yellow-shirt", **frame)
+    )
+    found = only(summarize(table), "all")
+
+    assert (found.frames, found.persons) == (1, 2)
+    assert found.precision_pooled == found.precision_mean == pytest.approx(120 / 150)
+    assert found.iou_pooled == pytest.approx(120 / 230)
+
+
+def test_occlusion_counts_each_person_of_each_frame_once_whoever_looks():
+    rows = [
+        row("a", 9, 1, 0),
+        row("b", 9, 1, 0, occlusion_rate=0.05),
+        row("c", 9, 1, 0, occlusion_rate=0.3),
+        hidden("d"),
+    ]
+    both = [*rows, *({**r, "function": "other"} for r in rows)]
+    (share,) = summarize(table_of(*both)).occlusion
+
+    assert (share.character, share.persons, share.occluded) == ("black-outfit", 4, 2)
+    assert share.share == 0.5
+
+
+def test_frames_without_a_person_are_summarized_apart():
+    nobody = {"instance_id": None, "character": None, "undefined_reason": "absent", "occlusion_rate": None}
+    summary = summarize(table_of(row("a", 90, 10, 5), row("b", 0, 0, 7, **nobody), row("c", 0, 0, 0, **nobody)))
+
+    assert [r.character for r in summary.rows] == ["black-outfit"]
+    (empty,) = summary.empty
+    assert (empty.frames, empty.with_false_positives, empty.false_positive_pixels) == (2, 1, 7)
+    assert only(summary).precision_pooled == pytest.approx(90 / 95)
+
+
+def test_sensors_and_functions_are_never_mixed():
+    table = table_of(row("a", 90, 10, 0), row("a", 20, 80, 0, sensor="dark"), row("a", 70, 30, 0, function="other"))
+    found = {(r.function, r.sensor): r.pacc_mean for r in summarize(table).rows}
+
+    assert found == {("net", "dark"): 0.2, ("net", "default"): 0.9, ("other", "default"): 0.7}
+
+
+def test_the_mean_has_an_interval_where_situations_suffice(dropping_table):
+    resampler = Resampler(dropping_table.situations, seed=0)
+    for found in summarize(dropping_table, resampler=resampler).rows:
+        assert found.pacc_mean_interval is not None
+        assert found.pacc_mean_interval.low < found.pacc_mean < found.pacc_mean_interval.high
+
+
+@pytest.mark.parametrize("threshold", [0.0, 1.1, -1, float("nan")])
+def test_a_threshold_out_of_bounds_is_refused(threshold):
+    with pytest.raises(InvalidInput) as caught:
+        summarize(table_of(row("a", 1, 1, 0)), threshold=threshold)
+    assert caught.value.field == "detection_threshold"
+
+
+def test_a_summary_survives_a_trip_through_json(dropping_table):
+    summary = summarize(dropping_table, resampler=Resampler(dropping_table.situations, seed=0))
+
+    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+
+
+def test_an_empty_table_has_an_empty_summary():
+    summary = summarize(EvaluationTable.from_rows([], {}))
+
+    assert (summary.frames, summary.rows, summary.occlusion, summary.empty) == (0, (), (), ())
+    assert "No person was evaluated" in summary_text(summary)
+
+
+def test_the_text_shows_every_number_of_the_table():
+    text = summary_text(summarize(table_of(row("a", 90, 10, 10), row("b", 0, 20, 0), hidden("c")), threshold=0.4))
+
+    for part in ("net", "black-outfit", "45.0", "0.0", "90.0", "75.0", "≥ 0.4", "1 fully hidden"):
+        assert part in text
+    assert max(map(len, text.splitlines())) <= 140
+
+
+def test_names_in_the_text_are_no_markup():
+    text = summary_text(summarize(table_of(row("a", 9, 1, 0, function="[red]net[/red]"))))
+
+    assert "[red]net[/red]" in text
+    assert np.all([ord(c) != 27 for c in text])

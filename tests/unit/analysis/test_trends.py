@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from valerie.analysis.intervals import Resampler
+from valerie.analysis.table import EvaluationTable
+from valerie.analysis.trends import AXES, axis_of, find_trends
+from valerie.errors import UnknownName
+
+
+@pytest.fixture
+def trends(dropping_table):
+    return find_trends(dropping_table, resampler=Resampler(dropping_table.situations, seed=0), seed=0)
+
+
+def test_there_is_a_trend_per_axis_function_and_character_and_combined(trends):
+    found = {(t.column, t.function, t.character) for t in trends.items}
+    expected = {
+        (axis.column, function, character)
+        for axis in AXES
+        for function in ("a-net", "b-net")
+        for character in ("black-outfit", "yellow-shirt", "all")
+    }
+
+    assert found == expected
+
+
+def test_a_constant_law_gives_a_flat_curve(trends):
+    (trend,) = [t for t in trends.of("distance_m", "b-net", "default") if t.character == "black-outfit"]
+
+    assert trend.curve is not None
+    assert trend.curve.degree == 0
+    assert trend.curve.y[0] == pytest.approx(0.7, abs=0.01)
+
+
+def test_a_step_bends_the_curve_and_shows_in_the_bins(trends):
+    (trend,) = [t for t in trends.of("distance_m", "a-net", "default") if t.character == "all"]
+
+    assert trend.curve is not None
+    assert trend.curve.degree >= 2
+    assert trend.curve.y[0] - trend.curve.y[-1] > 0.3
+    assert all(b.mean == pytest.approx(0.9 if b.high <= 30 else 0.5, abs=0.02) for b in trend.bins)
+    assert {round(b.high - b.low, 9) for b in trend.bins} == {5.0}
+
+
+def test_all_characters_of_an_axis_share_their_edges(trends):
+    bins = {t.character: {b.low for b in t.bins} for t in trends.of("distance_m", "a-net", "default")}
+
+    assert bins["black-outfit"] == bins["yellow-shirt"] == bins["all"]
+
+
+def test_one_character_has_no_combined_twin(synthetic, parameters):
+    rows = synthetic(lambda *law: 0.7 + 0.1 * law[-1], xs=[0.0, 2.0], ys=[5.0, 9.0, 13.0, 20.0], characters=("only",))
+    table = EvaluationTable.from_rows(rows, parameters)
+    trends = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
+
+    assert {t.character for t in trends.items} == {"only"}
+
+
+def test_undefined_persons_bend_no_curve(dropping_table):
+    hidden = np.zeros(len(dropping_table), bool)
+    hidden[::7] = True
+    columns = {name: dropping_table.arrow[name].to_pylist() for name in dropping_table.arrow.column_names}
+    columns["pacc"] = [None if h else v for h, v in zip(hidden, columns["pacc"], strict=True)]
+    columns["undefined_reason"] = ["fully hidden" if h else None for h in hidden]
+    table = EvaluationTable.from_columns(columns, dropping_table.parameters)
+    trends = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
+    total = sum(t.curve.n for t in trends.items if t.column == "distance_m" and t.character == "all" and t.curve)
+
+    assert total == len(table) - hidden.sum()
+
+
+def test_an_unknown_axis_is_refused():
+    with pytest.raises(UnknownName, match="distance_m"):
+        axis_of("distance")
