@@ -1,0 +1,113 @@
+"""The shipped networks see what they are said to see: measured on streets that they were not trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from valerie.labels import PERSON, to_train_ids
+from valerie.metrics.aggregate import pooled
+from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.scores import frame_scores
+from valerie.perception.base import PerceptionFunction
+from valerie.perception.catalog import FUNCTIONS, function_card, load_function
+from valerie.pipeline import training_scenes
+from valerie.pipeline.training_scenes import crowd_asset, draw_scene
+from valerie.rendering.base import View
+from valerie.scene.asset import load_asset
+from valerie.scene.model import Scene
+from valerie.sensing.sensor import develop
+
+pytestmark = pytest.mark.gl
+
+STREETS = (900, 901, 902, 903)
+FRAMES_PER_STREET = 12
+SIZE = (960, 540)
+TRAINED_ON = range(1000, 100_000)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A held-out frame with its people, and the same frame without them."""
+
+    picture: NDArray[np.uint8]
+    empty_picture: NDArray[np.uint8]
+    truth: NDArray[np.uint8]
+
+
+def without_people(scene: Scene) -> Scene:
+    nodes = {
+        path: replace(node, visible=False) if node.label_id == PERSON.id else node for path, node in scene.nodes.items()
+    }
+    return replace(scene, nodes=nodes)
+
+
+def render_pairs() -> Iterator[Pair]:
+    from valerie.rendering.ground_truth import TruthPass
+    from valerie.rendering.raster.context import process_context
+    from valerie.rendering.raster.renderer import RasterRenderer
+
+    context = process_context()
+    renderer, truth_pass = RasterRenderer(context), TruthPass(context)
+    for street in STREETS:
+        crowd = crowd_asset(load_asset({"name": "urban-street", "seed": street}))
+        for number in range(FRAMES_PER_STREET):
+            drawn = draw_scene(crowd, np.random.default_rng([training_scenes.REVISION, street, number, 0]))
+            view = View(drawn.camera, *SIZE)
+            yield Pair(
+                develop(renderer.full(drawn.scene, view).pixels, drawn.sensor),
+                develop(renderer.full(without_people(drawn.scene), view).pixels, drawn.sensor),
+                to_train_ids(truth_pass.truth(drawn.scene, view).class_map),
+            )
+    renderer.close()
+
+
+@pytest.fixture(scope="module")
+def pairs() -> list[Pair]:
+    made = list(render_pairs())
+    with_people = [pair for pair in made if (pair.truth == PERSON.train_id).any()]
+    assert len(with_people) >= len(made) / 2
+    assert len(with_people) < len(made), "some held-out frames show nobody"
+    return made
+
+
+@pytest.fixture(scope="module", params=FUNCTIONS)
+def seen(request: pytest.FixtureRequest, pairs: list[Pair]) -> list[tuple[Pair, NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Per pair: the function's labels with and without people."""
+    function: PerceptionFunction = load_function(request.param, threads=1)
+    predicted = [(pair, function.predict(pair.picture), function.predict(pair.empty_picture)) for pair in pairs]
+    function.close()
+    return predicted
+
+
+def test_pooled_person_iou_is_at_least_forty_percent(seen: list[tuple[Pair, np.ndarray, np.ndarray]]) -> None:
+    matrices: list[ConfusionMatrix] = [confusion_matrix(pair.truth, labels) for pair, labels, _ in seen]
+    iou = frame_scores(pooled(matrices)).iou
+    assert iou is not None
+    assert iou >= 0.4
+
+
+def test_removing_the_people_removes_what_was_seen_inside_their_masks(
+    seen: list[tuple[Pair, np.ndarray, np.ndarray]],
+) -> None:
+    before = after = 0
+    for pair, with_people, empty in seen:
+        mask = pair.truth == PERSON.train_id
+        before += int((with_people[mask] == PERSON.train_id).sum())
+        after += int((empty[mask] == PERSON.train_id).sum())
+    assert before > 0
+    assert after <= 0.1 * before
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_header_says_that_these_streets_were_held_out(name: str) -> None:
+    provenance = function_card(name).provenance
+    first, last = (int(seed) for seed in provenance["frames-street-seeds"].split("-"))
+    assert set(range(first, last + 1)) <= set(TRAINED_ON)
+    assert set(range(first, last + 1)).isdisjoint(STREETS)
+    assert float(provenance["held-out-person-iou"]) >= 0.4
+    assert provenance["licence"] == "Apache-2.0"

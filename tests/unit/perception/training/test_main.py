@@ -1,0 +1,50 @@
+from pathlib import Path
+
+import pytest
+
+from valerie.perception.catalog import function_card
+from valerie.perception.training.__main__ import main
+from valerie.perception.training.frames import write_index, write_shard
+
+
+@pytest.fixture
+def folders(tmp_path: Path, make_frames) -> tuple[Path, Path]:
+    made = []
+    for name, seed in (("train", 1000), ("held-out", 900)):
+        folder = tmp_path / name
+        folder.mkdir()
+        shard = write_shard(folder, seed, make_frames(2, street_seed=seed))
+        write_index(folder, [shard], {"street-seeds": f"{seed}-{seed}", "asset": "boxes"})
+        made.append(folder)
+    return made[0], made[1]
+
+
+def test_fit_writes_a_function_with_its_provenance(folders: tuple[Path, Path], tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out" / "semantic-fpn-small.safetensors"
+    arguments = ["fit", "semantic-fpn-small", "--frames", str(folders[0]), "--held-out", str(folders[1])]
+    arguments += ["--out", str(out), "--steps", "1", "--batch", "2", "--precision", "fp32", "--device", "cpu"]
+    assert main(arguments) == 0
+    card = function_card("semantic-fpn-small", folder=out.parent)
+    assert card.provenance["frames-street-seeds"] == "1000-1000"
+    assert card.provenance["held-out-street-seeds"] == "900-900"
+    assert card.provenance["licence"] == "Apache-2.0"
+    assert card.provenance["steps"] == "1"
+    assert "held-out-person-iou" in card.provenance
+    assert "after 1 steps" in capsys.readouterr().out
+
+
+def test_a_missing_folder_is_said_in_one_line(tmp_path: Path, capsys) -> None:
+    arguments = ["fit", "semantic-fpn-small", "--frames", str(tmp_path), "--held-out", str(tmp_path), "--out", "x"]
+    assert main(arguments) == 1
+    assert "training frames" in capsys.readouterr().err
+
+
+def test_a_wrong_setting_is_wrong_input(folders: tuple[Path, Path], capsys) -> None:
+    arguments = ["fit", "semantic-fpn-small", "--frames", str(folders[0]), "--held-out", str(folders[1])]
+    assert main([*arguments, "--out", "x", "--steps", "0"]) == 2
+    assert "steps" in capsys.readouterr().err
+
+
+def test_frames_into_a_full_folder_is_wrong_input(folders: tuple[Path, Path], capsys) -> None:
+    assert main(["frames", str(folders[0]), "--streets", "1"]) == 2
+    assert "not empty" in capsys.readouterr().err

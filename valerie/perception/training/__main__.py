@@ -1,0 +1,144 @@
+"""``python -m valerie.perception.training frames|fit``: render a data set, train a network from it.
+
+Needs numpy, torch, safetensors, zstandard, pydantic and OpenCV; rendering also moderngl, shapely, scipy and orjson.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from valerie.errors import InvalidInput, ValerieError
+from valerie.perception.training.frames import FrameFolder, Shard
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one of the two commands; 0 done, 2 wrong input, 1 any other failure that has a message."""
+    options = _parser().parse_args(arguments)
+    try:
+        if options.command == "frames":
+            _frames(options)
+        else:
+            _fit(options)
+    except (InvalidInput, ValidationError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    except ValerieError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    return 0
+
+
+def _frames(options: argparse.Namespace) -> None:
+    # The use case lives above this package (it joins asset, engine and sensor); only this entry point looks up.
+    from valerie.pipeline.training_frames import FrameSettings, render_frames
+
+    settings = FrameSettings(
+        split=options.split,
+        streets=options.streets,
+        per_street=options.per_street,
+        width=options.size[0],
+        height=options.size[1],
+        asset=options.asset,
+    )
+    started, done = time.monotonic(), 0
+
+    def tell(shard: Shard) -> None:
+        nonlocal done
+        done += 1
+        rate = done * settings.per_street / (time.monotonic() - started)
+        _say(f"street {shard.street_seed}: {done}/{settings.streets} streets, {rate:.1f} frames/s")
+
+    folder = render_frames(options.folder, settings, processes=options.processes, progress=tell)
+    _say(f"{len(folder)} frames in {options.folder}, digest {folder.digest}")
+
+
+def _fit(options: argparse.Namespace) -> None:
+    import torch
+
+    from valerie.perception.training.fit import TrainingProgress, train
+    from valerie.perception.training.settings import TrainingSettings
+
+    given = {
+        name: value for name in TrainingSettings.model_fields if (value := getattr(options, name, None)) is not None
+    }
+    settings = TrainingSettings.model_validate(given)
+    frames, held_out = FrameFolder(options.frames), FrameFolder(options.held_out)
+    torch.set_num_threads(options.threads)
+
+    def tell(now: TrainingProgress) -> None:
+        if now.step % 50 == 0 or now.figures is not None:
+            _say(f"step {now.step} ({now.fraction:.1%}), loss {now.loss:.4f}, {now.elapsed_s:.0f} s")
+        if now.figures is not None:
+            _say(f"  held out: {now.figures.as_text()}")
+
+    model = train(settings, frames, held_out=held_out, progress=tell, checkpoint=options.checkpoint)
+    provenance = {f"frames-{name}": text for name, text in frames.listing.provenance.items()}
+    provenance |= {
+        "frames": str(len(frames)),
+        "frames-digest": frames.digest,
+        "held-out-digest": held_out.digest,
+        "held-out-street-seeds": held_out.listing.provenance.get("street-seeds", "unknown"),
+        "licence": "Apache-2.0",
+        "trained-by": "python -m valerie.perception.training fit",
+    }
+    data = model.to_bytes(provenance)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_bytes(data)
+    _say(f"{options.out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
+    if model.figures is not None:
+        _say(f"held out: {model.figures.as_text()}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m valerie.perception.training", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    frames = commands.add_parser("frames", help="render a data set into an empty folder")
+    frames.add_argument("folder", type=Path)
+    frames.add_argument("--split", choices=("train", "held-out"), default="train")
+    frames.add_argument("--streets", type=int, default=100)
+    frames.add_argument("--per-street", type=int, default=30)
+    frames.add_argument("--size", type=_size, default=(960, 540), metavar="WxH")
+    frames.add_argument("--processes", type=int, default=1)
+    frames.add_argument("--asset", default="urban-street")
+
+    fit = commands.add_parser("fit", help="train one network from a folder of frames")
+    fit.add_argument("architecture")
+    fit.add_argument("--frames", type=Path, required=True, help="folder to train from")
+    fit.add_argument("--held-out", type=Path, required=True, help="folder to validate on")
+    fit.add_argument("--out", type=Path, required=True, help="function file to write")
+    fit.add_argument("--checkpoint", type=Path, help="file to write on the way, and to go on from if it exists")
+    fit.add_argument("--steps", type=int)
+    fit.add_argument("--time-budget", dest="time_budget_s", type=float, metavar="SECONDS")
+    fit.add_argument("--batch", type=int)
+    fit.add_argument("--seed", type=int)
+    fit.add_argument("--learning-rate", type=float)
+    fit.add_argument("--person-weight", type=float)
+    fit.add_argument("--precision", choices=("bf16", "fp32"))
+    fit.add_argument("--device", choices=("auto", "cpu", "cuda"))
+    fit.add_argument("--loader-threads", type=int)
+    fit.add_argument("--validate-every", type=int)
+    fit.add_argument("--threads", type=int, default=1, help="torch's CPU threads (part of what makes runs repeatable)")
+    return parser
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"not WIDTHxHEIGHT: {text}") from None
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

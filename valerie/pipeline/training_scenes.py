@@ -1,0 +1,292 @@
+"""Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
+
+All choices come from one generator per frame. Whatever a network could learn instead of "person" is varied: places,
+headings, sizes, colours of cloth and skin, light, haze, camera, exposure and tone curve; and some frames show nobody.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import PERSON, instance_id
+from valerie.parameters.assignment import digest
+from valerie.parameters.definitions import ParameterDefinition, Value
+from valerie.scene.asset import SceneAsset
+from valerie.scene.attributes import ABSENT
+from valerie.scene.legality import rejection_reason
+from valerie.scene.manifest import Manifest
+from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Texture
+from valerie.scene.naming import ROOT
+from valerie.scene.transforms import Pose, camera_angles, camera_transform
+from valerie.scene.variation import apply
+from valerie.sensing.sensor import SensorSetting
+
+#: Raised by hand whenever the same seed gives another scene.
+REVISION: Final = 1
+
+#: How many people a frame shows: probabilities of 0, 1, 2 and 3.
+_CROWD: Final = (0.2, 0.35, 0.3, 0.15)
+_CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
+#: Parts of material names that are worn, and those that are skin.
+_WORN: Final = ("cloth-", "shoe-")
+_SKIN: Final = "skin"
+_NEUTRAL: Final = "neutral/"
+_TRIES: Final = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingScene:
+    """One drawn scene.
+
+    Attributes:
+        scene: with people, light and cameras as drawn.
+        camera: name of the camera to look through.
+        sensor: exposure, curve and gamma.
+    """
+
+    scene: Scene
+    camera: str
+    sensor: SensorSetting
+
+
+def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset:
+    """The asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
+
+    Copies have materials of their own, so that each can be recoloured alone.
+
+    Raises:
+        InvalidInput: the asset has no person.
+    """
+    manifest, scene = asset.manifest, asset.base
+    if not manifest.persons:
+        raise InvalidInput("has no person to train on", field="asset", value=asset.name)
+    source = manifest.persons[0]
+    numbers = [n for n in range(1, 1000) if f"{ROOT}.{PERSON.node_class}-{n}" not in scene.nodes]
+    added = [f"{ROOT}.{PERSON.node_class}-{n}" for n in numbers[: max(0, persons - len(manifest.persons))]]
+    nodes, materials = dict(scene.nodes), dict(scene.materials)
+    parameters = list(manifest.parameters)
+    for path, number in zip(added, numbers, strict=False):
+        _copy_person(scene, source, path, number, nodes, materials)
+        parameters += [
+            ParameterDefinition.model_validate(
+                {**definition.model_dump(), "path": path + definition.path.removeprefix(source), "name": ""}
+            )
+            for definition in manifest.parameters
+            if definition.path.startswith(f"{source}.")
+        ]
+    textures = dict(scene.textures)
+    for material in scene.materials.values():
+        if _is(material.name, _WORN) and material.base_color_texture is not None:
+            name = f"{_NEUTRAL}{material.base_color_texture}"
+            textures[name] = Texture(name, _grey(scene.textures[material.base_color_texture].image))
+    fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
+    for name in ("persons", "movable", "grounded"):
+        fields[name] = (*fields[name], *added)
+    fields["parameters"] = tuple(parameters)
+    return SceneAsset(
+        Manifest.model_validate(fields),
+        digest("training-crowd", asset.digest, persons, REVISION),
+        replace(scene, nodes=nodes, materials=materials, textures=textures),
+    )
+
+
+def draw_scene(asset: SceneAsset, rng: np.random.Generator) -> TrainingScene:
+    """Draw one frame's scene from an asset that `crowd_asset` made.
+
+    Raises:
+        InvalidInput: no free place for a camera was found.
+    """
+    manifest = asset.manifest
+    camera = _draw_camera(asset, rng)
+    assignment: dict[str, Value] = {f"{person}.character": ABSENT for person in manifest.persons}
+    count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
+    for person in rng.permutation(manifest.persons)[:count]:
+        _draw_person(str(person), camera, assignment, manifest, rng)
+    _draw_number(assignment, manifest, "scene.sun-1.azimuth", 0.0, 359.9, rng)
+    _draw_number(assignment, manifest, "scene.sun-1.elevation", 8.0, 72.0, rng)
+    _draw_number(assignment, manifest, "scene.sun-1.irradiance", 0.6, 1.3, rng)
+    scene = apply(assignment, asset)
+    scene = replace(
+        scene,
+        nodes=_resized(scene, manifest, rng),
+        materials=_recoloured(scene, manifest, rng),
+        cameras={**scene.cameras, camera.name: camera},
+        environment=replace(scene.environment, turbidity=float(rng.uniform(2.0, 6.0))),
+    )
+    sensor = SensorSetting.model_validate(
+        {
+            "name": "training",
+            "exposure_ev": round(float(rng.uniform(-0.9, 0.9)), 3),
+            "curve": str(rng.choice(list(_CURVES), p=list(_CURVES.values()))),
+            "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
+        }
+    )
+    return TrainingScene(scene, camera.name, sensor)
+
+
+def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
+    """One of the asset's cameras: two in five near their own place, the others moved along the street and turned."""
+    manifest = asset.manifest
+    x0, y0, x1, y1 = manifest.extent
+    for _ in range(_TRIES):
+        camera = asset.base.cameras[str(rng.choice(manifest.cameras))]
+        x, y, z = (float(value) for value in camera.position)
+        yaw, pitch, _roll = camera_angles(camera.transform)
+        focal_length = camera.focal_length_mm
+        if rng.random() < 0.4:
+            x, y, yaw = x + rng.uniform(-0.7, 0.7), y + rng.uniform(-2.0, 2.0), yaw + rng.uniform(-3.0, 3.0)
+        else:
+            x, y = x + rng.uniform(-2.5, 2.5), rng.uniform(min(y, y0), y0 + 0.7 * (y1 - y0))
+            yaw += rng.normal(0.0, 12.0)
+            if rng.random() < 0.25:
+                yaw += 180.0
+            focal_length *= rng.uniform(0.6, 1.2)
+        z = max(0.8, z + rng.uniform(-0.4, 0.8))
+        pitch += rng.normal(0.0, 2.0)
+        ahead = (x - 3.0 * math.sin(math.radians(yaw)), y + 3.0 * math.cos(math.radians(yaw)))
+        if x0 <= x <= x1 and y <= y1 and not _blocked(manifest, (x, y), z) and not _blocked(manifest, ahead, z):
+            transform = camera_transform((x, y, z), yaw, pitch, rng.normal(0.0, 1.0))
+            return replace(camera, transform=transform, focal_length_mm=float(focal_length))
+    raise InvalidInput("no free place for a camera", field="asset", value=asset.name)
+
+
+def _draw_person(
+    person: str, camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator
+) -> None:
+    """Put a person somewhere legal, four times in five where the camera looks; absent if nothing was found."""
+    characters = [c for c in manifest.definition(f"{person}.character").choices if c != ABSENT]
+    x0, y0, x1, y1 = manifest.extent
+    half_view = math.atan(0.5 * camera.sensor_width_mm / camera.focal_length_mm)
+    forward = math.atan2(-camera.transform[0, 2], -camera.transform[1, 2])  # from +y towards +x
+    for _ in range(_TRIES):
+        if rng.random() < 0.8:
+            distance = math.exp(rng.uniform(math.log(5.0), math.log(60.0)))
+            bearing = forward + rng.uniform(-0.95, 0.95) * half_view
+            x = float(camera.position[0]) + distance * math.sin(bearing)
+            y = float(camera.position[1]) + distance * math.cos(bearing)
+        else:
+            x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
+        tried: dict[str, Value] = {
+            **assignment,
+            f"{person}.pos.x": x,
+            f"{person}.pos.y": y,
+            f"{person}.heading": float(rng.uniform(0.0, 359.9)),
+            f"{person}.character": str(rng.choice(characters)),
+        }
+        within = all(_allows(manifest, f"{person}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
+        if within and rejection_reason(tried, manifest) is None:
+            for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
+                _draw_number(tried, manifest, f"{person}.cloth.{name}", low, high, rng)
+            assignment.update(tried)
+            return
+
+
+def _resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:
+    """All persons a little taller or smaller."""
+    nodes = dict(scene.nodes)
+    for person in manifest.persons:
+        pose = Pose.of(nodes[person].transform)
+        factor = float(rng.uniform(0.88, 1.06))
+        nodes[person] = replace(nodes[person], transform=replace(pose, scale=(factor, factor, factor)).matrix())
+    return nodes
+
+
+def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Material]:
+    """Every worn thing in a colour of its own (one in six stays as made); skin darker by a factor per person."""
+    materials = dict(scene.materials)
+    for person in manifest.persons:
+        skin = float(rng.uniform(0.3, 1.1))
+        names = {
+            mesh.material
+            for node in scene.nodes.values()
+            if node.path == person or node.path.startswith(f"{person}.")
+            for mesh in node.meshes
+        }
+        for name in sorted(names):
+            material = materials[name]
+            if _is(name, _WORN):
+                if rng.random() < 1 / 6:
+                    continue
+                texture = material.base_color_texture
+                neutral = None if texture is None else f"{_NEUTRAL}{texture}"
+                materials[name] = replace(material, base_color=_cloth_color(rng), base_color_texture=neutral)
+            elif _is(name, (_SKIN,)) and not name.endswith("eyes"):
+                red, green, blue = material.base_color
+                materials[name] = replace(material, base_color=(red * skin, green * skin, blue * skin))
+    return materials
+
+
+def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Linear RGB; half of all cloth is nearly grey, as in a street, the rest is any hue; dark is as likely as light."""
+    saturation = rng.uniform(0.0, 0.2) if rng.random() < 0.5 else rng.uniform(0.3, 1.0)
+    red, green, blue = colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.08, 1.0))
+    return red**2.2, green**2.2, blue**2.2
+
+
+def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A texture's weave without its colour, scaled to a mean of 190 so that a tint keeps its brightness."""
+    luminance = image[..., :3].astype(np.float64) @ np.array([0.2126, 0.7152, 0.0722])
+    level = (luminance * (190.0 / max(luminance.mean(), 1.0))).clip(0, 255).astype(np.uint8)
+    grey = np.repeat(level[..., None], 3, axis=2)
+    return np.concatenate([grey, image[..., 3:]], axis=2)
+
+
+def _copy_person(
+    scene: Scene, source: str, path: str, number: int, nodes: dict[str, Node], materials: dict[str, Material]
+) -> None:
+    """Add a copy of the nodes at and below ``source`` under ``path``; vertex arrays are shared, materials are not."""
+    prefix = f"{path.removeprefix(f'{ROOT}.')}/"
+
+    def own(mesh: Mesh) -> Mesh:
+        name = prefix + mesh.material.removeprefix(f"{source.removeprefix(f'{ROOT}.')}/")
+        materials[name] = replace(scene.materials[mesh.material], name=name)
+        return replace(mesh, material=name)
+
+    for node in scene.nodes.values():
+        if node.path == source or node.path.startswith(f"{source}."):
+            nodes[path + node.path.removeprefix(source)] = replace(
+                node,
+                path=path + node.path.removeprefix(source),
+                meshes=tuple(own(mesh) for mesh in node.meshes),
+                instance_id=instance_id(PERSON, number),
+            )
+
+
+def _draw_number(
+    assignment: dict[str, Value], manifest: Manifest, path: str, low: float, high: float, rng: np.random.Generator
+) -> None:
+    """Uniform in [low, high] within the declared range; nothing if the asset does not declare the path."""
+    drawn = float(rng.uniform(low, high))  # drawn in any case, so that later choices stay the same
+    definition = manifest.by_path.get(path)
+    if definition is not None:
+        lowest = -math.inf if definition.minimum is None else definition.minimum
+        highest = math.inf if definition.maximum is None else definition.maximum
+        assignment[path] = min(max(drawn, lowest), highest)
+
+
+def _allows(manifest: Manifest, path: str, value: float) -> bool:
+    definition = manifest.definition(path)
+    above = definition.minimum is None or value >= definition.minimum
+    return above and (definition.maximum is None or value <= definition.maximum)
+
+
+def _blocked(manifest: Manifest, place: tuple[float, float], height: float) -> bool:
+    """Whether something as tall as ``height`` stands within a metre of the place."""
+    point = shapely.Point(place)
+    return any(
+        shapely.dwithin(shapely.Polygon(obstacle.polygon), point, 1.0)
+        for obstacle in manifest.obstacles
+        if obstacle.height_m is None or obstacle.height_m > height - 0.3
+    )
+
+
+def _is(material: str, prefixes: tuple[str, ...]) -> bool:
+    return any(part.startswith(prefixes) for part in material.split("/"))
