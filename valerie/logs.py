@@ -22,7 +22,9 @@ def configure_logging(settings: Settings) -> None:
         shared.append(structlog.processors.format_exc_info)
         final: structlog.typing.Processor = structlog.processors.JSONRenderer()
     else:
-        final = structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty())
+        final = structlog.dev.ConsoleRenderer(
+            colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
+        )
     structlog.configure(
         processors=[*shared, final],
         wrapper_class=structlog.make_filtering_bound_logger(level),

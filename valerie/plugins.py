@@ -24,7 +24,7 @@ RENDERERS: Final[Mapping[str, str]] = {
     "pyrender": "valerie.rendering.pyrender_engine:PyrenderRenderer",
 }
 #: Accepted in specs only where the settings say so.
-TESTING_ENGINE: Final = "null"
+TESTING_ENGINE: Final = "blank"
 ENTRY_POINT_GROUP: Final = "valerie.renderers"
 _TRUTH_PASS: Final = "valerie.rendering.ground_truth:TruthPass"
 
@@ -42,7 +42,7 @@ def create_renderer(name: str) -> Renderer:
         UnknownName: no such engine.
         MissingDependency: a library of it is not installed.
     """
-    target = "valerie.testing.null:NullRenderer" if name == TESTING_ENGINE else RENDERERS.get(name)
+    target = "valerie.testing.blank:BlankRenderer" if name == TESTING_ENGINE else RENDERERS.get(name)
     if target is None:
         points = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
         if name not in points:
@@ -53,9 +53,9 @@ def create_renderer(name: str) -> Renderer:
 
 
 def create_truth_pass(numeric_class: str) -> Any:
-    """Open the truth pass, which serves all engines (that of the null engine for the numeric class ``null``)."""
+    """Open the truth pass, which serves all engines (that of the blank engine for the numeric class ``blank``)."""
     testing = numeric_class == TESTING_ENGINE
-    return _load("valerie.testing.null:NullTruthPass" if testing else _TRUTH_PASS, "the truth pass")()
+    return _load("valerie.testing.blank:BlankTruthPass" if testing else _TRUTH_PASS, "the truth pass")()
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def create_function(name: str, *, threads: int = 1) -> PerceptionFunction:
         MissingDependency: torch is not installed.
     """
     if name == TESTING_ENGINE:
-        function: PerceptionFunction = _load("valerie.testing.null:NullFunction", "the null function")()
+        function: PerceptionFunction = _load("valerie.testing.blank:BlankFunction", "the blank function")()
         return function
     return load_function(name, threads=threads)
 

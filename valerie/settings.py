@@ -74,7 +74,7 @@ class Settings(BaseSettings):
         "raster,pyrender", description="engines that a render worker offers when they work on its machine"
     )
     infer_functions: str = Field("", description="functions that an inference worker offers; empty: all that are known")
-    testing_engines: bool = Field(False, description="accept the null engine and function of benchmarks and tests")
+    testing_engines: bool = Field(False, description="accept the blank engine and function of benchmarks and tests")
     infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")
 
     # Logs

@@ -14,7 +14,7 @@ from typing import Any, Final
 from valerie import plugins
 from valerie.errors import ValerieError
 from valerie.pipeline.pinning import TRUTH
-from valerie.testing.null import NAME as NULL
+from valerie.testing.blank import NAME as BLANK
 
 
 def probe_engine(name: str) -> list[dict[str, Any]]:
@@ -24,7 +24,7 @@ def probe_engine(name: str) -> list[dict[str, Any]]:
         offers = [{"name": name, "numeric_class": renderer.numeric_class, "revision": renderer.revision}]
     finally:
         renderer.close()
-    truth = plugins.create_truth_pass(NULL if name == NULL else "")
+    truth = plugins.create_truth_pass(BLANK if name == BLANK else "")
     offers.append({"name": TRUTH, "numeric_class": truth.numeric_class, "revision": truth.revision})
     return offers
 

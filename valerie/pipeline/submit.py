@@ -43,7 +43,7 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         "pins": pins,
         "parent_run": spec.parent_run,
         "iteration": spec.iteration,
-        "variant_count": len_of(resolved.space),
+        "variant_count": resolved.space.size,
         "idempotency_key": idempotency_key,
         "created_at": runs.now_utc(),
     }
@@ -63,6 +63,3 @@ def new_run_id(now: float) -> str:
     return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))
 
 
-def len_of(space: Any) -> int:
-    """Length of a space that may be longer than `len` can say."""
-    return int(space.size)

@@ -27,7 +27,7 @@ def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> Evaluation
 def varied_types(resolved: ResolvedRun) -> dict[str, str]:
     """Path to type of the parameters that the run varies."""
     varied = set(resolved.space.varied)
-    return {d.path: d.type.value for d in resolved.manifest.parameters if d.path in varied}
+    return {d.path: d.type.value for d in resolved.definitions if d.path in varied}
 
 
 def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
@@ -73,5 +73,5 @@ def _character(row: Any, resolved: ResolvedRun) -> str | None:
     path = f"scene.{PERSON.node_class}-{row.instance_id % 1000}.character"
     value = row.assignment.get(path)
     if value is None:
-        value = next((d.default for d in resolved.manifest.parameters if d.path == path), None)
+        value = next((d.default for d in resolved.definitions if d.path == path), None)
     return None if value is None else str(value)

@@ -1,6 +1,6 @@
 """Engines that cost nothing: they measure the control plane and let its tests run without GL and torch.
 
-Offered only by workers that are told so (``VALERIE_RENDER_ENGINES=null``, ``VALERIE_INFER_FUNCTIONS=null``); a spec that names
+Offered only by workers that are told so (``VALERIE_RENDER_ENGINES=blank``, ``VALERIE_INFER_FUNCTIONS=blank``); a spec that names
 them is accepted only where ``VALERIE_TESTING_ENGINES`` is on, so that nobody takes their output for a result.
 """
 
@@ -17,11 +17,11 @@ from valerie.perception.base import FunctionCard
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, View
 from valerie.scene.model import Scene
 
-NAME: Final = "null"
-NUMERIC_CLASS: Final = "null"
+NAME: Final = "blank"
+NUMERIC_CLASS: Final = "blank"
 
 
-class NullRenderer:
+class BlankRenderer:
     """A gradient as background; a square whose grey level follows from where the movables are."""
 
     name: ClassVar[str] = NAME
@@ -47,7 +47,7 @@ class NullRenderer:
         """Nothing is held."""
 
 
-class NullTruthPass:
+class BlankTruthPass:
     """Road everywhere, and one person where the square is."""
 
     revision: ClassVar[int] = 1
@@ -65,11 +65,11 @@ class NullTruthPass:
         return GroundTruth(class_map, instance_map, depth, (PersonTruth(person, amodal, int(amodal.sum())),))
 
 
-class NullFunction:
+class BlankFunction:
     """Sees a person where the picture is darker than middle grey in its centre square."""
 
     numeric_class = NUMERIC_CLASS
-    card = FunctionCard(NAME, hashlib.sha256(b"null").hexdigest(), NAME, "uint8", NAME, {})
+    card = FunctionCard(NAME, hashlib.sha256(b"blank").hexdigest(), NAME, "uint8", NAME, {})
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """See `PerceptionFunction`."""

@@ -1,0 +1,60 @@
+"""Specs against what this deployment has: checked in full when they are new, trusted when they come from the database."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any
+
+from valerie import plugins
+from valerie.errors import Conflict
+from valerie.runs.spec import ResolvedRun, RunSpec, resolve
+from valerie.scene.asset import asset_manifest
+from valerie.settings import Settings
+
+_KEPT = 32
+_stored: OrderedDict[tuple[str, str, Path], ResolvedRun] = OrderedDict()
+
+
+def asset_folder(settings: Settings) -> Path:
+    """Where users' assets lie; nothing outside is ever opened."""
+    return settings.asset_dir or settings.data_dir / "assets"
+
+
+def resolve_new(spec: RunSpec, settings: Settings) -> ResolvedRun:
+    """Check everything that a new run names.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    manifest, digest = asset_manifest(spec.asset, asset_dir=asset_folder(settings))
+    return resolve(
+        spec,
+        manifest,
+        asset_digest=digest,
+        engines=plugins.renderer_names(testing=settings.testing_engines),
+        functions=plugins.function_names(testing=settings.testing_engines),
+        max_variants=settings.max_variants,
+    )
+
+
+def resolve_stored(run: Any, settings: Settings) -> ResolvedRun:
+    """Resolve the spec of a stored run (a row); the last few are kept.
+
+    Raises:
+        Conflict, UnknownName: its asset changed or is gone.
+    """
+    key = (run.id, run.spec_digest, asset_folder(settings))
+    if key not in _stored:
+        spec = RunSpec.model_validate(run.spec)
+        manifest, digest = asset_manifest(spec.asset, asset_dir=asset_folder(settings))
+        if digest != run.asset_digest:
+            raise Conflict(
+                f"the asset {manifest.name!r} changed since run {run.id} was submitted "
+                f"({run.asset_digest[:8]} → {digest[:8]}): submit the spec again"
+            )
+        _stored[key] = resolve(spec, manifest, asset_digest=digest, max_variants=None)
+        while len(_stored) > _KEPT:
+            _stored.popitem(last=False)
+    _stored.move_to_end(key)
+    return _stored[key]
