@@ -12,7 +12,7 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.bounds import Reach, grown
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.sky import Sky
-from valerie.rendering.raster.targets import SAMPLES, ImageTargets, ScreenPass, gl_rectangle
+from valerie.rendering.raster.targets import SAMPLES, SKYLIGHT_CELL, ImageTargets, ScreenPass, coarse_rectangle, gl_rectangle
 from valerie.scene.model import Camera, Scene
 
 if TYPE_CHECKING:
@@ -35,10 +35,10 @@ class Lighting:
         self._gl = gl
         self._reach = reach
         directions = SKY_TILES[0] * SKY_TILES[1]
-        self._skylight = ScreenPass(gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions))
+        self._skylight = ScreenPass(gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL))
         self._occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
         self._blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
-        self._shade = ScreenPass(gl, context.program("screen.vert", "lighting.frag"))
+        self._shade = ScreenPass(gl, context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL))
         self._resolve = ScreenPass(gl, context.program("screen.vert", "resolve.frag"))
 
     def light(
@@ -65,12 +65,12 @@ class Lighting:
         depth = {"depth_map": surfaces.depth}
         normals = {"normals_map": surfaces.colors[1]}
         near = gl_rectangle(grown(rectangle, 2, view), view)
-        street_by_sky = _STREET_ALBEDO * sky.sky_irradiance * 0.45
+        street_by_sky = _STREET_ALBEDO * sky.sky_irradiance * 0.7
         # Of the surfaces that face the sun, about half lie in the shadow of others.
-        street_by_sun = _STREET_ALBEDO * sky.sun * 0.5
+        street_by_sun = _STREET_ALBEDO * sky.sun * 0.6
         self._skylight.run(
             targets.skylight,
-            near,
+            coarse_rectangle(grown(rectangle, 6, view), view),
             {**depth, **normals, "atlas": sky_maps.texture},
             common
             | {
@@ -81,7 +81,7 @@ class Lighting:
                 "toward_sun": sky.sun_direction,
                 "surface_by_sky": street_by_sky,
                 "surface_by_sun": street_by_sun,
-                "ground": sky.ground * 0.6,
+                "ground": sky.ground * 0.8,
             },
         )
         occlusion = {

@@ -29,8 +29,9 @@ from valerie.rendering.raster.targets import (
 )
 from valerie.scene.model import Camera, Scene
 
-#: Metres and pixels of near occlusion; the blur (2), the neighbour's sky light (1), the tent filter (1) and rounding (1).
-REACH: Final = Reach(occlusion_radius=0.7, largest_occlusion=48.0, penumbra=LARGEST_PENUMBRA + 0.1, filters=5)
+#: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
+#: blur of near occlusion and its neighbours take 3), the tent filter (1) and rounding (1).
+REACH: Final = Reach(occlusion_radius=0.7, largest_occlusion=48.0, penumbra=LARGEST_PENUMBRA + 0.1, filters=7)
 _CAMERAS: Final = 4
 _SUNS: Final = 4
 

@@ -5,8 +5,7 @@ atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate 
 and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze follows turbidity by
 its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550 nm).
 
-Units. All radiances here and in the linear image are π × radiance, so that a white Lambert surface that faces a sun of
-irradiance 1 shows 1.0 without the sky. The sun's luminance at the ground is the scene's `Sun.irradiance` at every elevation;
+Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance, see `EXPOSURE`. The sun's luminance at the ground is the scene's `Sun.irradiance` at every elevation;
 its colour and the ratio of sky to sun follow from the model (bounded for a low sun, see `_bounded`).
 """
 
@@ -23,6 +22,9 @@ from valerie.scene.model import Scene
 
 Array = NDArray[np.float64]
 
+#: Image value of a white Lambert surface that faces a sun of irradiance 1, without the sky: the exposure at which a clear day
+#: looks right through the default tone curve at 0 EV (sunlit asphalt 0.15 … 0.3, middle grey in the sun 0.4).
+EXPOSURE: Final = 2.4
 #: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
 AZIMUTHS: Final = 48
 ELEVATIONS: Final = 40
@@ -32,6 +34,8 @@ _TOP: Final = 6_420e3
 _RAYLEIGH: Final = np.array([5.8e-6, 13.5e-6, 33.1e-6])
 _RAYLEIGH_HEIGHT: Final = 8_000.0
 _MIE_HEIGHT: Final = 1_200.0
+#: Haze scatters blue more than red: (λ / 550 nm)^−1.3 (Ångström 1929) at 680, 550 and 440 nm.
+_MIE_SPECTRUM: Final = np.array([0.76, 1.0, 1.34])
 _MIE_ALBEDO: Final = 0.9
 _MIE_G: Final = 0.76
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
@@ -81,9 +85,9 @@ def sky_of(scene: Scene) -> Sky:
     """The sky of a scene."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
-    table = table * (sun.irradiance * environment.sky_strength)
+    table = table * (EXPOSURE * sun.irradiance * environment.sky_strength)
     sky_irradiance = _horizontal(table)
-    direct = sun_color * sun.irradiance
+    direct = sun_color * (EXPOSURE * sun.irradiance)
     ground = _GROUND_ALBEDO * (direct * max(np.sin(sun.elevation), 0.0) + sky_irradiance)
     return Sky(
         sun_direction=scene.sun_direction(),
@@ -152,7 +156,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     table = table * _bounded(float(_horizontal(table) @ _LUMINANCE))
     dusk = float(np.clip(np.rad2deg(elevation) / 6 + 1, 0, 1)) ** 2
     risen = float(np.clip(np.rad2deg(elevation) / 0.5 + 0.5, 0, 1))
-    return transmitted * strength * risen, table * dusk, _RAYLEIGH + mie
+    return transmitted * strength * risen, table * dusk, _RAYLEIGH + mie * _MIE_SPECTRUM
 
 
 def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array, Array]:
@@ -164,7 +168,7 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     points = origin + directions[:, None, :] * middle[..., None]
     height = np.maximum(np.linalg.norm(points, axis=-1) - _GROUND, 0)
     air, haze = np.exp(-height / _RAYLEIGH_HEIGHT), np.exp(-height / _MIE_HEIGHT)
-    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None]
+    extinction = air[..., None] * _RAYLEIGH + (haze * mie)[..., None] * _MIE_SPECTRUM
     travelled = np.cumsum(extinction * step[..., None], axis=1) - extinction * step[..., None] / 2
     to_sun = _thickness(points.reshape(-1, 3), np.broadcast_to(toward_sun, (points.size // 3, 3)), mie)
     reaching = np.exp(-travelled - to_sun.reshape(travelled.shape)) * _SUN_ABOVE_AIR
@@ -173,8 +177,8 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     g = _MIE_G
     mie_phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
     by_air = (reaching * (air * step)[..., None]).sum(axis=1) * _RAYLEIGH * rayleigh_phase[:, None]
-    by_haze = (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO) * mie_phase[:, None]
-    scattered = air[..., None] * _RAYLEIGH + (haze * mie * _MIE_ALBEDO)[..., None]
+    by_haze = (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO * _MIE_SPECTRUM) * mie_phase[:, None]
+    scattered = air[..., None] * _RAYLEIGH + (haze * mie * _MIE_ALBEDO)[..., None] * _MIE_SPECTRUM
     surrounding = (np.exp(-travelled) * scattered * step[..., None]).sum(axis=1)
     return by_air + by_haze, surrounding
 
@@ -189,7 +193,7 @@ def _thickness(points: Array, directions: Array, mie: float) -> Array:
     height = np.maximum(height, 0)
     air = (np.exp(-height / _RAYLEIGH_HEIGHT) * step).sum(axis=1)
     haze = (np.exp(-height / _MIE_HEIGHT) * step).sum(axis=1)
-    return air[:, None] * _RAYLEIGH + (haze * mie)[:, None]
+    return air[:, None] * _RAYLEIGH + (haze * mie)[:, None] * _MIE_SPECTRUM
 
 
 def _to_sphere(points: Array, directions: Array, radius: float) -> Array:

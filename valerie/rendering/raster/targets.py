@@ -13,6 +13,8 @@ from valerie.rendering.raster.movable_geometry import set_uniform
 
 #: Samples per pixel and direction of the image (truth has one sample, at the pixel's centre).
 SAMPLES: Final = 2
+#: Samples per value and direction of sky light, which changes slowly.
+SKYLIGHT_CELL: Final = 4
 
 
 class Target:
@@ -66,7 +68,8 @@ class ImageTargets:
         size = (view.width, view.height)
         fine = (view.width * SAMPLES, view.height * SAMPLES)
         self.surfaces = surface_target(gl, view)
-        self.skylight = Target(gl, size, ((4, "f2"),) * 4, depth=False)
+        coarse = (-(-fine[0] // SKYLIGHT_CELL), -(-fine[1] // SKYLIGHT_CELL))
+        self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
         self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.radiance = Target(gl, fine, ((4, "f2"),), depth=False)
@@ -92,6 +95,14 @@ def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[in
     return (
         rectangle.x * samples, bottom * samples, rectangle.width * samples, rectangle.height * samples,
     )  # fmt: skip
+
+
+def coarse_rectangle(rectangle: Rectangle, view: View) -> tuple[int, int, int, int]:
+    """The cells of sky light that touch a rectangle of the image, as OpenGL counts."""
+    x, y, width, height = gl_rectangle(rectangle, view, SAMPLES)
+    left, bottom = x // SKYLIGHT_CELL, y // SKYLIGHT_CELL
+    right, top = -(-(x + width) // SKYLIGHT_CELL), -(-(y + height) // SKYLIGHT_CELL)
+    return left, bottom, right - left, top - bottom
 
 
 def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:

@@ -51,15 +51,17 @@ vec3 sun_disc(vec3 d) {
     return sun * (disc * 1000.0 + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
 }
 
-// The pixel whose sky light belongs to this sample: its own, or the neighbour that lies nearest in depth.
-ivec2 light_pixel(ivec2 s, float depth) {
-    ivec2 own = s / 2;
-    ivec2 step_to = (s % 2) * 2 - 1;
+// The place of a coarser map (one value per ``cell`` × ``cell`` samples, taken at the cell's first sample) whose value belongs
+// to this sample: its own cell's, or the neighbour's that lies nearest in depth.
+ivec2 nearest_cell(ivec2 s, float depth, int cell) {
+    ivec2 own = s / cell;
+    ivec2 step_to = ivec2(s.x % cell * 2 < cell ? -1 : 1, s.y % cell * 2 < cell ? -1 : 1);
+    ivec2 last = (sample_size - 1) / cell;
     ivec2 best = own;
-    float best_gap = abs(linear_depth(texelFetch(depth_map, own * 2, 0).r) - depth) - 0.01 * depth;
+    float best_gap = abs(linear_depth(texelFetch(depth_map, own * cell, 0).r) - depth) - 0.01 * depth;
     for (int i = 1; i < 4; ++i) {
-        ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), sample_size / 2 - 1);
-        float gap = abs(linear_depth(texelFetch(depth_map, other * 2, 0).r) - depth);
+        ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), last);
+        float gap = abs(linear_depth(texelFetch(depth_map, other * cell, 0).r) - depth);
         if (gap < best_gap) {
             best = other;
             best_gap = gap;
@@ -76,19 +78,17 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
     return f0 * scale_bias.x + scale_bias.y;
 }
 
-float sunlit(vec3 p, vec3 normal, float depth) {
+float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     float turn = gradient_noise(gl_FragCoord.xy) * 6.2831853;
     vec3 n = light_rows * normal;
     float side = n.z < 0.0 ? 1.0 : -1.0;
     // dz/dx and dz/dy of the surface in the light's frame; a surface along the light has no useful slope.
     vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
     vec3 receiver = light_rows * (p + normal * (side * 0.012));
-    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, turn);
+    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, turn, wanted);
     lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
-    if (has_movables) {
-        lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, turn));
-    }
-    return lit;
+    wanted = wanted && has_movables && lit > 0.0;
+    return min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, turn, wanted));
 }
 
 void main() {
@@ -121,9 +121,9 @@ void main() {
     float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);
 
     // Sun. A face turned away gets none, whatever its normal map says; thin sheets let a share through.
-    float lit = sunlit(p, face, depth);
     float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
     float behind = translucency * max(-cosine, 0.0);
+    float lit = sunlit(p, face, depth, front + behind > 0.0);
     vec3 color = diffuse * sun * (lit * (front * (1.0 - 0.5 * translucency) + behind));
     vec3 h = normalize(view + toward_sun);
     float nh = max(dot(normal, h), 0.0);
@@ -135,10 +135,10 @@ void main() {
     color += fresnel * sun * (lit * front * distribution * v);
 
     // Sky.
-    ivec2 pixel = light_pixel(s, depth);
+    ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
     vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
     vec4 blue = texelFetch(skylight_blue, pixel, 0), open = texelFetch(skylight_open, pixel, 0);
-    float near_open = texelFetch(occlusion_map, pixel, 0).r;
+    float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
     vec4 n1 = vec4(1.0, normal * 0.6666667);
     vec3 ambient = max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)), vec3(0.0));
     vec4 b1 = vec4(1.0, -normal * 0.6666667);

@@ -19,9 +19,10 @@ vec2 vogel(int i, int count, float turn) {
 }
 
 // Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra.
-float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, float turn) {
+// Loops of zero turns instead of branches: a CPU rasteriser runs both sides of a branch, but leaves a loop that no lane needs.
+float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, float turn, bool wanted) {
     vec3 at = receiver - origin;
-    if (any(lessThanEqual(at, vec3(0.0))) || any(greaterThanEqual(at, extent))) return 1.0;
+    bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
     vec2 texels = vec2(textureSize(map, 0));
     vec2 texel = extent.xy / texels;
     float smallest = max(texel.x, texel.y) * 0.75;
@@ -30,7 +31,8 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     ivec2 last = textureSize(map, 0) - 1;
     float search = min(largest_penumbra, max(smallest, at.z * sun_spread));
     float blockers = 0.0, distance_sum = 0.0;
-    for (int i = 0; i < BLOCKER_TAPS; ++i) {
+    int taps = inside ? BLOCKER_TAPS : 0;
+    for (int i = 0; i < taps; ++i) {
         vec2 o = vogel(i, BLOCKER_TAPS, turn) * search;
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
@@ -39,15 +41,14 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
             distance_sum += at.z - found;
         }
     }
-    float mean_distance = distance_sum / max(blockers, 1.0);
-    float width = clamp(mean_distance * sun_spread, smallest, search);
-    if (blockers == 0.0) width = smallest;
-    float lit = 0.0;
-    for (int i = 0; i < FILTER_TAPS; ++i) {
+    float width = clamp(distance_sum / max(blockers, 1.0) * sun_spread, smallest, search);
+    float hidden = 0.0;
+    taps = blockers > 0.0 ? FILTER_TAPS : 0;
+    for (int i = 0; i < taps; ++i) {
         vec2 o = vogel(i, FILTER_TAPS, turn + 1.0) * width;
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
-        lit += found < plane ? 0.0 : 1.0;
+        hidden += found < plane ? 1.0 : 0.0;
     }
-    return lit / float(FILTER_TAPS);
+    return 1.0 - hidden / float(FILTER_TAPS);
 }

@@ -1,4 +1,5 @@
-// Light of the sky and of what hides it, at the first sample of each pixel, as spherical harmonics of order 1.
+// Light of the sky and of what hides it, as spherical harmonics of order 1; one value for SKYLIGHT_CELL × SKYLIGHT_CELL
+// samples, taken at the first of them.
 // The sky is seen or hidden in DIRECTIONS directions, each with a shadow map of the statics (one tile of an atlas).
 // Where it is hidden, the light of an average street surface comes from there: lit by the sun if it faces it.
 #include "octahedron.glsl"
@@ -19,7 +20,7 @@ layout(location = 2) out vec4 out_blue;
 layout(location = 3) out vec4 out_open;        // the same of the sky's visibility
 
 void main() {
-    ivec2 s = ivec2(gl_FragCoord.xy) * 2;
+    ivec2 s = ivec2(gl_FragCoord.xy) * SKYLIGHT_CELL;
     float window = texelFetch(depth_map, s, 0).r;
     out_red = vec4(0.0);
     out_green = vec4(0.0);
