@@ -127,30 +127,41 @@ _VAN_GAPS: Final = (
 )
 
 HATCH: Final = CarShape(
-    name="hatch", length=4.26, width=1.78, height=1.48, sill=0.20, wheel=0.315, arch=0.365, rear_axle=-1.32, front_axle=1.30,
-    belt_line=((-2.2, 0.93), (-1.6, 0.955), (-0.4, 0.925), (0.9, 0.91), (1.1, 0.905), (1.75, 0.82), (2.0, 0.745), (2.15, 0.69)),
+    name="hatch", length=4.26, width=1.78, height=1.48, sill=0.20, wheel=0.315, arch=0.365, rear_axle=-1.32,
+    front_axle=1.30,
+    belt_line=((-2.2, 0.93), (-1.6, 0.955), (-0.4, 0.925), (0.9, 0.91), (1.1, 0.905), (1.75, 0.82), (2.0, 0.745),
+        (2.15, 0.69)),
     crown=0.07, nose=1.0, cowl=1.16, tail=-1.96, roof_front=0.28, roof_rear=-1.60, belt_width=0.925, roof_width=0.71,
-    pillars=(-0.17, -0.27, -1.10, -1.20), panes=("side", "trim", "side", "trim", "side"), glazed=("front", "rear", "side"),
+    pillars=(-0.17, -0.27, -1.10, -1.20), panes=("side", "trim", "side", "trim", "side"),
+    glazed=("front", "rear", "side"),
     gaps=_HATCH_GAPS, handles=(-0.08, -1.02),
-    face=Face(grille=(0.55, 0.68, 0.80), lamp=(0.55, 0.93, 0.68, 0.84, 0.03), tail=(0.68, 0.965, 0.68, 0.93, 0.0), rear_plate=(0.50, 0.65)),
+    face=Face(grille=(0.55, 0.68, 0.80), lamp=(0.55, 0.93, 0.68, 0.84, 0.03), tail=(0.68, 0.965, 0.68, 0.93, 0.0),
+        rear_plate=(0.50, 0.65)),
 )  # fmt: skip
 
 SALOON: Final = CarShape(
-    name="saloon", length=4.66, width=1.82, height=1.45, sill=0.19, wheel=0.32, arch=0.37, rear_axle=-1.40, front_axle=1.40,
-    belt_line=((-2.35, 0.93), (-2.1, 0.985), (-1.5, 0.985), (-0.4, 0.925), (1.0, 0.905), (1.2, 0.895), (1.9, 0.80), (2.2, 0.725), (2.35, 0.67)),
+    name="saloon", length=4.66, width=1.82, height=1.45, sill=0.19, wheel=0.32, arch=0.37, rear_axle=-1.40,
+    front_axle=1.40,
+    belt_line=((-2.35, 0.93), (-2.1, 0.985), (-1.5, 0.985), (-0.4, 0.925), (1.0, 0.905), (1.2, 0.895), (1.9, 0.80),
+        (2.2, 0.725), (2.35, 0.67)),
     crown=0.06, nose=1.0, cowl=1.22, tail=-1.86, roof_front=0.30, roof_rear=-1.06, belt_width=0.92, roof_width=0.69,
-    pillars=(-0.14, -0.24, -1.02, -1.10), panes=("side", "trim", "side", "trim", "side"), glazed=("front", "rear", "side"),
+    pillars=(-0.14, -0.24, -1.02, -1.10), panes=("side", "trim", "side", "trim", "side"),
+    glazed=("front", "rear", "side"),
     gaps=_SALOON_GAPS, handles=(-0.05, -1.05),
-    face=Face(grille=(0.42, 0.60, 0.82), lamp=(0.54, 0.93, 0.66, 0.81, 0.03), tail=(0.52, 0.965, 0.68, 0.86, 0.02), rear_plate=(0.34, 0.50)),
+    face=Face(grille=(0.42, 0.60, 0.82), lamp=(0.54, 0.93, 0.66, 0.81, 0.03), tail=(0.52, 0.965, 0.68, 0.86, 0.02),
+        rear_plate=(0.34, 0.50)),
 )  # fmt: skip
 
 VAN: Final = CarShape(
-    name="van", length=4.98, width=1.92, height=1.98, sill=0.22, wheel=0.335, arch=0.385, rear_axle=-1.50, front_axle=1.50,
+    name="van", length=4.98, width=1.92, height=1.98, sill=0.22, wheel=0.335, arch=0.385, rear_axle=-1.50,
+    front_axle=1.50,
     belt_line=((-2.5, 1.08), (1.2, 1.08), (1.75, 1.07), (2.1, 0.99), (2.35, 0.90), (2.5, 0.84)),
     crown=0.06, nose=0.85, cowl=1.98, tail=-2.33, roof_front=1.02, roof_rear=-2.24, belt_width=0.94, roof_width=0.83,
-    pillars=(0.46, 0.36, -0.74, -0.82), panes=("side", "trim", "panel", "panel", "panel"), glazed=("front", "rear", "side"),
+    pillars=(0.46, 0.36, -0.74, -0.82), panes=("side", "trim", "panel", "panel", "panel"),
+    glazed=("front", "rear", "side"),
     gaps=_VAN_GAPS, handles=(0.55, -0.62),
-    face=Face(grille=(0.50, 0.58, 0.76), lamp=(0.58, 0.93, 0.62, 0.82, 0.03), tail=(0.86, 0.985, 0.45, 0.98, 0.0), rear_plate=(0.40, 0.53)),
+    face=Face(grille=(0.50, 0.58, 0.76), lamp=(0.58, 0.93, 0.62, 0.82, 0.03), tail=(0.86, 0.985, 0.45, 0.98, 0.0),
+        rear_plate=(0.40, 0.53)),
 )  # fmt: skip
 
 SHAPES: Final = {shape.name: shape for shape in (HATCH, SALOON, VAN)}

@@ -1,8 +1,8 @@
 """Parked cars: a lofted body with wheel arches, a glass house with pillars, wheels, lamps, plates, mirrors.
 
 A car faces +y with its origin on the ground in the middle. The lower body is a ring around the car (plan outline: a
-superellipse) swept from the sill to the belt line; bonnet and boot lie on its upper edge; the glass house is a second ring
-from the belt to the roof, whose grid lines are the pillars.
+superellipse) swept from the sill to the belt line; bonnet and boot lie on its upper edge; the glass house is a second
+ring from the belt to the roof, whose grid lines are the pillars.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from valerie.scene.procedural.street.car_shapes import CarShape
 from valerie.scene.procedural.street.geometry import (
     Bag,
     Floats,
+    Ints,
     Surface,
     boxes,
     ellipsoids,
@@ -161,13 +162,14 @@ def _glass_house(bag: Bag, shape: CarShape, body: str) -> None:
     narrowed = _outline(shape, half_ring[:, 1] / (0.5 * shape.length)) / (0.5 * shape.width)
     half_ring[:, 0] *= narrowed
     half_ring[:, 2] *= 0.5 + 0.5 * narrowed
-    base_z = shape.belt(half_ring[:, 1]) + shape.crown * np.maximum(
-        1.0 - (half_ring[:, 0] / half_belt / narrowed) ** 2, 0.0
-    )
+    # It stands on the deck: the same crown, a little sunk in.
+    fade = smoothstep(1.0, 0.8, np.abs(half_ring[:, 1]) / (0.5 * shape.length))
+    crown = shape.crown * fade * np.maximum(1.0 - (half_ring[:, 0] / half_belt / narrowed) ** 2, 0.0)
+    base_z = shape.belt(half_ring[:, 1]) + crown
     x = half_ring[:, :1] * (1 - h) + half_ring[:, 2:3] * h + 0.035 * np.sin(np.pi * h) * (half_ring[:, :1] / half_belt)
     y = half_ring[:, 1:2] * (1 - h) + half_ring[:, 3:4] * h
     top = shape.height - 0.075
-    z = (base_z[:, None] - 0.015) * (1 - h) + top * h
+    z = (base_z[:, None] - 0.03) * (1 - h) + top * h
     right = np.stack([x, y, z], -1)
     left = right[::-1].copy()
     left[..., 0] *= -1.0
@@ -177,7 +179,7 @@ def _glass_house(bag: Bag, shape: CarShape, body: str) -> None:
     names = ["front"] * 3 + ["pillar"] + [*shape.side_panes] + ["pillar"] + ["rear"] * 3
     segments = np.array(names + names[::-1])
     panes = np.array(["pillar", "pane", "pane", "pane", "pane", "pillar"])
-    grid = sheet_cells(ring, skin)
+    grid = _sheet_cells(ring, skin)
     see_through = np.isin(segments, shape.glazed)[grid[:, 0]] & (panes == "pane")[grid[:, 1]]
     trim = (segments == "trim")[grid[:, 0]] & (panes == "pane")[grid[:, 1]]
     bag.add("car-glass", skin.selected(see_through))
@@ -186,7 +188,7 @@ def _glass_house(bag: Bag, shape: CarShape, body: str) -> None:
     _roof(bag, shape, right[:, -1], body)
 
 
-def sheet_cells(ring: Floats, surface: Surface) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+def _sheet_cells(ring: Floats, surface: Surface) -> Ints:
     """(F, 2) row and column of the grid cell that each face of a closed sheet over ``ring`` belongs to."""
     columns = ring.shape[1]
     corner = surface.faces.min(axis=1)
@@ -254,15 +256,35 @@ def _front_and_rear(bag: Bag, shape: CarShape, paint: CarPaint) -> None:
     )
     bag.add("car-trim", _patch(shape, (-0.93, 0.93), (0.0, 0.13), front=True, lift=0.004))
     for side in (-1.0, 1.0):
-        lamp = (side * look.lamp[0], side * look.lamp[1])
-        tail = (side * look.tail[0], side * look.tail[1])
-        order = lambda pair, s=side: pair if s > 0 else pair[::-1]
-        bag.add("car-lamp", _patch(shape, order(lamp), look.lamp[2:4], front=True, slant=look.lamp[4], lift=0.008))
         bag.add(
-            "car-tail-lamp", _patch(shape, order(tail), look.tail[2:4], front=False, slant=look.tail[4], lift=0.008)
+            "car-lamp",
+            _patch(
+                shape,
+                _on_side(side, look.lamp[0], look.lamp[1]),
+                look.lamp[2:4],
+                front=True,
+                slant=look.lamp[4],
+                lift=0.008,
+            ),
+        )
+        bag.add(
+            "car-tail-lamp",
+            _patch(
+                shape,
+                _on_side(side, look.tail[0], look.tail[1]),
+                look.tail[2:4],
+                front=False,
+                slant=look.tail[4],
+                lift=0.008,
+            ),
         )
         _lamp_details(bag, shape, side)
-        bag.add("car-reflector", _patch(shape, order((side * 0.6, side * 0.8)), (0.22, 0.26), front=False, lift=0.010))
+        bag.add("car-reflector", _patch(shape, _on_side(side, 0.6, 0.8), (0.22, 0.26), front=False, lift=0.010))
+
+
+def _on_side(side: float, inner: float, outer: float) -> tuple[float, float]:
+    """From left to right: a stretch between two distances from the middle, on the side of the given sign."""
+    return (inner, outer) if side > 0.0 else (-outer, -inner)
 
 
 def _lamp_details(bag: Bag, shape: CarShape, side: float) -> None:
@@ -270,8 +292,7 @@ def _lamp_details(bag: Bag, shape: CarShape, side: float) -> None:
     look = shape.face
 
     def between(start: float, stop: float, share: tuple[float, float]) -> tuple[float, float]:
-        ends = (side * (start + share[0] * (stop - start)), side * (start + share[1] * (stop - start)))
-        return ends if side > 0 else ends[::-1]
+        return _on_side(side, start + share[0] * (stop - start), start + share[1] * (stop - start))
 
     inner, outer, low, high, slant = look.tail
     third = (high - low) / 3.0
@@ -329,16 +350,18 @@ def _small_parts(bag: Bag, shape: CarShape, body: str) -> None:
     mirror_y = shape.cowl - 0.42
     mirror_z = float(shape.belt(np.array([mirror_y]))[0]) + 0.11
     spots = [(side * (width + 0.06), mirror_y, mirror_z) for side in (-1.0, 1.0)]
-    bag.add(body, _plain(shape, ellipsoids(spots, (0.11, 0.06, 0.075), 8)))
-    bag.add("car-trim", boxes([[-width - 0.05, mirror_y - 0.02, mirror_z - 0.07], [width - 0.09, mirror_y - 0.02, mirror_z - 0.07]],
-                              [[-width + 0.09, mirror_y + 0.03, mirror_z - 0.04], [width + 0.05, mirror_y + 0.03, mirror_z - 0.04]]))  # fmt: skip
+    bag.add(body, _plain(ellipsoids(spots, (0.11, 0.06, 0.075), 10)))
+    stalks = np.array(
+        [[-width - 0.05, mirror_y - 0.02, mirror_z - 0.07], [width - 0.09, mirror_y - 0.02, mirror_z - 0.07]]
+    )
+    bag.add("car-trim", boxes(stalks, stalks + np.array([0.14, 0.05, 0.03])))
     handles = [
         (side * (width - 0.012), y, float(shape.belt(np.array([y]))[0]) - 0.13)
         for side in (-1.0, 1.0)
         for y in shape.handles
     ]
-    low, high = np.array(handles) - (0.022, 0.09, 0.013), np.array(handles) + (0.022, 0.09, 0.013)
-    bag.add(body, _plain(shape, boxes(low, high)))
+    half = np.array([0.022, 0.09, 0.013])
+    bag.add(body, _plain(boxes(np.array(handles) - half, np.array(handles) + half)))
     # Rubbing strips and window sills in black.
     y0, y1 = shape.tail + 0.35, shape.cowl - 0.3
     stations = np.linspace(y0, y1, 12)
@@ -346,13 +369,12 @@ def _small_parts(bag: Bag, shape: CarShape, body: str) -> None:
     strips = []
     for side in (-1.0, 1.0):
         x = np.full_like(stations, side * width * (shape.belt_width + 0.012))
-        lower, upper = np.stack([x + side * 0.016, stations, belt + 0.0], -1), np.stack([x, stations, belt + 0.035], -1)
+        lower, upper = np.stack([x + side * 0.016, stations, belt], -1), np.stack([x, stations, belt + 0.035], -1)
         pieces = np.stack([lower[:-1], lower[1:], upper[1:], upper[:-1]], 1)
         strips.append(quads(pieces if side > 0 else pieces[:, [1, 0, 3, 2]]))
     bag.add("car-trim", merge(strips))
 
 
-def _plain(shape: CarShape, surface: Surface) -> Surface:
+def _plain(surface: Surface) -> Surface:
     """Textured from a spot of the flank without gaps or dirt."""
-    del shape
     return surface.textured(np.broadcast_to(np.array([0.5, 0.04]), surface.uvs.shape).copy())

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, extrude, merge, quads
+from valerie.scene.procedural.street.geometry import Bag, Floats, Surface, boxes, extrude, quads
 from valerie.scene.procedural.street.textures.walls import ATLAS_CELLS
 
 
@@ -56,13 +56,10 @@ class Trim:
     surrounds: str = "none"
 
 
-def wall_with_openings(
-    width: float, height: float, openings: Sequence[Opening], tile: float, base: float = 0.0
-) -> Floats:
+def wall_with_openings(width: float, height: float, openings: Sequence[Opening]) -> Floats:
     """(N, 4, 3) quadrilaterals of the front without the openings (the grid of all their edges)."""
-    del tile
     xs = np.unique([0.0, width, *(o.x0 for o in openings), *(o.x1 for o in openings)])
-    zs = np.unique([base, height, *(o.z0 for o in openings), *(o.z1 for o in openings)])
+    zs = np.unique([0.0, height, *(o.z0 for o in openings), *(o.z1 for o in openings)])
     x, z = np.meshgrid(0.5 * (xs[:-1] + xs[1:]), 0.5 * (zs[:-1] + zs[1:]), indexing="ij")
     solid = np.ones(x.shape, bool)
     for o in openings:
@@ -82,7 +79,7 @@ def build_front(
     bag: Bag, width: float, height: float, openings: Sequence[Opening], trim: Trim, rng: np.random.Generator
 ) -> None:
     """Wall, reveals, and a window, door or shop front in every opening."""
-    bag.add(trim.wall, quads(wall_with_openings(width, height, openings, trim.tile), tile=trim.tile))
+    bag.add(trim.wall, quads(wall_with_openings(width, height, openings), tile=trim.tile))
     if not openings:
         return
     edges = np.array([(o.x0, o.x1, o.z0, o.z1) for o in openings])
@@ -204,8 +201,11 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
     count = max(round((o.x1 - o.x0) / 1.3), 1)
     x = np.linspace(o.x0, o.x1, count + 1)
     z0, z1 = o.z0 + riser, o.z1
-    bars = [_bars(x - 0.04, x + 0.04, np.full_like(x, z0), np.full_like(x, z1), y - 0.04, 0.08),
-            _bars(x[:1], x[-1:], np.array([z0 + 0.76 * (z1 - z0)]), np.array([z0 + 0.76 * (z1 - z0) + 0.06]), y - 0.03, 0.07)]  # fmt: skip
+    transom = np.array([z0 + 0.76 * (z1 - z0)])
+    bars = [
+        _bars(x - 0.04, x + 0.04, np.full_like(x, z0), np.full_like(x, z1), y - 0.04, 0.08),
+        _bars(x[:1], x[-1:], transom, transom + 0.06, y - 0.03, 0.07),
+    ]
     low, high = (np.concatenate(side) for side in zip(*bars, strict=True))
     bag.add(trim.door, boxes(low, high, skip=("+y",)))
     cell = rng.integers(0, ATLAS_CELLS**2, count)
@@ -215,12 +215,10 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
     bag.add("window-glass", quads(panes, corner[:, None] + square[None]))
 
 
-def moulding(
-    width: float, z: float, profile: Sequence[tuple[float, float]], tile: float = 2.0, overhang: float = 0.0
-) -> list[object]:
+def moulding(width: float, z: float, profile: Sequence[tuple[float, float]], *, tile: float = 2.0) -> Surface:
     """A cornice along the whole front: ``profile`` of (out, up) from the wall's face outwards and up."""
     line = [(-out, z + up) for out, up in profile]
-    return [extrude(line, -overhang, width + overhang, tile=tile)]
+    return extrude(line, 0.0, width, tile=tile)
 
 
 def railing(x0: float, x1: float, y0: float, z0: float, height: float, sides: bool = True) -> tuple[Floats, Floats]:
@@ -239,6 +237,3 @@ def railing(x0: float, x1: float, y0: float, z0: float, height: float, sides: bo
     low.append(np.array([[x0 - 0.025, y0 - 0.025, z0 + height]]))
     high.append(np.array([[x1 + 0.025, y0 + 0.025, z0 + height + 0.04]]))
     return np.concatenate(low), np.concatenate(high)
-
-
-__all__ = ["Opening", "Trim", "build_front", "front_quads", "merge", "moulding", "railing", "wall_with_openings"]

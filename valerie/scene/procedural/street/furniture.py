@@ -15,6 +15,7 @@ from valerie.scene.procedural.street.geometry import (
     repeat,
     sheet,
     tubes,
+    unit,
 )
 from valerie.scene.procedural.street.plan import Placement
 from valerie.scene.procedural.street.textures.things import SIGN_CELLS
@@ -70,7 +71,7 @@ def sign_face(variant: int) -> Bag:
     uvs = (np.array([column, row]) + 0.5 + 0.49 * outline * [1.0, -1.0] / half) / SIGN_CELLS
     front = np.stack([outline[:, 0], np.zeros(len(outline)), outline[:, 1] + 2.55], -1)
     bag.add("sign-face", fan(front, uvs=uvs))
-    bag.add("steel", fan((front + [0.0, 0.012, 0.0])[::-1]))
+    bag.add("steel", fan((front + np.array([0.0, 0.012, 0.0]))[::-1]))
     return bag
 
 
@@ -82,16 +83,16 @@ def signal() -> Bag:
     angle = np.linspace(0.0, 2.0 * np.pi, 17)[:-1]
     circle = np.stack([0.1 * np.cos(angle), np.full(16, -0.105), 0.1 * np.sin(angle)], -1)
     for material, z in (("signal-red", 3.15), ("signal-off", 2.85), ("signal-off", 2.55)):
-        bag.add(material, fan(circle + [0.0, 0.0, z]))
+        bag.add(material, fan(circle + np.array([0.0, 0.0, z])))
         hood = np.linspace(0.15 * np.pi, 0.85 * np.pi, 9)
         ring = np.stack([0.115 * np.cos(hood), np.zeros(9), z + 0.115 * np.sin(hood)], -1)
-        visor = np.stack([ring + [0.0, -0.1, 0.0], ring + [0.0, -0.26, -0.01]], 1)
+        visor = np.stack([ring + np.array([0.0, -0.1, 0.0]), ring + np.array([0.0, -0.26, -0.01])], 1)
         bag.add("visor", sheet(visor, flip=True))
     return bag
 
 
 def bins(seed: int) -> Bag:
-    """Two wheeled refuse bins with their backs to the wall (the wall is at −y … here: they face +y turned by the plan)."""
+    """Two wheeled refuse bins side by side along x; their hinges are at +y."""
     bag = Bag()
     rng = np.random.default_rng(seed)
     for k, x in enumerate((-0.33, 0.33)):
@@ -131,20 +132,18 @@ def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rn
     place = low + rng.random((len(face), 3)) * size
     for k, (axis, side) in enumerate(((0, low), (0, high), (1, low), (1, high), (2, high))):
         place[face == k, axis] = side[axis]
-    axis = np.array([0, 0, 1, 1, 2])[face]
+    axes = np.array([0, 0, 1, 1, 2])[face]
     sign = np.array([-1.0, 1.0, -1.0, 1.0, 1.0])[face]
     normal = np.zeros((len(face), 3))
-    normal[np.arange(len(face)), axis] = sign
+    normal[np.arange(len(face)), axes] = sign
     along = rng.normal(size=(len(face), 3))
     along += normal * 0.5
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    side = np.cross(normal, along)
-    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    along = unit(along)
+    across = unit(np.cross(normal, along))
     tip = place + along * leaf + normal * 0.01
-    corners = np.stack([place - side * 0.4 * leaf, place + side * 0.4 * leaf, tip], 1)
+    corners = np.stack([place - across * 0.4 * leaf, place + across * 0.4 * leaf, tip], 1)
     cells = (np.floor(rng.random((len(face), 2)) * [16.0, 12.0]) + 0.5) / 16.0
-    lean = normal + 0.5 * along
-    lean /= np.linalg.norm(lean, axis=1, keepdims=True)
+    lean = unit(normal + 0.5 * along)
     bag.add(
         "leaves-0",
         Surface(

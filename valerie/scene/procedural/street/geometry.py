@@ -1,8 +1,8 @@
 """Surfaces and the primitives that the generator makes them from: boxes, sheets, tubes, lathes, extrusions.
 
-Everything is batched: one call makes all window frames of a house. Coordinates are metres in the object's frame (z up);
-normals point out of the solid, faces run counter-clockwise seen from outside, texture coordinates are metres divided by the
-texture's tile size, with v growing downwards.
+Everything is batched: one call makes all window frames of a house. Coordinates are metres in the object's frame (z
+up); normals point out of the solid, faces run counter-clockwise seen from outside, texture coordinates are metres
+divided by the texture's tile size, with v growing downwards.
 """
 
 from __future__ import annotations
@@ -168,8 +168,8 @@ def boxes(low: ArrayLike, high: ArrayLike, *, skip: Sequence[str] = (), tile: fl
 def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = False, flip: bool = False) -> Surface:
     """A smooth surface over an (M, N, 3) grid of points.
 
-    The outside is where d/drow × d/dcolumn points (the other side with ``flip``). With ``closed`` the last row joins the
-    first; then ``uvs`` have one row more, (M + 1, N, 2), because the seam needs both values.
+    The outside is where d/drow × d/dcolumn points (the other side with ``flip``). With ``closed`` the last row joins
+    the first; then ``uvs`` have one row more, (M + 1, N, 2), because the seam needs both values.
     """
     grid = np.asarray(points, np.float64)
     if closed:
@@ -205,7 +205,7 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
     centre = np.asarray(paths, np.float64)
     radius = np.broadcast_to(np.asarray(radii, np.float64), centre.shape[:2])
     count, steps = centre.shape[:2]
-    tangent = unit(np.gradient(centre, axis=1))
+    tangent = unit(_slope(centre))
     # A fixed helper per tube, perpendicular to none of its pieces by much, keeps the rings from twisting.
     chord = unit(centre[:, -1] - centre[:, 0])
     helper = np.where(np.abs(chord[:, 2:]) < 0.75, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))[:, None]
@@ -221,6 +221,12 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
     one = _grid_faces(steps, sides + 1, flip=True)
     faces = (one[None] + (np.arange(count) * steps * (sides + 1))[:, None, None]).reshape(-1, 3)
     return Surface(points.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
+
+
+def _slope(line: Floats) -> Floats:
+    """Differences along axis 1 (N, M, 3): central inside, one-sided at the ends."""
+    ends = np.concatenate([line[:, :1], line, line[:, -1:]], axis=1)
+    return ends[:, 2:] - ends[:, :-2]
 
 
 def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from valerie.scene.procedural.street.facade import Opening, Trim, build_front, moulding, railing
-from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, extrude, fan, quads, tubes
+from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, quads, tubes
 from valerie.scene.procedural.street.plan import Placement
 from valerie.scene.procedural.street.textures.walls import BRICK_TILE, RENDER_TILE, ROOF_TILE, STONE_TILE
 
@@ -156,11 +156,13 @@ def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> boo
 def _other_walls(bag: Bag, house: _House, *, gabled: bool) -> None:
     """Party walls and back: plain, seen where a neighbour is lower."""
     w, d, h = house.width, house.depth, house.eaves
-    faces = [
-        [(0, d, 0), (0, 0, 0), (0, 0, h), (0, d, h)],
-        [(w, 0, 0), (w, d, 0), (w, d, h), (w, 0, h)],
-        [(w, d, 0), (0, d, 0), (0, d, h), (w, d, h)],
-    ]
+    faces = np.array(
+        [
+            [(0, d, 0), (0, 0, 0), (0, 0, h), (0, d, h)],
+            [(w, 0, 0), (w, d, 0), (w, d, h), (w, 0, h)],
+            [(w, d, 0), (0, d, 0), (0, d, h), (w, d, h)],
+        ]
+    )
     side = house.trim.wall if house.trim.wall.startswith("brick") else "render-side"
     bag.add(side, quads(faces, tile=house.trim.tile))
     if gabled:
@@ -189,8 +191,8 @@ _BAND = ((0.0, 0.0), (0.05, 0.02), (0.09, 0.10), (0.09, 0.16), (0.0, 0.20))
 def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng: np.random.Generator) -> None:
     w = house.width
     if kind in {"classic", "brick", "shop"}:
-        bag.add("stucco", *moulding(w, house.ground_floor - 0.1, _BAND))
-        bag.add("stucco", *moulding(w, house.eaves - 0.44, _CORNICE))
+        bag.add("stucco", moulding(w, house.ground_floor - 0.1, _BAND))
+        bag.add("stucco", moulding(w, house.eaves - 0.44, _CORNICE))
     if kind == "classic":
         # Rusticated ground floor: ashlar piers between the openings, proud of the wall.
         holes = sorted((o.x0 - 0.26, o.x1 + 0.26) for o in openings if o.z0 < 2.0)
@@ -204,17 +206,17 @@ def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng:
             "ashlar", boxes(low, [(b, 0.0, house.ground_floor - 0.1) for _, b in spans], skip=("+y",), tile=STONE_TILE)
         )
         for floor in range(1, house.floors - 1):
-            bag.add("stucco", *moulding(w, house.ground_floor + floor * house.floor - 0.05, _BAND))
+            bag.add("stucco", moulding(w, house.ground_floor + floor * house.floor - 0.05, _BAND))
         count = max(int(w / 0.55), 2)
         x = np.linspace(0.15, w - 0.15, count)
         z = np.full(count, house.eaves - 0.30)
         low3 = np.stack([x - 0.06, np.full(count, -0.24), z], -1)
-        bag.add("stucco", boxes(low3, low3 + (0.12, 0.24, 0.2), skip=("+y",)))
+        bag.add("stucco", boxes(low3, low3 + np.array([0.12, 0.24, 0.2]), skip=("+y",)))
     for o in openings:
         if o.kind == "french":
             _balcony(bag, o, solid=kind == "plain" and rng.random() < 0.5, deep=1.05 if kind == "plain" else 0.7)
     if kind == "shop":
-        _shop_board(bag, house, openings, rng)
+        _shop_boards(bag, openings, rng)
     _drainpipes(bag, house)
 
 
@@ -228,12 +230,11 @@ def _balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
         return
     low2, high2 = railing(x0 + 0.03, x1 - 0.03, -deep + 0.03, z, 0.95)
     bag.add("iron", boxes(low2, high2, skip=("-z", "+z")))
-    if not o.kind == "shop":
-        bag.add("hedge", boxes([[x0 + 0.15, -deep - 0.12, z + 0.72]], [[x1 - 0.15, -deep + 0.02, z + 0.98]]))
+    bag.add("hedge", boxes([[x0 + 0.15, -deep - 0.12, z + 0.72]], [[x1 - 0.15, -deep + 0.02, z + 0.98]]))
 
 
-def _shop_board(bag: Bag, house: _House, openings: list[Opening], rng: np.random.Generator) -> None:
-    """Name boards over the shop windows, an awning over one of them."""
+def _shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator) -> None:
+    """Name boards over the shop windows, mostly an awning over the first."""
     for k, o in enumerate(o for o in openings if o.kind == "shop"):
         cell = int(rng.integers(8))
         column, row = cell % 4, 2 + cell // 4
@@ -243,19 +244,21 @@ def _shop_board(bag: Bag, house: _House, openings: list[Opening], rng: np.random
         u0, v0 = column / 4, row / 4
         bag.add("sign-board", quads(corners, [[(u0, v0 + 0.25), (u0 + 0.25, v0 + 0.25), (u0 + 0.25, v0), (u0, v0)]]))
         if k == 0 and rng.random() < 0.75:
-            material = f"awning-{rng.integers(3)}"
-            count = max(round((o.x1 - o.x0) / 0.3), 2)
-            x = np.linspace(o.x0, o.x1, count + 1)
-            top, drop, out = 2.98, 0.5, -0.95
+            _awning(bag, o, f"awning-{rng.integers(3)}")
 
-            def strip(y0: float, z0: float, y1: float, z1: float, x: Floats = x) -> Floats:
-                n = len(x) - 1
-                return np.stack([np.stack([x[:-1], np.full(n, y0), np.full(n, z0)], -1), np.stack([x[1:], np.full(n, y0), np.full(n, z0)], -1),
-                                 np.stack([x[1:], np.full(n, y1), np.full(n, z1)], -1), np.stack([x[:-1], np.full(n, y1), np.full(n, z1)], -1)], 1)  # fmt: skip
 
-            cloth = np.stack([strip(out, top - drop, 0.0, top), strip(out, top - drop - 0.22, out, top - drop)], 1)
-            bag.add(material, quads(cloth[0::2].reshape(-1, 4, 3)))
-            bag.add("awning-white", quads(cloth[1::2].reshape(-1, 4, 3)))
+def _awning(bag: Bag, o: Opening, material: str) -> None:
+    """Striped cloth, 0.95 m out, with a hanging edge."""
+    count = max(round((o.x1 - o.x0) / 0.3), 2)
+    x = np.linspace(o.x0, o.x1, count + 1)
+    edges = np.array([(-0.95, 2.26), (-0.95, 2.48), (0.0, 2.98)])  # y, z: hem, front, wall
+    lines = np.concatenate(
+        [np.broadcast_to(x[:, None, None], (count + 1, 3, 1)), np.broadcast_to(edges, (count + 1, 3, 2))], -1
+    )
+    for step in (0, 1):
+        cloth = np.stack([lines[:-1, step], lines[1:, step], lines[1:, step + 1], lines[:-1, step + 1]], 1)
+        bag.add(material, quads(cloth[0::2]))
+        bag.add("awning-white", quads(cloth[1::2]))
 
 
 def _drainpipes(bag: Bag, house: _House) -> None:
@@ -345,11 +348,8 @@ def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
                 bag.add("stucco", boxes([[a, -0.05, z1]], [[b, 0.33, z1 + 0.09]]))
     else:
         bag.add(wall, fan([(0, 0.0, h), (w, 0.0, h), (middle, 0.0, peak + 0.25)], tile=house.trim.tile))
-        for a, b in (((0.0, h), (middle, peak + 0.25)), ((middle, peak + 0.25), (w, h))):
-            edge = [[(a[0], -0.08, a[1]), (b[0], -0.08, b[1]), (b[0], -0.08, b[1] + 0.22), (a[0], -0.08, a[1] + 0.22)],
-                    [(a[0], -0.08, a[1] + 0.22), (b[0], -0.08, b[1] + 0.22), (b[0], 0.3, b[1] + 0.22), (a[0], 0.3, a[1] + 0.22)],
-                    [(a[0], 0.0, a[1]), (b[0], 0.0, b[1]), (b[0], -0.08, b[1]), (a[0], -0.08, a[1])]]  # fmt: skip
-            bag.add("stucco", quads(edge, tile=2.0))
+        for start, stop in (((0.0, h), (middle, peak + 0.25)), ((middle, peak + 0.25), (w, h))):
+            bag.add("stucco", quads(_coping(start, stop), tile=2.0))
     # Attic windows, set on the wall's face since the steps are solid.
     for count, level in ((2, 0.14), (1, 0.5)):
         for x in middle + (np.arange(count) - 0.5 * (count - 1)) * w * 0.26:
@@ -359,6 +359,16 @@ def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
             matrix = np.eye(4)
             matrix[:3, 3] = (x - 0.58, -0.08, h + level * rise)
             bag.merge(attic, matrix)
+
+
+def _coping(start: tuple[float, float], stop: tuple[float, float]) -> Floats:
+    """(3, 4, 3) front, top and underside of a stone band 0.22 m high along a gable's edge, from (x, z) to (x, z)."""
+    near, far, high = -0.08, 0.3, 0.22
+    (x0, z0), (x1, z1) = start, stop
+    front = [(x0, near, z0), (x1, near, z1), (x1, near, z1 + high), (x0, near, z0 + high)]
+    top = [(x0, near, z0 + high), (x1, near, z1 + high), (x1, far, z1 + high), (x0, far, z0 + high)]
+    under = [(x0, 0.0, z0), (x1, 0.0, z1), (x1, near, z1), (x0, near, z0)]
+    return np.array([front, top, under])
 
 
 def _chimneys(bag: Bag, house: _House, rng: np.random.Generator, *, gabled: bool) -> None:
@@ -375,6 +385,3 @@ def _chimneys(bag: Bag, house: _House, rng: np.random.Generator, *, gabled: bool
         bag.add("stucco", boxes([[x - 0.06, y - 0.06, ridge + 0.95]], [[x + 0.86, y + 0.56, ridge + 1.05]]))
         pots = [[[x + px, y + 0.25, ridge + 1.05], [x + px, y + 0.25, ridge + 1.4]] for px in (0.2, 0.6)]
         bag.add("roof-0", tubes(pots, np.full((2, 2), 0.1), 7))
-
-
-__all__ = ["DOOR_COLORS", "RENDER_COLORS", "ROOF_COLORS", "build_house", "extrude"]

@@ -1,14 +1,14 @@
 """Where things stand in a street: seeded rules, no shapes.
 
-People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts stand
-between the two, with gaps, and never within `CAMERA_CORRIDOR`.
+People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
+stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +43,11 @@ TREE_MODELS = 3
 #: Along the street: pedestrian crossings (centre).
 CROSSINGS = (0.0, 66.0)
 _KERB_GAP = 0.2
+#: Signs: left side?, about where, which face (`textures.things.sign_faces`).
+_SIGNS = (
+    (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
+    (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
+)  # fmt: skip
 
 
 class _Plan:
@@ -53,10 +58,10 @@ class _Plan:
         self.footprints: list[Footprint] = []
         self._numbers: Counter[str] = Counter()
 
-    def add(self, object_class: str, kind: str, x: float, y: float, **more: object) -> Placement:
+    def add(self, object_class: str, kind: str, x: float, y: float, **more: Any) -> Placement:
         self._numbers[object_class] += 1
         path = f"scene.{object_class}-{self._numbers[object_class]}"
-        placed = replace(Placement(path, kind, round(x, 4), round(y, 4)), **more)
+        placed = Placement(path, kind, round(x, 4), round(y, 4), **more)
         self.placements.append(placed)
         return placed
 
@@ -226,7 +231,8 @@ def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, floa
     for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
         tree = plan.add(
             "vegetation", "far-tree", x + float(rng.uniform(-0.8, 0.8)), ROAD_STOP + 0.6, z=KERB_HEIGHT,
-            heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)), size=(float(rng.uniform(1.0, 1.2)),),
+            heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)),
+            size=(float(rng.uniform(1.0, 1.2)),),
         )  # fmt: skip
         plan.block(tree, disc(tree.x, tree.y, 0.2))
     return trunks
@@ -246,7 +252,7 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
         return y
 
     def kerbside(
-        object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: object
+        object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: Any
     ) -> Placement:
         x = LEFT_KERB - inset if left else RIGHT_KERB + inset
         heading = 0.0 if left else math.pi
@@ -260,8 +266,7 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
             place = free(y + 25.0 * k + float(rng.uniform(-1.5, 1.5)), left=left)
             if not CAMERA_CORRIDOR[1] - 2.0 < place < CAMERA_CORRIDOR[3]:
                 kerbside("pole", "lamp", place, 0.09, left=left)
-    for left, y, face in ((True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
-                          (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0)):  # fmt: skip
+    for left, y, face in _SIGNS:
         place = free(y + float(rng.uniform(-0.5, 1.5)), left=left)
         post = kerbside("pole", "post", place, 0.05, left=left, inset=0.36)
         plan.add("traffic-sign", "face", post.x, post.y - 0.045, z=KERB_HEIGHT, variant=face)

@@ -15,11 +15,13 @@ Color = tuple[float, float, float]
 
 #: Linear reflectances.
 _RENDERS: tuple[Color, ...] = (
-    (0.68, 0.58, 0.40), (0.72, 0.66, 0.55), (0.60, 0.42, 0.28), (0.50, 0.54, 0.50), (0.70, 0.50, 0.40), (0.42, 0.48, 0.54),
-    (0.75, 0.73, 0.68), (0.66, 0.60, 0.30), (0.46, 0.52, 0.38), (0.56, 0.30, 0.22), (0.55, 0.53, 0.50), (0.62, 0.47, 0.45),
+    (0.68, 0.58, 0.40), (0.72, 0.66, 0.55), (0.60, 0.42, 0.28), (0.50, 0.54, 0.50), (0.70, 0.50, 0.40),
+    (0.42, 0.48, 0.54), (0.75, 0.73, 0.68), (0.66, 0.60, 0.30), (0.46, 0.52, 0.38), (0.56, 0.30, 0.22),
+    (0.55, 0.53, 0.50), (0.62, 0.47, 0.45),
 )  # fmt: skip
 _DOORS: tuple[Color, ...] = (
-    (0.03, 0.07, 0.045), (0.09, 0.04, 0.02), (0.02, 0.035, 0.08), (0.16, 0.02, 0.02), (0.05, 0.05, 0.055), (0.22, 0.20, 0.17),
+    (0.03, 0.07, 0.045), (0.09, 0.04, 0.02), (0.02, 0.035, 0.08), (0.16, 0.02, 0.02), (0.05, 0.05, 0.055),
+    (0.22, 0.20, 0.17),
 )  # fmt: skip
 _ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.12, 0.085), (0.10, 0.09, 0.085))
 #: Car colours as they are bought: mostly white, grey, black, blue, some red; (colour, metallic).
@@ -35,6 +37,8 @@ _LEAVES: tuple[Color, ...] = (
     (0.036, 0.090, 0.022),
     (0.095, 0.125, 0.020),
 )
+_BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
+_AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
 
 
 def make_textures(seed: int) -> dict[str, Texture]:
@@ -91,8 +95,8 @@ def make_materials(seed: int) -> dict[str, Material]:
         Material("signal-off", (0.03, 0.035, 0.03), roughness=0.25),
         Material("visor", (0.02, 0.02, 0.02), roughness=0.7, double_sided=True),
         Material("planter", (0.16, 0.10, 0.06), "boards", roughness=0.85),
-        *(Material(f"bin-{k}", color, roughness=0.6) for k, color in enumerate(((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02)))),
-        *(Material(f"awning-{k}", color, roughness=0.9, double_sided=True) for k, color in enumerate(((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22)))),
+        *(Material(f"bin-{k}", color, roughness=0.6) for k, color in enumerate(_BINS)),
+        *(Material(f"awning-{k}", color, roughness=0.9, double_sided=True) for k, color in enumerate(_AWNINGS)),
         Material("awning-white", (0.72, 0.70, 0.64), roughness=0.9, double_sided=True),
     ]  # fmt: skip
     return {material.name: material for material in materials}
@@ -118,23 +122,28 @@ def _walls(rng: np.random.Generator) -> list[Material]:
     renders = rng.permutation(len(_RENDERS))[:RENDER_COLORS]
     doors = rng.permutation(len(_DOORS))[:DOOR_COLORS]
     roofs = rng.permutation(len(_ROOFS))[:ROOF_COLORS]
-    glass = {"metallic": 0.0, "roughness": 0.06, "specular": 1.6}
     white = (1.0, 1.0, 1.0)
     brick_red, brick_buff = _shifted((0.95, 0.95, 0.95), rng), _shifted((0.9, 0.9, 0.9), rng)
     stone = _shifted((0.52, 0.48, 0.42), rng)
     return [
         Material("brick-red", brick_red, "brick-red", "brick-normal", roughness=0.9),
         Material("brick-buff", brick_buff, "brick-buff", "brick-normal", roughness=0.9),
-        *(Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", roughness=0.92) for k, pick in enumerate(renders)),
+        *(
+            Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", roughness=0.92)
+            for k, pick in enumerate(renders)
+        ),
         Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", roughness=0.92),
         Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
         Material("stone", stone, "granite", roughness=0.85),
         Material("ashlar", (0.72, 0.66, 0.56), "ashlar", "ashlar-normal", roughness=0.88),
-        *(Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85) for k, pick in enumerate(roofs)),
+        *(
+            Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85)
+            for k, pick in enumerate(roofs)
+        ),
         *(Material(f"door-{k}", _DOORS[pick], "boards", roughness=0.4) for k, pick in enumerate(doors)),
         Material("frame-white", (0.74, 0.74, 0.72), roughness=0.45),
         Material("frame-dark", (0.035, 0.037, 0.04), roughness=0.5),
-        Material("window-glass", white, "interiors", **glass),
+        Material("window-glass", white, "interiors", roughness=0.06, specular=1.6),
     ]  # fmt: skip
 
 

@@ -16,7 +16,8 @@ def band_noise(
     Args:
         shape: rows, columns.
         rng: the source of the white noise.
-        longest, shortest: wavelengths in pixels between which there is power.
+        longest: wavelength in pixels above which there is no power.
+        shortest: wavelength below which there is none.
         slope: amplitude falls as frequency to the minus ``slope`` (0 is white within the band, 1 is cloud-like).
     """
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
@@ -30,7 +31,7 @@ def band_noise(
 def stretched_noise(
     shape: tuple[int, int], rng: np.random.Generator, *, rows: float, columns: float, slope: float = 1.0
 ) -> Field:
-    """Periodic noise whose longest wavelengths are ``rows`` and ``columns`` pixels down and across: grain, streaks, runs."""
+    """Periodic noise, longest ``rows`` pixels down and ``columns`` across: grain, streaks, runs."""
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
     frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None] * rows, np.fft.rfftfreq(shape[1])[None] * columns)
     gain = 1.0 / np.maximum(frequency, 1.0) ** (slope + 1.0)
@@ -51,14 +52,16 @@ def hashed(cells: NDArray[np.int64], seed: int) -> Field:
 def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
     """0 below ``low``, 1 above ``high``, smooth between."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return (t * t * (3.0 - 2.0 * t)).astype(np.float32)
+    smooth: Field = (t * t * (3.0 - 2.0 * t)).astype(np.float32)
+    return smooth
 
 
 def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Linear reflectance in [0, 1] to sRGB bytes (IEC 61966-2-1)."""
     value = np.clip(linear, 0.0, 1.0)
     encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.power(np.maximum(value, 1e-8), 1.0 / 2.4) - 0.055)
-    return np.round(encoded * 255.0).astype(np.uint8)
+    pixels: NDArray[np.uint8] = np.round(encoded * 255.0).astype(np.uint8)
+    return pixels
 
 
 def normal_map(height: NDArray[np.floating], texel: tuple[float, float]) -> NDArray[np.uint8]:

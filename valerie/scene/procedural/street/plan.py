@@ -43,8 +43,8 @@ class Placement:
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
         seed: the object's own source of chance.
-        size: metres, meaning by kind (houses: width, depth, then window axes and which has the door); empty where the kind
-            says it all.
+        size: metres, meaning by kind (houses: width, depth, then window axes and which has the door); empty where
+            the kind says it all.
         variant: which of the shared models or colours of that kind.
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,9 +28,8 @@ _PLAIN_SURFACES = 2
 def floor_quads(x0: Floats, x1: Floats, y0: Floats, y1: Floats, z: float) -> Floats:
     """(N, 4, 3) level rectangles facing up."""
     height = np.full_like(x0, z)
-    return np.stack(
-        [np.stack([x0, y0, height], -1), np.stack([x1, y0, height], -1), np.stack([x1, y1, height], -1), np.stack([x0, y1, height], -1)], 1
-    )  # fmt: skip
+    corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+    return np.stack([np.stack([x, y, height], -1) for x, y in corners], 1)
 
 
 def build_carriageway(placement: Placement) -> Bag:
@@ -71,7 +71,7 @@ def build_footway(placement: Placement) -> Bag:
     # Upright face, bevel, top: stone by stone, with open joints.
     profile = [(0.0, -0.05), (0.0, KERB_HEIGHT - bevel), (bevel, KERB_HEIGHT), (KERB_WIDTH - 0.004, KERB_HEIGHT)]
     pieces = []
-    for (o0, z0), (o1, z1) in zip(profile[:-1], profile[1:], strict=True):
+    for (o0, z0), (o1, z1) in pairwise(profile):
         a = np.stack([flat + outward * o0, y0, 0 * top + z0], -1)
         b = np.stack([flat + outward * o0, y1, 0 * top + z0], -1)
         c = np.stack([flat + outward * o1, y1, 0 * top + z1], -1)

@@ -44,7 +44,8 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
     Args:
         settings: size and density.
         rng: its own source of chance.
-        bark, leaves: materials.
+        bark: material of the wood.
+        leaves: material of the leaves.
     """
     bag = Bag()
     clusters = _crown(settings, rng)

@@ -27,8 +27,10 @@ _SIZE = 1024
 
 def _road_axes() -> tuple[Field, Field]:
     """Metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
-    centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
-    return (centre * ROAD_TILE[0])[None], (centre * ROAD_TILE[1])[:, None]
+    centre = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)
+    across: Field = (centre * np.float32(ROAD_TILE[0]))[None]
+    along: Field = (centre * np.float32(ROAD_TILE[1]))[:, None]
+    return across, along
 
 
 def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, float]) -> Image:
@@ -62,16 +64,15 @@ def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, float])
     wander = middle + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
     albedo *= 1.0 - 0.35 * np.exp(-(((across - wander) / 0.012) ** 2))
 
-    color = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
+    color: Field = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
     color = _gutters(color, rng, across, along)
     color = _ironwork(color, rng, across, along)
     paint = _zebra_paint(across, along) if zebra else _lane_paint(across, along, lane)
-    wear = smoothstep(
-        -0.9, 0.5, 0.75 + 0.5 * band_noise(shape, rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain + 0.0 * ends
-    )
+    worn = 0.5 * band_noise(shape, rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
+    wear = smoothstep(-1.65, -0.25, worn)
     cover = (paint * (0.25 + 0.63 * wear))[..., None]
-    color = color * (1.0 - cover) + np.array([0.66, 0.65, 0.61], np.float32) * cover * (1.0 + 0.05 * grain[..., None])
-    return srgb8(color)
+    white = np.array([0.60, 0.59, 0.56], np.float32) * (1.0 + 0.05 * grain[..., None])
+    return srgb8(color * (1.0 - cover) + white * cover)
 
 
 def _patches(albedo: Field, rng: np.random.Generator, grain: Field) -> Field:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -20,7 +22,8 @@ def car_flank(gaps: tuple[Line, ...], length: float, height: float, sill: float,
 
     Args:
         gaps: polylines of (y, z) in metres, y from the car's middle to its front.
-        length, height: metres that the texture covers; u = y / length + ½, v = 1 − z / height.
+        length: metres that the texture covers along the car; u = y / length + ½.
+        height: metres that it covers upwards; v = 1 − z / height.
         sill: below this height (metres) the body is unpainted plastic.
         rng: dirt.
     """
@@ -29,7 +32,7 @@ def car_flank(gaps: tuple[Line, ...], length: float, height: float, sill: float,
     z = (1.0 - (np.arange(size) + 0.5) / size)[:, None] * height
     distance = np.full((size, size), np.inf)
     for line in gaps:
-        for (y0, z0), (y1, z1) in zip(line[:-1], line[1:], strict=True):
+        for (y0, z0), (y1, z1) in pairwise(line):
             dy, dz = y1 - y0, z1 - z0
             t = np.clip(((y - y0) * dy + (z - z0) * dz) / (dy * dy + dz * dz), 0.0, 1.0)
             distance = np.minimum(distance, np.hypot(y - y0 - t * dy, z - z0 - t * dz))
@@ -87,8 +90,7 @@ def bark(rng: np.random.Generator) -> Image:
 
 
 def leaves(rng: np.random.Generator, hue: tuple[float, float, float]) -> Image:
-    """(256, 256, 3) sRGB: a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first; each leaf picks one
-    cell."""
+    """(256, 256, 3) sRGB: a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first."""
     cell = np.arange(256) // 16
     number = cell[:, None] * 16 + cell[None]
     bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * cell[:, None] / 15.0)
@@ -102,8 +104,10 @@ def _disc(x: NDArray[np.floating], y: NDArray[np.floating], radius: float) -> ND
 
 
 def sign_faces() -> Image:
-    """(512, 512, 3) sRGB atlas, cells row by row: no entry, speed limit, no stopping, warning, crossing, parking, one way,
-    yield; then eight shop boards."""
+    """(512, 512, 3) sRGB atlas of sign faces, cells row by row, then eight shop boards.
+
+    The faces: no entry, speed limit, no stopping, warning, crossing, parking, one way, yield.
+    """
     cell = 512 // SIGN_CELLS
     y, x = (np.mgrid[0:cell, 0:cell] + 0.5) / (cell / 2) - 1.0
     red, white, blue, black = (0.55, 0.015, 0.02), (0.78, 0.78, 0.76), (0.01, 0.08, 0.42), (0.02, 0.02, 0.02)

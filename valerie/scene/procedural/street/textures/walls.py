@@ -23,7 +23,7 @@ ATLAS_CELLS = 4
 
 
 def brick(rng: np.random.Generator) -> tuple[Image, Image, Image]:
-    """Red colour (1024²), buff colour (512², half the tile) and normals (1024²) of a stretcher bond, `BRICK_TILE` metres."""
+    """Red colour (1024²), buff colour (512²) and normals (1024²) of one stretcher bond, `BRICK_TILE` metres."""
     size = 1024
     height, joint, tone = _bond(rng, size, courses=48, stretchers=16)
     grain = band_noise((size, size), rng, longest=6, slope=0.3)
@@ -34,10 +34,9 @@ def brick(rng: np.random.Generator) -> tuple[Image, Image, Image]:
     )
     clay = clay * (1.0 + 0.13 * grain[..., None])
     red = np.where(joint[..., None] > 0.5, mortar, clay) * (1.0 + 0.05 * soot[..., None])
-    half = size // 2
-    _, joint_b, tone_b = _bond(rng, half, courses=24, stretchers=8)
-    clay_b = np.array([0.46, 0.345, 0.19]) * (0.68 + 0.5 * tone_b[..., None]) * (1.0 + 0.1 * grain[:half, :half, None])
-    buff = np.where(joint_b[..., None] > 0.5, np.array([0.42, 0.39, 0.34]), clay_b)
+    sand = np.array([0.46, 0.345, 0.19]) * (0.68 + 0.5 * tone[..., None]) * (1.0 + 0.1 * grain[..., None])
+    buff = np.where(joint[..., None] > 0.5, np.array([0.42, 0.39, 0.34]), sand)
+    buff = buff.reshape(size // 2, 2, size // 2, 2, 3).mean(axis=(1, 3))
     return srgb8(red), srgb8(buff), normal_map(height, (BRICK_TILE / size, BRICK_TILE / size))
 
 
@@ -50,7 +49,7 @@ def _bond(
     course = np.floor(v).astype(np.int64)
     u = centre[None] * stretchers + 0.5 * (course % 2)
     number = np.floor(u).astype(np.int64) % stretchers + course * 131
-    length, rise = BRICK_TILE / 16, BRICK_TILE / 48  # bricks of the trade are equally large at any texture size
+    length, rise = BRICK_TILE / stretchers, BRICK_TILE / courses
     edge = np.minimum((0.5 - np.abs(u - np.floor(u) - 0.5)) * length, (0.5 - np.abs(v - course - 0.5)) * rise)
     tone = hashed(number, int(rng.integers(2**31)))
     inside = smoothstep(0.003, 0.009, edge)
@@ -59,7 +58,7 @@ def _bond(
 
 
 def render(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Nearly white colour (512²; the material tints it) and normals of lime render with rain runs, `RENDER_TILE` metres."""
+    """Nearly white colour (512², to be tinted) and normals of lime render with rain runs, `RENDER_TILE` metres."""
     shape = (512, 512)
     runs = stretched_noise(shape, rng, rows=420, columns=14)
     cloud = band_noise(shape, rng, longest=500, shortest=30)
@@ -73,7 +72,7 @@ def render(rng: np.random.Generator) -> tuple[Image, Image]:
 
 
 def ashlar(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Colour and normals (512²) of dressed sandstone blocks, 0.5 m high, `STONE_TILE` metres; nearly white, to be tinted."""
+    """Nearly white colour and normals (512²) of dressed sandstone, courses of 0.5 m, `STONE_TILE` metres."""
     size = 512
     centre = (np.arange(size, dtype=np.float32) + 0.5) / size * STONE_TILE
     v = centre[:, None] / 0.5
