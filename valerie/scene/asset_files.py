@@ -72,10 +72,9 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path]) -> Scene:
     Raises:
         InvalidInput: a file is broken, or two files contradict each other.
     """
-    from valerie.scene.gltf import load_gltf, merge
+    from valerie.scene.gltf import merge, read_gltf
 
-    parts = {name: load_gltf(path) for name, path in files.items()}
-    return merge(parts, manifest)
+    return merge({name: read_gltf(path) for name, path in files.items()}, manifest)
 
 
 def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:

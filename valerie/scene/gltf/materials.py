@@ -1,0 +1,134 @@
+"""Materials: this project's metallic-roughness model to glTF's and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pygltflib
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, own_extras
+from valerie.scene.model import Material
+
+TextureIndex = Callable[[str], int]
+TextureName = Callable[[int], str]
+TextureImage = Callable[[int], NDArray[np.uint8]]
+
+
+def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
+    """A glTF material; the specular tint is also put as a colour, for other programs.
+
+    Args:
+        material: of a scene.
+        texture_index: glTF texture of a texture's name.
+    """
+    hue = np.asarray(material.base_color) / max(*material.base_color, 1e-6)
+    tint = (1.0 - material.specular_tint) + material.specular_tint * hue
+    strength = max(*material.emissive, 1.0)
+    extensions: dict[str, Any] = {
+        SPECULAR: {
+            "specularFactor": min(material.specular, 1.0),
+            "specularColorFactor": [float(c) * max(material.specular, 1.0) for c in tint],
+        }
+    }
+    if strength > 1.0:
+        extensions[EMISSIVE_STRENGTH] = {"emissiveStrength": strength}
+    extras = {
+        "specular": material.specular,
+        "specular_tint": material.specular_tint,
+        "emissive": list(material.emissive),
+    }
+    color = None if material.base_color_texture is None else texture_index(material.base_color_texture)
+    normal = None if material.normal_texture is None else texture_index(material.normal_texture)
+    return pygltflib.Material(
+        name=material.name,
+        pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
+            baseColorFactor=[*map(float, material.base_color), 1.0],
+            metallicFactor=material.metallic,
+            roughnessFactor=material.roughness,
+            baseColorTexture=None if color is None else pygltflib.TextureInfo(index=color),
+        ),
+        normalTexture=None if normal is None else pygltflib.NormalMaterialTexture(index=normal),
+        emissiveFactor=[float(c) / strength for c in material.emissive],
+        alphaMode=pygltflib.OPAQUE if material.alpha_cutoff is None else pygltflib.MASK,
+        alphaCutoff=material.alpha_cutoff,
+        doubleSided=material.double_sided,
+        extensions=extensions,
+        extras={EXTRAS_KEY: extras},
+    )
+
+
+def read_material(
+    given: pygltflib.Material,
+    name: str,
+    *,
+    texture_name: TextureName,
+    texture_image: TextureImage,
+    notes: list[str],
+) -> Material:
+    """A material of a scene; what the model lacks is approximated and noted.
+
+    Args:
+        given: as it stands in the file.
+        name: under which the scene knows it.
+        texture_name: name of a glTF texture.
+        texture_image: texels of a glTF texture.
+        notes: takes what was ignored or approximated, in words.
+
+    Raises:
+        InvalidInput: a number is missing, not finite or out of range.
+    """
+    pbr = given.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
+    metallic, roughness = _one(pbr.metallicFactor, 1.0), _one(pbr.roughnessFactor, 1.0)
+    if pbr.metallicRoughnessTexture is not None:
+        texels = texture_image(pbr.metallicRoughnessTexture.index)
+        roughness *= float(texels[..., 1].mean()) / 255.0
+        metallic *= float(texels[..., 2].mean()) / 255.0
+        notes.append(f"material {name}: its metallic-roughness texture is replaced by its mean")
+    if given.emissiveTexture is not None:
+        notes.append(f"material {name}: its emissive texture is ignored")
+    if given.occlusionTexture is not None:
+        notes.append(f"material {name}: its occlusion texture is ignored")
+    cutoff = None
+    if given.alphaMode == pygltflib.MASK:
+        cutoff = _one(given.alphaCutoff, 0.5)
+    elif given.alphaMode == pygltflib.BLEND:
+        cutoff = 0.5
+        notes.append(f"material {name}: blending is replaced by a cut at alpha 0.5, so that labels stay exact")
+    extensions = given.extensions or {}
+    extras = own_extras(given.extras)
+    specular = extensions.get(SPECULAR) or {}
+    strength = _one((extensions.get(EMISSIVE_STRENGTH) or {}).get("emissiveStrength"), 1.0)
+    emissive = [strength * c for c in _three(given.emissiveFactor, 0.0)] if given.emissiveTexture is None else [0.0] * 3
+    color = _three(pbr.baseColorFactor, 1.0)
+    return Material(
+        name=name,
+        base_color=_in_range(color, f"{name}.base_color", 1.0),
+        base_color_texture=None if pbr.baseColorTexture is None else texture_name(pbr.baseColorTexture.index),
+        normal_texture=None if given.normalTexture is None else texture_name(given.normalTexture.index),
+        metallic=_in_range([metallic], f"{name}.metallic", 1.0)[0],
+        roughness=_in_range([roughness], f"{name}.roughness", 1.0)[0],
+        specular=_one(extras.get("specular"), _one(specular.get("specularFactor"), 1.0)),
+        specular_tint=_one(extras.get("specular_tint"), 0.0),
+        emissive=_in_range(_three(extras.get("emissive", emissive), 0.0), f"{name}.emissive", 1e6),
+        alpha_cutoff=cutoff,
+        double_sided=bool(given.doubleSided),
+    )
+
+
+def _one(value: object, otherwise: float) -> float:
+    return otherwise if value is None else float(value)  # type: ignore[arg-type]  # anything else is caught above
+
+
+def _three(values: Any, otherwise: float) -> list[float]:
+    return [float(v) for v in list(values)[:3]] if values else [otherwise] * 3
+
+
+def _in_range(values: list[float], field: str, highest: float) -> Any:
+    for value in values:
+        if not 0.0 <= value <= highest:
+            raise InvalidInput("out of range", field=f"material {field}", value=value, limit=f"0…{highest:g}")
+    return tuple(values)

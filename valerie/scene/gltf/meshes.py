@@ -1,0 +1,151 @@
+"""Meshes of a glTF file: accessors to triangles, with normals where the file has none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pygltflib
+import trimesh
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf.common import MAX_VERTICES, vectors_from_y_up
+from valerie.scene.gltf.container import Container
+from valerie.scene.gltf.materials import read_material
+from valerie.scene.gltf.textures import TextureReader, unique_names
+from valerie.scene.model import Material, Mesh
+
+#: What a primitive without a material is drawn with.
+DEFAULT_MATERIAL = "default"
+
+
+class MeshReader:
+    """Reads each glTF mesh and accessor once, so that what nodes share in the file is shared in the scene."""
+
+    def __init__(self, container: Container, textures: TextureReader, notes: list[str]) -> None:
+        self._container, self._document = container, container.document
+        self._textures, self._notes = textures, notes
+        self._names = unique_names([material.name for material in self._document.materials], "material")
+        self._meshes: dict[int, tuple[Mesh, ...]] = {}
+        self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
+        self._vertices = 0
+        self._needs_default = False
+
+    def read(self, index: int) -> tuple[Mesh, ...]:
+        """The primitives of a glTF mesh."""
+        if index not in self._meshes:
+            field = f"{self._container.name}: meshes.{index}"
+            if not 0 <= index < len(self._document.meshes):
+                raise InvalidInput("no such mesh", field=field)
+            primitives = self._document.meshes[index].primitives
+            self._meshes[index] = tuple(
+                self._primitive(primitive, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
+            )
+        return self._meshes[index]
+
+    def all_materials(self) -> dict[str, Material]:
+        """Every material of the file by name; call it after the meshes were read."""
+        found = {
+            name: read_material(
+                material,
+                name,
+                texture_name=self._textures.name,
+                texture_image=self._textures.texels,
+                notes=self._notes,
+            )
+            for name, material in zip(self._names, self._document.materials, strict=True)
+        }
+        if self._needs_default:
+            found.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
+        return found
+
+    def _primitive(self, given: pygltflib.Primitive, field: str) -> Mesh:
+        if given.mode not in (None, pygltflib.TRIANGLES):
+            raise InvalidInput("only triangles are read; export as triangles", field=f"{field}.mode", value=given.mode)
+        if given.targets:
+            self._notes.append("morph targets are ignored")
+        attributes = given.attributes
+        if attributes.POSITION is None:
+            raise InvalidInput("a mesh without positions", field=field)
+        positions = self._vectors(attributes.POSITION)
+        count = len(positions)
+        faces = self._faces(given.indices, count, field)
+        uvs = self._uvs(attributes.TEXCOORD_0, count, field)
+        if attributes.NORMAL is None:
+            self._notes.append("meshes without normals are shaded flat")
+            corners = faces.reshape(-1)
+            positions, uvs = positions[corners], uvs[corners]
+            faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+            normals = flat_normals(positions)
+        else:
+            normals = self._normals(attributes.NORMAL)
+        if len(normals) != len(positions):
+            raise InvalidInput("normals and positions differ in number", field=field, value=len(normals), limit=count)
+        return Mesh(positions, normals, uvs, faces, self._material(given.material, field))
+
+    def _material(self, index: int | None, field: str) -> str:
+        if index is None:
+            self._needs_default = True
+            return DEFAULT_MATERIAL
+        if not 0 <= index < len(self._names):
+            raise InvalidInput("no such material", field=field, value=index)
+        return self._names[index]
+
+    def _vectors(self, accessor: int) -> NDArray[np.float32]:
+        """(V, 3) float32, z up, of positions or normals."""
+        key = (accessor, "vectors")
+        if key not in self._arrays:
+            raw = self._container.array(accessor, kind="VEC3")
+            if raw.dtype != np.float32 or not np.isfinite(raw).all():
+                raise InvalidInput("not finite 32-bit floats", field=f"{self._container.name}: accessors.{accessor}")
+            self._vertices += len(raw)
+            if self._vertices > 2 * MAX_VERTICES:
+                raise InvalidInput("too many vertices", field=self._container.name, limit=MAX_VERTICES)
+            self._arrays[key] = vectors_from_y_up(raw.astype(np.float32, copy=False))
+        return self._arrays[key]
+
+    def _normals(self, accessor: int) -> NDArray[np.float32]:
+        key = (accessor, "normals")
+        if key not in self._arrays:
+            normals = self._vectors(accessor)
+            lengths = np.linalg.norm(normals, axis=1)
+            if np.any(np.abs(lengths - 1.0) > 1e-3):
+                normals = np.where(lengths[:, None] > 1e-9, normals, np.array([0.0, 0.0, 1.0], np.float32))
+                normals = (normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-9)[:, None]).astype(np.float32)
+            self._arrays[key] = normals
+        return self._arrays[key]
+
+    def _uvs(self, accessor: int | None, count: int, field: str) -> NDArray[np.float32]:
+        if accessor is None:
+            return np.zeros((count, 2), np.float32)
+        key = (accessor, "uvs")
+        if key not in self._arrays:
+            raw = self._container.array(accessor, kind="VEC2")
+            if raw.dtype.kind == "u":
+                raw = raw / float(np.iinfo(raw.dtype).max)
+            self._arrays[key] = raw.astype(np.float32, copy=False)
+        if len(self._arrays[key]) != count:
+            raise InvalidInput("texture coordinates and positions differ in number", field=field, limit=count)
+        return self._arrays[key]
+
+    def _faces(self, accessor: int | None, count: int, field: str) -> NDArray[np.uint32]:
+        if accessor is None:
+            indices: NDArray[Any] = np.arange(count, dtype=np.uint32)
+        else:
+            key = (accessor, "faces")
+            if key not in self._arrays:
+                self._arrays[key] = self._container.array(accessor, kind="SCALAR").astype(np.uint32)
+            indices = self._arrays[key]
+        if len(indices) % 3 or (len(indices) and int(indices.max()) >= count):
+            raise InvalidInput("not triangles of the mesh's vertices", field=field, value=f"{len(indices)} indices")
+        return indices.reshape(-1, 3)
+
+
+def flat_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(3·F, 3) corners of triangles to the face normal at each corner, (3·F, 3); degenerate triangles point up."""
+    triangles = corners.reshape(-1, 3, 3).astype(np.float64)
+    normals, valid = trimesh.triangles.normals(triangles)  # type: ignore[no-untyped-call]
+    result = np.tile(np.array([0.0, 0.0, 1.0]), (len(valid), 1))
+    result[valid] = normals
+    return np.repeat(result, 3, axis=0).astype(np.float32)

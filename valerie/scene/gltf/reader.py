@@ -1,0 +1,222 @@
+"""One glTF file to nodes, meshes, materials, cameras and light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf.common import (
+    LIGHTS,
+    MAX_DEPTH,
+    FilePart,
+    own_extras,
+    transform_from_y_up,
+    vectors_from_y_up,
+    view_from_y_up,
+)
+from valerie.scene.gltf.container import Container, open_container
+from valerie.scene.gltf.meshes import MeshReader
+from valerie.scene.gltf.textures import TextureReader
+from valerie.scene.model import Camera, Environment, Matrix, Node, Sun
+from valerie.scene.naming import ROOT, node_name
+
+_IGNORED = {"KHR_texture_transform": "texture transforms", "KHR_materials_transmission": "transmission"}
+
+
+def read_gltf(path: Path) -> FilePart:
+    """Read a .glb or a self-contained .gltf.
+
+    Raises:
+        InvalidInput: the file is broken, truncated, too large, refers to other files, or uses what cannot be read.
+    """
+    container = open_container(path)
+    try:
+        return _Reader(container).read()
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
+        # The JSON was well-formed, but some value in it is not what glTF says it is.
+        raise InvalidInput(f"not valid glTF: {error}", field=container.name) from error
+
+
+class _Reader:
+    def __init__(self, container: Container) -> None:
+        self._container, self._document = container, container.document
+        self._notes = [f"{what} are ignored" for key, what in _IGNORED.items() if key in _used(container.document)]
+        self._textures = TextureReader(container)
+        self._meshes = MeshReader(container, self._textures, self._notes)
+        self._paths: dict[int, str] = {}
+        self._worlds: dict[int, Matrix] = {}
+
+    def read(self) -> FilePart:
+        document = self._document
+        for present, what in ((document.animations, "animations"), (document.skins, "skins: bodies stay as modelled")):
+            if present:
+                self._notes.append(f"{what} are ignored" if "skins" not in what else what)
+        nodes: list[Node] = []
+        cameras: dict[str, Camera] = {}
+        movable: list[str] = []
+        sun: Sun | None = None
+        environment = self._environment()
+        for index in self._ordered():
+            given = document.nodes[index]
+            path, local = self._paths[index], _local_matrix(given, f"{self._container.name}: nodes.{index}")
+            light = self._light(given)
+            if given.camera is not None:
+                camera = self._camera(given, path, self._worlds[index])
+                cameras[camera.name] = camera
+            if light is not None and sun is None:
+                sun = self._sun(light, self._worlds[index], environment or Environment())
+            if given.mesh is None and not given.children and (given.camera is not None or light is not None):
+                continue
+            marks = own_extras(given.extras)
+            if marks.get("movable"):
+                movable.append(path)
+            nodes.append(
+                Node(
+                    path,
+                    transform_from_y_up(local),
+                    () if given.mesh is None else self._meshes.read(given.mesh),
+                    visible=bool(marks.get("visible", True)),
+                )
+            )
+        materials = self._meshes.all_materials()
+        return FilePart(
+            nodes=tuple(nodes),
+            materials=materials,
+            textures=self._textures.all_textures(),
+            cameras=cameras,
+            sun=sun,
+            environment=environment,
+            movable=tuple(movable),
+            notes=tuple(dict.fromkeys(self._notes)),
+        )
+
+    def _ordered(self) -> Iterator[int]:
+        """Nodes of the scene in the file's order, parents first; fills in paths and world matrices."""
+        parents = self._parents()
+        for start in range(len(self._document.nodes)):
+            chain = []
+            at: int | None = start
+            while at is not None and at not in self._paths:
+                chain.append(at)
+                if len(chain) > MAX_DEPTH:
+                    raise InvalidInput(
+                        "the node tree is too deep or a circle", field=f"{self._container.name}: nodes.{start}",
+                        limit=MAX_DEPTH,
+                    )  # fmt: skip
+                if at not in parents:
+                    chain.clear()  # hangs in no scene
+                    break
+                at = parents[at]
+            for index in reversed(chain):
+                self._place(index, parents[index])
+                yield index
+
+    def _parents(self) -> dict[int, int | None]:
+        """Parent of every node that is part of the scene or hangs below one that may be; None for roots."""
+        document = self._document
+        parents: dict[int, int | None] = {}
+        for index, node in enumerate(document.nodes):
+            for child in node.children or ():
+                if not 0 <= child < len(document.nodes) or child in parents:
+                    raise InvalidInput(
+                        "a node with two parents or none", field=f"{self._container.name}: nodes.{index}", value=child
+                    )
+                parents[child] = index
+        if document.scenes:
+            roots = document.scenes[document.scene or 0].nodes or []
+        else:
+            roots = [index for index in range(len(document.nodes)) if index not in parents]
+        for root in roots:
+            if not 0 <= root < len(document.nodes) or root in parents:
+                raise InvalidInput("not a root node", field=f"{self._container.name}: scenes", value=root)
+            parents[root] = None
+        return parents
+
+    def _place(self, index: int, parent: int | None) -> None:
+        given = self._document.nodes[index]
+        name = node_name(given.name, index)
+        if not given.name:
+            self._notes.append(f"node {index} has no name; it is called {name}")
+        elif name != given.name:
+            self._notes.append(f"node {given.name!r} is called {name}")
+        local = _local_matrix(given, f"{self._container.name}: nodes.{index}")
+        self._paths[index] = f"{ROOT if parent is None else self._paths[parent]}.{name}"
+        self._worlds[index] = local if parent is None else self._worlds[parent] @ local
+
+    def _camera(self, given: pygltflib.Node, path: str, world: Matrix) -> Camera:
+        camera = self._document.cameras[given.camera]
+        if camera.perspective is None:
+            raise InvalidInput("only perspective cameras are read", field=path, value=camera.type)
+        own = own_extras(camera.extras)
+        sensor = float(own.get("sensor_width_mm", 36.0))
+        lens = camera.perspective
+        half_height = math.tan(0.5 * float(lens.yfov))
+        focal = float(own.get("focal_length_mm", 0.5 * sensor / (half_height * float(lens.aspectRatio or 16 / 9))))
+        if not (math.isfinite(focal) and focal > 0):
+            raise InvalidInput("not a usable angle of view", field=path, value=lens.yfov)
+        name = path.rpartition(".")[2]
+        # A camera hangs below the scene itself here: where it hung in the file is in its matrix.
+        return Camera(
+            f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, float(lens.znear), float(lens.zfar or 600.0)
+        )
+
+    def _light(self, given: pygltflib.Node) -> dict[str, Any] | None:
+        index = ((given.extensions or {}).get(LIGHTS) or {}).get("light")
+        if index is None:
+            return None
+        light = self._document.extensions[LIGHTS]["lights"][index]
+        if light.get("type") != "directional":
+            self._notes.append(f"light {given.name!r} is ignored: only directional light is read")
+            return None
+        return dict(light)
+
+    def _sun(self, light: dict[str, Any], world: Matrix, environment: Environment) -> Sun:
+        own = own_extras(light.get("extras"))
+        if own:
+            return Sun(
+                float(own["azimuth"]),
+                float(own["elevation"]),
+                float(own["irradiance"]),
+                float(own["angular_diameter"]),
+            )
+        backwards = vectors_from_y_up(world[:3, 2] / np.linalg.norm(world[:3, 2]))
+        azimuth = math.atan2(float(backwards[0]), float(backwards[1])) + environment.bearing
+        self._notes.append("the sun's strength is taken as that of a clear noon: the file's unit is not comparable")
+        return Sun(azimuth % (2.0 * math.pi), math.asin(max(-1.0, min(1.0, float(backwards[2])))))
+
+    def _environment(self) -> Environment | None:
+        if not self._document.scenes:
+            return None
+        own = own_extras(self._document.scenes[self._document.scene or 0].extras).get("environment")
+        if not isinstance(own, dict):
+            return None
+        return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]))
+
+
+def _used(document: pygltflib.GLTF2) -> set[str]:
+    return set(document.extensionsUsed or ())
+
+
+def _local_matrix(node: pygltflib.Node, field: str) -> Matrix:
+    """(4, 4) node to parent, y up (glTF 2.0, section 3.5.3): a matrix by columns, or translation, rotation, scale."""
+    if node.matrix:
+        matrix = np.array(node.matrix, np.float64).reshape(4, 4).T
+    else:
+        matrix = np.eye(4)
+        x, y, z, w = (float(v) for v in node.rotation or (0.0, 0.0, 0.0, 1.0))
+        matrix[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        matrix[:3, :3] *= np.array(node.scale or (1.0, 1.0, 1.0), np.float64)
+        matrix[:3, 3] = node.translation or (0.0, 0.0, 0.0)
+    if not np.isfinite(matrix).all() or matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise InvalidInput("not a usable transform", field=field)
+    return matrix

@@ -1,0 +1,70 @@
+"""Textures of a glTF file, decoded once and named."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf.common import MAX_TEXELS
+from valerie.scene.gltf.container import Container, decode_data_uri
+from valerie.scene.gltf.images import decode_image
+from valerie.scene.model import Texture
+
+
+class TextureReader:
+    """Decodes images when they are asked for; textures of one image are one texture."""
+
+    def __init__(self, container: Container) -> None:
+        self._container, self._document = container, container.document
+        self._names = unique_names([image.name for image in self._document.images], "image")
+        self._images: dict[int, NDArray[np.uint8]] = {}
+        self._texels = 0
+
+    def name(self, texture: int) -> str:
+        """The name of a glTF texture in the scene."""
+        return self._names[self._source(texture)]
+
+    def texels(self, texture: int) -> NDArray[np.uint8]:
+        """(H, W, 3 or 4) uint8 of a glTF texture."""
+        return self._image(self._source(texture))
+
+    def all_textures(self) -> dict[str, Texture]:
+        """Every image of the file as a texture, by name."""
+        return {name: Texture(name, self._image(index)) for index, name in enumerate(self._names)}
+
+    def _source(self, texture: int) -> int:
+        source = self._document.textures[texture].source
+        if source is None or not 0 <= source < len(self._document.images):
+            raise InvalidInput(
+                "the texture has no PNG or JPEG image", field=f"{self._container.name}: textures.{texture}"
+            )
+        return int(source)
+
+    def _image(self, index: int) -> NDArray[np.uint8]:
+        if index not in self._images:
+            image, field = self._document.images[index], f"{self._container.name}: images.{index}"
+            if image.bufferView is not None:
+                data = self._container.view(image.bufferView)
+            else:
+                data = decode_data_uri(image.uri or "", f"{field}.uri")
+            texels = decode_image(data, field=field)
+            texels.setflags(write=False)
+            self._texels += texels.shape[0] * texels.shape[1]
+            if self._texels > MAX_TEXELS:
+                raise InvalidInput("too many texels in one file", field=field, value=self._texels, limit=MAX_TEXELS)
+            self._images[index] = texels
+        return self._images[index]
+
+
+def unique_names(given: list[str | None], kind: str) -> list[str]:
+    """Names for a list of things: their own where they have one that is free, else ``kind_index`` or ``name_index``."""
+    taken: set[str] = set()
+    names = []
+    for index, name in enumerate(given):
+        unique = name or f"{kind}_{index}"
+        while unique in taken:
+            unique = f"{unique}_{index}"
+        taken.add(unique)
+        names.append(unique)
+    return names
