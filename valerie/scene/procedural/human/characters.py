@@ -42,8 +42,8 @@ class Character:
     Attributes:
         name: e.g. ``black-outfit``.
         meshes: one per material.
-        materials: by name; a name is ``<character>/<part>``, and the part of everything worn starts with ``cloth-``, others with
-            ``skin-``, ``hair-`` or ``shoe-``.
+        materials: by name; a name is ``<character>/<part>``, and the part of everything worn starts with ``cloth-``,
+            others with ``skin-``, ``hair-`` or ``shoe-``.
         textures: by name, with the same prefix.
         height_m: from the ground to the highest point.
         footprint_radius_m: of the upright cylinder around the origin that holds the whole person.

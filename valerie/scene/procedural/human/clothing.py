@@ -1,7 +1,7 @@
 """Patterns: garments cut in the rest pose from MakeHuman's ``helper-tights``, which follow the body like a second skin.
 
-A pattern is cut along hems, eased (moved off the body), its limbs widened to tubes and its trunk to a hanging barrel; then
-it is posed with the body's own skinning weights and settled as cloth (`drape`).
+A pattern is cut along hems, eased (moved off the body), its limbs widened to tubes and its trunk to a hanging barrel;
+then it is posed with the body's own skinning weights and settled as cloth (`drape`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Cut:
         sleeve: share of the arm that sleeves cover: 1 to the elbow, 2 to the wrist.
         ease: metres between body and cloth.
         hang: 0 follows the trunk … 1 hangs from its widest place.
-        tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or ankle).
+        tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
+            ankle).
         fabric: how the cloth behaves.
     """
 
@@ -106,7 +107,7 @@ def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[
         )
     hem = _crotch(body) + cut.lower * (body.head("spine_02")[2] - _crotch(body))
     neck, head = body.head("neck_01"), body.head("head")
-    axis = surface.normalize(surface.normalize(head - neck) + np.array([0.0, 0.38, 0.0]))
+    axis = surface.normalize(surface.normalize(head - neck) + np.array([0.0, 0.1, 0.0]))
     reach = body.head("neck_01") + cut.upper * axis
     along = np.zeros(len(points))
     for side in ("l", "r"):
@@ -187,7 +188,8 @@ def _tube(cut: Cut, body: Body, side: str, points: Points, weights: Points) -> P
     wide = np.maximum(reach, radius)
     # near the trunk the limb's cloth goes over into the trunk's
     fade = np.clip((along - min(cut.tube)) / 0.35, 0.0, 1.0) * share(weights, _ARM if cut.kind == "top" else _LEG)
-    return axis + offset * ((1 - fade) + fade * wide / np.maximum(reach, 1e-6))[:, None]
+    widened: Points = axis + offset * ((1 - fade) + fade * wide / np.maximum(reach, 1e-6))[:, None]
+    return widened
 
 
 def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
@@ -206,7 +208,7 @@ def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
     total, number = np.zeros((rows, columns)), np.zeros((rows, columns))
     np.add.at(total, where, reach[inside])
     np.add.at(number, where, 1.0)
-    mode = ("nearest", "wrap")
+    mode: tuple[Literal["nearest"], Literal["wrap"]] = ("nearest", "wrap")
     blur = ndimage.gaussian_filter(total, (1.0, 1.2), mode=mode)
     profile = blur / np.maximum(ndimage.gaussian_filter(number, (1.0, 1.2), mode=mode), 1e-6)
     widest = np.maximum.accumulate(profile[::-1], axis=0)[::-1]  # from the chest downwards

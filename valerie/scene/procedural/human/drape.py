@@ -18,8 +18,8 @@ from valerie.scene.procedural.human.surface import Indices, Points, boundary_loo
 
 #: Distance in metres that keeps the surfaces of different regions apart when the nearest point is looked up.
 _REGION_STEP: Final = 10.0
-#: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations would let a heavy cloth stretch, and
-#: only the settled shape matters, not how it got there.
+#: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations let heavy cloth stretch,
+#: and only the settled shape matters, not how it got there.
 _FALL: Final = 0.00015
 _DAMPING: Final = 0.85
 _REACH: Final = 0.03
@@ -96,7 +96,7 @@ def settle(
     tree = cKDTree(_with_region(under.points, under.regions))
     position, previous = start.copy(), start.copy()
     fall = np.array([0.0, 0.0, -_FALL])
-    nearest = tree.query(_with_region(position, regions))[1]
+    nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
     for step in range(fabric.steps):
         position, previous = (
             np.where(free[:, None], position + _DAMPING * (position - previous) + fall, position),
@@ -110,7 +110,7 @@ def settle(
             move = _scatter(a, pull, len(rest)) - _scatter(b, pull, len(rest))
             position[free] += (move / degree[:, None])[free]
         if step % 3 == 0:
-            nearest = tree.query(_with_region(position, regions))[1]
+            nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
         position, previous = _push_out(position, previous, under, nearest, fabric, free)
     smooth = neighbours(faces, len(rest))
     for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin: takes the iterations' noise away, keeps the folds
@@ -121,7 +121,7 @@ def settle(
             edge = edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0) - 2.0 * edge)
             position[loop] = edge
     for _ in range(3):
-        nearest = tree.query(_with_region(position, regions))[1]
+        nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
         position, previous = _push_out(position, position, under, nearest, fabric, np.ones_like(free))
     return position
 

@@ -23,7 +23,8 @@ class HairCut:
     """A hairdo; angles in degrees, lengths in metres.
 
     Attributes:
-        hairline: by azimuth from the front (0) to the back (180), the elevation seen from the head's centre where it ends.
+        hairline: by azimuth from the front (0) to the back (180), the elevation, seen from the head's centre, where it
+            ends.
         thickness: at the crown.
         edge: thickness at the hairline.
         fall: by azimuth, how far it hangs below the centre of the head where the hairline lies below the centre.
@@ -107,7 +108,8 @@ def _head_points(body: Body) -> Points:
     mesh, rig = data.base_mesh(), data.rig()
     rows = np.unique(mesh.groups["body"].quads)
     of_head = rig.weights[rows, rig.bones.index("head")] > 0.5
-    return body.vertices[rows[of_head]]
+    points: Points = body.vertices[rows[of_head]]
+    return points
 
 
 def _skull_radius(body: Body, directions: Points) -> Points:
@@ -122,7 +124,7 @@ def _skull_radius(body: Body, directions: Points) -> Points:
     ear = (np.abs(azimuth - 97.0) < 22.0) & (elevation < 8.0)
     keep = (weights > 0.5) & ~ear & (elevation > -60.0) & (radius > 0.07)
     distance, index = cKDTree(near[keep] / radius[keep, None]).query(directions, k=6)
-    share = 1.0 / (distance + 1e-3) ** 2
+    share: Points = 1.0 / (np.asarray(distance) + 1e-3) ** 2
     mean: Points = (share * radius[keep][index]).sum(axis=-1) / share.sum(axis=-1)
     return mean
 

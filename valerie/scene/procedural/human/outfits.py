@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -101,7 +100,7 @@ def _black_outfit() -> Look:
                 "jacket",
                 Cut(
                     "top",
-                    upper=0.036,
+                    upper=0.012,
                     lower=0.10,
                     sleeve=1.97,
                     ease=0.019,
@@ -165,7 +164,7 @@ def _yellow_shirt() -> Look:
                 "shirt",
                 Cut(
                     "top",
-                    upper=0.024,
+                    upper=0.0,
                     lower=0.30,
                     sleeve=1.93,
                     ease=0.011,
@@ -179,14 +178,14 @@ def _yellow_shirt() -> Look:
                 thickness=0.002,
                 collar=Collar(
                     rows=(
-                        (0.010, 0.0),
-                        (0.020, 0.0),
-                        (0.024, 0.003),
-                        (0.021, 0.007),
-                        (0.006, 0.011),
+                        (0.01, 0.0),
+                        (0.022, 0.0),
+                        (0.026, 0.002),
+                        (0.022, 0.005),
+                        (0.006, 0.008),
                         (-0.014, 0.015),
                         (-0.014, 0.0125),
-                        (0.0, 0.008),
+                        (0.0, 0.006),
                     ),
                     opening=0.2,
                     folded=True,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
 
 from valerie.scene.procedural.human import data, hair, surface, textures
 from valerie.scene.procedural.human.body import Body
@@ -43,7 +43,7 @@ class Face:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPart:
-    """Part of the bare body: (V,) base-mesh vertex of each vertex, (V, 2) texture coordinates (v down), (F, 3) faces."""
+    """Part of the bare body: (V,) base-mesh vertex of each vertex, (V, 2) uvs (v down), (F, 3) faces."""
 
     vertices: Indices
     uvs: Points
@@ -171,9 +171,10 @@ def _mask_on_head(body: Body, name: str) -> Points:
     front = body.vertices[corners, 1] > hair.head_centre(body)[1] + 0.05
     u, v = textures.grid()
     window = slice(None), slice(textures.SIZE // 4, 3 * textures.SIZE // 4)
+    distance, nearest = cKDTree(places[front]).query(np.stack([u[window], v[window]], axis=-1), k=4)
+    share: Points = 1.0 / (np.asarray(distance) + 1e-4) ** 2
     values = np.zeros_like(u)
-    interpolator = LinearNDInterpolator(places[front], mask[row, column][front] / 255.0, fill_value=0.0)
-    values[window] = interpolator(u[window], v[window])
+    values[window] = (share * mask[row, column][front][nearest] / 255.0).sum(axis=-1) / share.sum(axis=-1)
     return np.asarray(ndimage.gaussian_filter(values, 0.8))
 
 

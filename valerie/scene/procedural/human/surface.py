@@ -34,7 +34,8 @@ def triangles(quads: Indices) -> Indices:
     """Split (F, 4) quads along their first diagonal into (T, 3) triangles; degenerate ones are left out."""
     both = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     keep = (both[:, 0] != both[:, 1]) & (both[:, 1] != both[:, 2]) & (both[:, 0] != both[:, 2])
-    return both[keep]
+    kept: Indices = both[keep]
+    return kept
 
 
 def compact(faces: Indices, count: int) -> Mapped:
@@ -107,7 +108,8 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     Args:
         faces: (F, 3).
         field: (V,) values at the vertices, linear along edges.
-        snap: crossings closer to a vertex than this share of the edge move the vertex onto the cut, which leaves no slivers.
+        snap: crossings closer to a vertex than this share of the edge move the vertex onto the cut, so that no slivers
+            are left.
     """
     count = len(field)
     edges, _ = edges_of(faces)
@@ -162,7 +164,7 @@ def vertex_normals(points: Points, faces: Indices) -> Points:
         normals = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, 3]] - points[faces[:, 1]])
     else:
         normals = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
-    total = np.stack(
+    total: Points = np.stack(
         [
             np.bincount(faces.ravel(), np.repeat(normals[:, axis], faces.shape[1]), minlength=len(points))
             for axis in range(3)
@@ -247,8 +249,8 @@ def strip(first: Indices, second: Indices) -> Indices:
 def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.bool_] | None = None) -> Mapped:
     """Collapse short, flat edges until about ``target`` triangles are left; open edges keep their vertices.
 
-    Rounds of independent collapses to the edges' middles, cheapest first: an edge costs its length plus a hundred times the
-    height that it would cut off.
+    Rounds of independent collapses to the edges' middles, cheapest first: an edge costs its length, more where
+    the surface bends.
     """
     count = len(points)
     matrix = sparse.identity(count, format="csr")
@@ -261,7 +263,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
         uses = np.bincount(sides.ravel(), minlength=len(edges))
         fixed = keep_out.copy()
         fixed[edges[uses != 2].ravel()] = True
-        chosen = _collapsible(current, faces, edges, fixed, min(surplus, len(faces) // 10))
+        chosen = _collapsible(current, faces, edges, fixed, min(surplus, len(faces) // 8))
         if len(chosen) == 0:
             break
         step = _shifted(len(current), chosen[:, 0], chosen[:, 1], np.full(len(chosen), 0.5))
@@ -279,7 +281,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 def _collapsible(
     points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], wanted: int
 ) -> NDArray[np.int64]:
-    """Up to ``wanted`` edges whose neighbourhoods do not touch, cheapest first."""
+    """Up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
     count = len(points)
     normals = vertex_normals(points, faces)
     free = ~fixed[edges].any(axis=1)
@@ -293,14 +295,13 @@ def _collapsible(
         ring[q].append(p)
     taken = bytearray(count)
     chosen: list[tuple[int, int]] = []
-    limit = np.sort(cost[free])[min(4 * wanted, int(free.sum()) - 1)] if free.any() else 0.0
+    limit = np.sort(cost[free])[min(6 * wanted, int(free.sum()) - 1)] if free.any() else 0.0
     candidates = np.flatnonzero(free & (cost <= limit))
     for p, q in edges[candidates[np.argsort(cost[candidates], kind="stable")]].tolist():
-        around = [*ring[p], *ring[q]]
         # the link condition: more than two common neighbours would pinch the surface
-        if any(taken[k] for k in around) or len(set(ring[p]).intersection(ring[q])) != 2:
+        if taken[p] or taken[q] or len(set(ring[p]).intersection(ring[q])) != 2:
             continue
-        for k in around:
+        for k in (*ring[p], *ring[q]):
             taken[k] = 1
         chosen.append((p, q))
         if len(chosen) == wanted:

@@ -6,7 +6,7 @@ Cloth textures are laid out as `unwrap` maps a garment: u once around trunk or l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class Canvas:
         """Multiply the colour by a field (H, W)."""
         self.colour *= factor[..., None]
 
-    def paint(self, colour: Colour, cover: Field) -> None:
+    def paint(self, colour: Colour, cover: NDArray[np.floating[Any]]) -> None:
         """Blend towards a colour by a cover (H, W) in 0…1."""
         share = np.clip(cover, 0.0, 1.0)[..., None]
         self.colour += share * (np.array(colour, np.float64) - self.colour)
@@ -62,7 +62,7 @@ class Canvas:
 
 
 def grid(size: int = SIZE) -> tuple[Field, Field]:
-    """u and v of every texel's centre, each (size, size)."""
+    """Coordinates u and v of every texel's centre, each (size, size)."""
     line = (np.arange(size) + 0.5) / size
     return np.tile(line, (size, 1)), np.tile(line[:, None], (1, size))
 
@@ -86,7 +86,12 @@ def _weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, reli
 
 
 def _seam(
-    canvas: Canvas, distance: Field, where: Field | bool = True, *, dark: float = 0.3, width: float = 0.004
+    canvas: Canvas,
+    distance: Field,
+    where: Field | NDArray[np.bool_] | bool = True,
+    *,
+    dark: float = 0.3,
+    width: float = 0.004,
 ) -> None:
     groove = line(distance, width) * np.asarray(where, np.float64)
     canvas.shade(1.0 - dark * groove)
@@ -186,7 +191,7 @@ def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) ->
     _seam(canvas, v - 0.985, dark=0.3, width=0.003)
     curve = v - 0.05 - 0.10 * np.sqrt(np.clip((u - 0.52) / 0.17, 0.0, 1.0))
     front_pocket = (u > 0.52) & (u < 0.70) & (v < 0.16)
-    _seam(canvas, np.where(front_pocket, curve + 0.06 - 0.06, 1.0), dark=0.4, width=0.004)
+    _seam(canvas, np.where(front_pocket, curve, 1.0), dark=0.4, width=0.004)
     box = np.maximum(np.abs(u - 0.30) / 0.10, np.abs(v - 0.17) / 0.062)
     _seam(canvas, box - 1.0, dark=0.3, width=0.05)
     if thread is not None:

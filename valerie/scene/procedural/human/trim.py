@@ -6,6 +6,7 @@ Both are drawn alike on the posed garment and on its pattern, so that texture co
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -25,8 +26,8 @@ class Collar:
     """The profile of a collar.
 
     Attributes:
-        rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on; a profile that
-            turns down again is a folded collar.
+        rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on; a profile
+            that turns down again is a folded collar.
         opening: how far the front stands lower, as a share of the height.
         folded: the profile turns down outside, so that the cloth's inside is what one sees.
     """
@@ -101,7 +102,7 @@ def _with_rings(
     for _ in range(len(rows) - 1):
         rings.append(np.arange(count, count + len(loop)))
         count += len(loop)
-    strips = [surface.strip(a, b)[:, :: -1 if flipped else 1] for a, b in zip(rings, rings[1:], strict=False)]
+    strips = [surface.strip(a, b)[:, :: -1 if flipped else 1] for a, b in pairwise(rings)]
     copies = len(rows) - 1
     return Cloth(
         points=np.concatenate(rows),
