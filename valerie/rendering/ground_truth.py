@@ -20,11 +20,11 @@ from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.drawlist import camera_key, camera_of, draw_items
 from valerie.rendering.raster.movable_geometry import PlacedMesh
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle
-from valerie.scene.model import Camera, Material, Scene, freeze
+from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
+from valerie.scene.model import Camera, Scene, freeze
 
 #: Raised by hand whenever the truth of some geometry changes; part of every truth's digest.
 REVISION: Final = 1

@@ -83,9 +83,7 @@ def changed_rectangle(
     return Rectangle(int(first[0]), int(first[1]), int(size[0]), int(size[1]))
 
 
-def covered_rectangle(
-    boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0
-) -> Rectangle:
+def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x: int = 0, pad_y: int = 0) -> Rectangle:
     """Bound of the pixels that things in ``boxes`` (world corners, (8, 3) each) cover themselves.
 
     The image is widened by ``pad_x`` and ``pad_y`` pixels on each side; the rectangle counts from its top left corner.

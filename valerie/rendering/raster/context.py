@@ -12,6 +12,7 @@ from typing import Final
 import moderngl
 
 from valerie.errors import MissingDependency
+from valerie.rendering.numeric import numeric_class
 from valerie.rendering.raster.scenes import SceneStore
 
 _SHADERS: Final = files("valerie.rendering.raster") / "shaders"
@@ -87,13 +88,3 @@ class GraphicsContext:
 def process_context() -> GraphicsContext:
     """The one context of this process, made at the first call."""
     return GraphicsContext()
-
-
-def numeric_class(renderer: str, version: str) -> str:
-    """A name for the arithmetic of a driver, in ``[a-z0-9.-]``: renderer (with its SIMD width) and driver version.
-
-    ``llvmpipe (LLVM 15.0.6, 256 bits)`` and ``4.5 (Core Profile) Mesa 22.3.6`` give
-    ``llvmpipe-llvm-15.0.6-256-bits-mesa-22.3.6``.
-    """
-    driver = re.sub(r"^[\d.]+\s*(\([^)]*\))?", "", version)
-    return re.sub(r"[^a-z0-9.]+", "-", f"{renderer} {driver}".lower()).strip("-")

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.bounds import Reach, grown
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
-from valerie.rendering.raster.sky import Sky
-from valerie.rendering.raster.targets import SAMPLES, SKYLIGHT_CELL, ImageTargets, ScreenPass, coarse_rectangle, gl_rectangle
+from valerie.rendering.raster.targets import (
+    SAMPLES,
+    SKYLIGHT_CELL,
+    ImageTargets,
+    ScreenPass,
+    coarse_rectangle,
+    gl_rectangle,
+)
+from valerie.rendering.sky import Sky
 from valerie.scene.model import Camera, Scene
 
 if TYPE_CHECKING:
@@ -35,7 +42,9 @@ class Lighting:
         self._gl = gl
         self._reach = reach
         directions = SKY_TILES[0] * SKY_TILES[1]
-        self._skylight = ScreenPass(gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL))
+        self._skylight = ScreenPass(
+            gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL)
+        )
         self._occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
         self._blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
         self._shade = ScreenPass(gl, context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL))

@@ -8,9 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.errors import RenderingError
 from valerie.rendering.raster.textures import TextureSet
-from valerie.scene.model import Material, Mesh, Scene
+from valerie.scene.model import Material
 
 #: RGBA texels per material.
 TEXELS: Final = 4
@@ -31,21 +30,6 @@ class SurfaceKind(NamedTuple):
     normal_side: int
     double_sided: bool
     cut: bool
-
-
-def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
-    """The material that a mesh names.
-
-    Raises:
-        RenderingError: the scene has no such material, or the material names a texture that the scene lacks.
-    """
-    material = scene.materials.get(mesh.material)
-    if material is None:
-        raise RenderingError(f"{path}: the scene has no material {mesh.material!r}")
-    for texture in (material.base_color_texture, material.normal_texture):
-        if texture is not None and texture not in scene.textures:
-            raise RenderingError(f"{path}: material {material.name!r} names texture {texture!r}, which is not there")
-    return material
 
 
 def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:

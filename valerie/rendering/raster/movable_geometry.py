@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.camera_math import Points, box_corners
-from valerie.rendering.raster.drawlist import DrawItem, normal_matrix
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.static_geometry import ATTRIBUTES
+from valerie.rendering.scene_reading import DrawItem, normal_matrix
 from valerie.scene.model import Mesh
 
 

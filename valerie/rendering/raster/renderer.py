@@ -14,11 +14,9 @@ from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.drawlist import camera_key, camera_of
 from valerie.rendering.raster.lighting import Lighting
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps
-from valerie.rendering.raster.sky import sky_of
 from valerie.rendering.raster.targets import (
     SAMPLES,
     ImageTargets,
@@ -27,6 +25,8 @@ from valerie.rendering.raster.targets import (
     gl_rectangle,
     surface_target,
 )
+from valerie.rendering.scene_reading import camera_key, camera_of
+from valerie.rendering.sky import sky_of
 from valerie.scene.model import Camera, Scene
 
 #: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
@@ -174,5 +174,3 @@ def _camera_values(camera: Camera, view: View) -> dict[str, Any]:
         "clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix,
         "depth_row": -matrix[2],
     }
-
-

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.drawlist import DrawItem, draw_items
-from valerie.rendering.raster.materials import SurfaceKind, material_of, material_table, surface_kind
+from valerie.rendering.raster.materials import SurfaceKind, material_table, surface_kind
 from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
 from valerie.rendering.raster.static_geometry import StaticGeometry
 from valerie.rendering.raster.textures import TextureSet
+from valerie.rendering.scene_reading import DrawItem, draw_items, material_of
 from valerie.scene.model import Material, Node, Scene
 
 #: Assets kept on the graphics card (a worker renders groups of variants of one asset).
@@ -131,15 +131,13 @@ class SceneStore:
         key = (
             textures.serial,
             tuple(item_kinds),
-            tuple(
-                (tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items
-            ),
+            tuple((tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items),
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
-        appearance = tuple(
-            (m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff) for m in materials
+        appearance = tuple((m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff) for m in materials)
+        self._last = Statics(
+            nodes, geometry, textures, tuple(materials), (geometry.serial, textures.serial, appearance)
         )
-        self._last = Statics(nodes, geometry, textures, tuple(materials), (geometry.serial, textures.serial, appearance))
         return self._last
 
     def _texture_set(self, scene: Scene) -> TextureSet:

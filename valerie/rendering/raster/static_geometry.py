@@ -10,8 +10,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.drawlist import DrawItem, normal_matrix
 from valerie.rendering.raster.materials import SurfaceKind
+from valerie.rendering.scene_reading import DrawItem, normal_matrix
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +104,7 @@ class StaticGeometry:
         """The vertex array of a program, with those attributes that it reads."""
         found = self._arrays.get(program.glo)
         if found is None:
-            content = [
-                (buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program
-            ]
+            content = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
             found = self._gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4)
             self._arrays[program.glo] = found
         return found

@@ -177,7 +177,9 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
     g = _MIE_G
     mie_phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
     by_air = (reaching * (air * step)[..., None]).sum(axis=1) * _RAYLEIGH * rayleigh_phase[:, None]
-    by_haze = (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO * _MIE_SPECTRUM) * mie_phase[:, None]
+    by_haze = (
+        (reaching * (haze * step)[..., None]).sum(axis=1) * (mie * _MIE_ALBEDO * _MIE_SPECTRUM) * mie_phase[:, None]
+    )
     scattered = air[..., None] * _RAYLEIGH + (haze * mie * _MIE_ALBEDO)[..., None] * _MIE_SPECTRUM
     surrounding = (np.exp(-travelled) * scattered * step[..., None]).sum(axis=1)
     return by_air + by_haze, surrounding

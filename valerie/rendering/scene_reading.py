@@ -1,4 +1,4 @@
-"""What of a scene is drawn: world transforms, inherited visibility, statics apart from movables."""
+"""What engines read of a scene: visible nodes in the world, statics apart from movables, cameras, materials."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, RenderingError, UnknownName
 from valerie.rendering.base import View
-from valerie.scene.model import Camera, Matrix, Mesh, Node, Scene
+from valerie.scene.model import Camera, Material, Matrix, Mesh, Node, Scene
 
 #: Largest image side: the padded and supersampled canvases have twice as many pixels a side, drivers allow 16,384.
 MAX_PIXELS: Final = 8192
@@ -77,6 +77,21 @@ def camera_key(camera: Camera, view: View) -> tuple[object, ...]:
     """All that decides where a point falls in the image."""
     lens = (camera.focal_length_mm, camera.sensor_width_mm, camera.near, camera.far)
     return (camera.transform.tobytes(), *lens, view.width, view.height)
+
+
+def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
+    """The material that a mesh names.
+
+    Raises:
+        RenderingError: the scene has no such material, or the material names a texture that the scene lacks.
+    """
+    material = scene.materials.get(mesh.material)
+    if material is None:
+        raise RenderingError(f"{path}: the scene has no material {mesh.material!r}")
+    for texture in (material.base_color_texture, material.normal_texture):
+        if texture is not None and texture not in scene.textures:
+            raise RenderingError(f"{path}: material {material.name!r} names texture {texture!r}, which is not there")
+    return material
 
 
 def normal_matrix(world: Matrix) -> NDArray[np.float32]:

@@ -1,0 +1,258 @@
+"""The compatibility engine: pyrender 0.1.45 (https://github.com/mmatl/pyrender, MIT), as the paper's first renderer family.
+
+What it lacks, honestly: no normal maps, no alpha cut-outs (both are unfinished in its shader), no sky picture, no sky light but
+a constant ambient, no ambient occlusion, no reflections of surroundings, no soft shadows, no specular tint, no camera effects.
+Its output is 8 bits per channel with a gamma of 2.2; this adapter scales the light down before and up after, and undoes the
+gamma exactly, so that the linear image reaches `HEADROOM`, in 255 steps per channel, and is clipped there.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Hashable
+from importlib.metadata import version
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import MissingDependency, RenderingError
+from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
+from valerie.rendering.numeric import numeric_class
+from valerie.rendering.scene_reading import DrawItem, camera_key, camera_of, draw_items, material_of
+from valerie.rendering.sky import Sky, sky_of
+from valerie.scene.model import Material, Mesh, Scene, Texture
+
+#: Brightest value of the linear image.
+HEADROOM: Final = 4.0
+_GAMMA: Final = 2.2
+#: Texels per side of the shadow map, which covers the whole scene.
+_SHADOW_MAP: Final = 4096
+_BACKGROUNDS: Final = 4
+
+
+class PyrenderRenderer:
+    """Images by pyrender; see `valerie.rendering.base.Renderer` for the contract.
+
+    A layer is the bounding rectangle of all pixels in which the frame differs from the background, which is rendered too
+    (and kept for the next layer of the same camera and light).
+
+    Raises:
+        MissingDependency: pyrender is not installed, or there is no EGL driver.
+    """
+
+    name: ClassVar[str] = "pyrender"
+    revision: ClassVar[int] = 1
+
+    def __init__(self) -> None:
+        self._library = _import_pyrender()
+        self._node = _ordered_node(self._library)
+        try:
+            self._renderer: Any = self._library.OffscreenRenderer(16, 16)
+        except Exception as error:
+            raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
+        from OpenGL import GL
+
+        driver = numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
+        self._numeric_class = f"pyrender-{version('pyrender')}-{driver}"
+        self._meshes: dict[Hashable, tuple[Mesh, Any]] = {}
+        self._textures: dict[int, tuple[Texture, Any]] = {}
+        self._backgrounds: dict[Hashable, tuple[Scene, LinearImage]] = {}
+
+    @property
+    def numeric_class(self) -> str:
+        """See `valerie.rendering.base.Renderer`."""
+        return self._numeric_class
+
+    def background(self, scene: Scene, view: View) -> LinearImage:
+        """The frame without movables; raises `RenderingError` if it is constant."""
+        return LinearImage(self._render(scene, view, draw_items(scene, movable=False)))
+
+    def layer(self, scene: Scene, view: View) -> Layer:
+        """The rectangle in which the frame differs from the background."""
+        movables = draw_items(scene, movable=True)
+        if not movables:
+            return Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
+        background = self._background_of(scene, view)
+        pixels = self.full(scene, view).pixels
+        differs = (pixels != background.pixels).any(axis=2)
+        rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+        if not rows.size:
+            return Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
+        x, y = int(columns[0]), int(rows[0])
+        rectangle = Rectangle(x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1)
+        return Layer(rectangle, pixels[rectangle.slices].copy())
+
+    def full(self, scene: Scene, view: View) -> LinearImage:
+        """The frame from scratch."""
+        items = (*draw_items(scene, movable=False), *draw_items(scene, movable=True))
+        return LinearImage(self._render(scene, view, items))
+
+    def close(self) -> None:
+        """Forget everything.
+
+        The EGL context stays until the process ends: pyrender would terminate the whole EGL display with it, and with that
+        the contexts of others in this process (the truth pass).
+        """
+        self._meshes.clear()
+        self._textures.clear()
+        self._backgrounds.clear()
+
+    def _background_of(self, scene: Scene, view: View) -> LinearImage:
+        statics = draw_items(scene, movable=False)
+        key = (
+            camera_key(camera_of(scene, view), view),
+            scene.sun,
+            scene.environment,
+            tuple((id(item.node), item.world.tobytes()) for item in statics),
+            tuple(material_of(scene, mesh, item.node.path) for item in statics for mesh in item.meshes),
+        )
+        found = self._backgrounds.get(key)
+        if found is None:
+            while len(self._backgrounds) >= _BACKGROUNDS:
+                del self._backgrounds[next(iter(self._backgrounds))]
+            # The scene is kept, so that the identities in the key stay taken.
+            found = (scene, self.background(scene, view))
+            self._backgrounds[key] = found
+        return found[1]
+
+    def _render(self, scene: Scene, view: View, items: tuple[DrawItem, ...]) -> NDArray[np.float16]:
+        """(height, width, 3) linear."""
+        camera = camera_of(scene, view)
+        sky = sky_of(scene)
+        library = self._library
+        target = library.Scene(bg_color=_encoded(sky.haze), ambient_light=_ambient(sky) / HEADROOM)
+        used: set[Hashable] = set()
+        for item in items:
+            for mesh in item.meshes:
+                if mesh.faces.size:
+                    material = material_of(scene, mesh, item.node.path)
+                    used.add((id(mesh), material))
+                    node = self._node(mesh=self._mesh(mesh, material, scene), matrix=item.world)
+                    node.serial = len(target.mesh_nodes)
+                    target.add_node(node)
+        focal = camera.focal_length_px(view.width)
+        lens = library.IntrinsicsCamera(
+            focal, focal, view.width / 2, view.height / 2, znear=camera.near, zfar=camera.far
+        )
+        target.add(lens, pose=camera.transform)
+        flags = library.RenderFlags.NONE
+        strength = float(sky.sun.max())
+        if strength > 0:
+            # Its shader divides diffuse reflection by π; our image unit has no π.
+            light = library.DirectionalLight(color=sky.sun / strength, intensity=np.pi * strength / HEADROOM)
+            target.add(light, pose=_pose_along(-sky.sun_direction))
+            flags |= library.RenderFlags.SHADOWS_DIRECTIONAL
+        self._renderer.viewport_width, self._renderer.viewport_height = view.width, view.height
+        try:
+            encoded, _ = self._renderer.render(target, flags=flags)
+        except Exception as error:
+            raise RenderingError(f"pyrender: {error}") from error
+        self._forget_all_but(used)
+        pixels = _DECODED[encoded]
+        require_image(pixels, engine=self.name)
+        return pixels
+
+    def _mesh(self, mesh: Mesh, material: Material, scene: Scene) -> Any:
+        """The library's mesh, kept by identity for the next frame."""
+        key = (id(mesh), material)
+        found = self._meshes.get(key)
+        if found is None:
+            texture = scene.textures[material.base_color_texture] if material.base_color_texture is not None else None
+            primitive = self._library.Primitive(
+                positions=mesh.positions,
+                normals=mesh.normals,
+                # The library's textures are uploaded bottom row first.
+                texcoord_0=None if texture is None else mesh.uvs * np.float32([1, -1]) + np.float32([0, 1]),
+                indices=mesh.faces,
+                material=self._library.MetallicRoughnessMaterial(
+                    baseColorFactor=(*material.base_color, 1.0),
+                    baseColorTexture=None if texture is None else self._texture(texture),
+                    metallicFactor=material.metallic,
+                    roughnessFactor=max(material.roughness, 0.05),
+                    emissiveFactor=tuple(value / HEADROOM for value in material.emissive),
+                    doubleSided=material.double_sided,
+                ),
+            )
+            found = (mesh, self._library.Mesh([primitive]))
+            self._meshes[key] = found
+        return found[1]
+
+    def _texture(self, texture: Texture) -> Any:
+        found = self._textures.get(id(texture))
+        if found is None:
+            rgb = np.ascontiguousarray(texture.image[..., :3])
+            found = (texture, self._library.Texture(source=rgb, source_channels="RGB"))
+            self._textures[id(texture)] = found
+        return found[1]
+
+    def _forget_all_but(self, used: set[Hashable]) -> None:
+        """Drop what the last frame did not use, once that is much: memory stays flat over changing materials."""
+        if len(self._meshes) > 2 * len(used) + 64:
+            self._meshes = {key: mesh for key, mesh in self._meshes.items() if key in used}
+
+
+def _import_pyrender() -> Any:
+    # Both must be set before the library is imported: it binds its GL platform at import, and reads its sizes of shadow maps
+    # from module globals.
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    # pyrender 0.1.45 says np.infty for the bounds that shadows need; numpy 2 took the name away.
+    if not hasattr(np, "infty"):
+        np.infty = np.inf  # type: ignore[attr-defined]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import pyrender
+            import pyrender.light
+            import pyrender.renderer
+    except Exception as error:
+        raise MissingDependency(f"pyrender cannot be imported ({error}); install valerie[render]") from error
+    pyrender.light.SHADOW_TEX_SZ = pyrender.renderer.SHADOW_TEX_SZ = _SHADOW_MAP
+    return pyrender
+
+
+def _ordered_node(library: Any) -> Any:
+    """A node class that is drawn in the order in which nodes were added.
+
+    The library keeps nodes in a set and draws those at equal distance in its order, which with the usual hash (an address)
+    differs from frame to frame; where surfaces coincide, so would the picture.
+    """
+
+    class OrderedNode(library.Node):  # type: ignore[misc]
+        serial = 0
+
+        def __hash__(self) -> int:
+            return self.serial
+
+    return OrderedNode
+
+
+def _encoded(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear colour as the library's shader would have written it."""
+    encoded: NDArray[np.float64] = np.clip(linear / HEADROOM, 0, 1) ** (1 / _GAMMA)
+    return encoded
+
+
+def _ambient(sky: Sky) -> NDArray[np.float64]:
+    """One colour for light from all sides: half the sky, half the ground."""
+    ambient: NDArray[np.float64] = 0.5 * (sky.sky_irradiance + sky.ground)
+    return ambient
+
+
+def _pose_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, 4) pose whose −z is ``direction``."""
+    back = -direction / np.linalg.norm(direction)
+    reference = np.array([0.0, 1.0, 0.0]) if abs(back[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    right = np.cross(reference, back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    return pose
+
+
+def _text(value: bytes | str) -> str:
+    return value.decode() if isinstance(value, bytes) else value
+
+
+_DECODED: Final = ((np.arange(256) / 255.0) ** _GAMMA * HEADROOM).astype(np.float16)
