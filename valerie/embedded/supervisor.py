@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -188,12 +188,12 @@ class Supervisor:
             path = redis_server.socket_path(data_dir)
             redis_server.clear(data_dir / "redis", path)
             settings = settings.model_copy(update={"broker_url": redis_server.server_url(path)})
-            self._add("redis", redis_server.server_command(program, path, data_dir / "redis"), settings, {})
+            self._add("redis", redis_server.server_command(program, path, data_dir / "redis"), settings)
             self._await("redis", lambda: redis_server.answers(path), 15.0)
         self.settings = settings
-        self._add("api", python_command("services.api"), settings, _ONE_THREAD)
+        self._add("api", python_command("services.api"), settings)
         for name in self._worker_names:
-            self._add(name, python_command(WORKERS[name]), settings, _threads_of(name, settings))
+            self._add(name, python_command(WORKERS[name]), settings)
         self._thread.start()
         self._await("api", lambda: running.healthy(self.url), _API_READY_SECONDS)
         self._note()
@@ -211,16 +211,14 @@ class Supervisor:
         finally:
             engine.dispose()
 
-    def _add(self, name: str, arguments: Sequence[str], settings: Settings, extra: Mapping[str, str]) -> None:
-        environment = {
-            **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
-            # What a user set for a library wins; ours are defaults.
-            **{key: value for key, value in extra.items() if key not in os.environ},
-            **settings.environment(),
-            "PYTHONPATH": os.pathsep.join(filter(None, [str(_source_root()), os.environ.get("PYTHONPATH")])),
-            "PYTHONUNBUFFERED": "1",
-        }
-        command = Command(name, tuple(arguments), environment, self.logs / f"{name}.log", settings.shutdown_seconds + 3)
+    def _add(self, name: str, arguments: Sequence[str], settings: Settings) -> None:
+        command = Command(
+            name=name,
+            arguments=tuple(arguments),
+            environment=service_environment(name, settings),
+            log=self.logs / f"{name}.log",
+            grace_seconds=settings.shutdown_seconds + 3,
+        )
         service = Service(command, lock_fd=self._lock.fd)
         with self._guarding:
             self._services[name] = service
@@ -278,11 +276,20 @@ _ONE_THREAD: Final = {
 }
 
 
-def _threads_of(worker: str, settings: Settings) -> dict[str, str]:
-    if worker != "infer":
-        return dict(_ONE_THREAD)
-    threads = str(settings.infer_threads or os.cpu_count() or 1)
-    return {**_ONE_THREAD, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+def service_environment(name: str, settings: Settings) -> dict[str, str]:
+    """The environment of a service: this process's, ``settings``, and as many threads as its kind of work can use."""
+    libraries = dict(_ONE_THREAD)
+    if name == "infer":
+        threads = str(settings.infer_threads or os.cpu_count() or 1)
+        libraries |= {"OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
+    return {
+        **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
+        # What a user set for a library wins; ours are defaults.
+        **{key: value for key, value in libraries.items() if key not in os.environ},
+        **settings.environment(),
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(_source_root()), os.environ.get("PYTHONPATH")])),
+        "PYTHONUNBUFFERED": "1",
+    }
 
 
 def _free_port(settings: Settings) -> int:

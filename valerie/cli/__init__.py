@@ -1,0 +1,5 @@
+"""The ``valerie`` command."""
+
+from valerie.cli.main import main
+
+__all__ = ["main"]

@@ -1,0 +1,172 @@
+"""Commands about scene assets."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from valerie.cli.shell import Json, command_name, console, say, settings_of
+from valerie.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from valerie.scene.asset import SceneAsset
+    from valerie.scene.traverse import PathEntry
+
+app = typer.Typer(no_args_is_help=True, help="Show, check, list and export scene assets.")
+
+Asset = Annotated[
+    str, typer.Argument(metavar="ASSET", help="Name of an asset (urban-street), or a folder with a manifest.")
+]
+Argument = Annotated[
+    list[str] | None, typer.Option("--with", metavar="NAME=VALUE", help="Argument of a generator, e.g. --with seed=7.")
+]
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """List the assets that a spec may name."""
+    from valerie.scene.asset import asset_manifest, asset_names
+
+    folder = settings_of().asset_dir
+    found: list[dict[str, Any]] = []
+    for name in asset_names(folder):
+        manifest, digest = asset_manifest(name, asset_dir=folder)
+        found.append({"name": name, "title": manifest.title, "digest": digest})
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        return
+    for one in found:
+        typer.echo(f"{one['name']}  {one['title']}")
+    say(f"see one with: {command_name()} asset show {found[0]['name']}")
+
+
+@app.command()
+def show(
+    asset: Asset,
+    declared: Annotated[bool, typer.Option("--declared", help="Only what specs may vary; reads no meshes.")] = False,
+    arguments: Argument = None,
+    as_json: Json = False,
+) -> None:
+    """List every path of an asset with type, unit, range and current value."""
+    from valerie.scene.asset import asset_manifest
+
+    reference, folder = _reference(asset, arguments)
+    manifest, digest = asset_manifest(reference, asset_dir=folder)
+    if declared:
+        rows = [
+            {**parameter.model_dump(mode="json"), "declared": True, "value": parameter.default}
+            for parameter in manifest.parameters
+        ]
+    else:
+        from valerie.scene.traverse import traverse
+
+        rows = [_row(entry) for entry in traverse(_load(asset, arguments))]
+    if as_json:
+        typer.echo(json.dumps({"name": manifest.name, "digest": digest, "paths": rows}, ensure_ascii=False, indent=1))
+        return
+    from rich.text import Text
+
+    out = console()
+    out.print(Text.assemble((manifest.title, "bold"), f"  {manifest.name}, digest {digest}"))
+    out.print(f"{manifest.description}\n" if manifest.description else "")
+    out.print(f"cameras: {', '.join(manifest.cameras)}; persons: {', '.join(manifest.persons)}")
+    out.print(f"movable: {', '.join(manifest.movable)}\n")
+    out.print(_table(rows))
+
+
+@app.command()
+def check(asset: Asset, arguments: Argument = None) -> None:
+    """Read a whole asset and say what it holds, or what is wrong with it."""
+    loaded = _load(asset, arguments)
+    nodes = loaded.base.nodes.values()
+    triangles = sum(len(mesh.faces) for node in nodes for mesh in node.meshes)
+    typer.echo(
+        f"{loaded.name}: {len(loaded.base.nodes):,} nodes, {triangles:,} triangles, "
+        f"{len(loaded.base.materials):,} materials, {len(loaded.base.cameras)} cameras, "
+        f"{len(loaded.manifest.parameters)} parameters; digest {loaded.digest}"
+    )
+
+
+@app.command()
+def export(
+    asset: Asset,
+    path: Annotated[Path, typer.Argument(metavar="FILE.glb", help="Binary glTF 2.0 file to write.")],
+    arguments: Argument = None,
+) -> None:
+    """Write an asset as one binary glTF file."""
+    from valerie.scene.gltf import save_gltf
+
+    if path.suffix.lower() != ".glb":
+        raise InvalidInput("not a file name of binary glTF", field="FILE.glb", value=str(path), limit="….glb")
+    try:
+        save_gltf(_load(asset, arguments).base, path)
+    except OSError as error:
+        raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
+    say(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str, Any], Path | None]:
+    """What `load_asset` takes: a folder given by its path is read where it is."""
+    folder = settings_of().asset_dir
+    if Path(asset).is_dir() and ("/" in asset or folder is None):
+        folder = None
+    if not arguments:
+        return asset, folder
+    from valerie.runs.loading import load_document
+
+    given: dict[str, Any] = {"name": asset}
+    for argument in arguments:
+        name, equals, value = argument.partition("=")
+        if not equals or name == "name":
+            raise InvalidInput("not an argument", field="--with", value=argument, limit="NAME=VALUE, e.g. seed=7")
+        given.update(load_document(f"{name}: {value}"))
+    return given, folder
+
+
+def _load(asset: str, arguments: list[str] | None) -> SceneAsset:
+    from valerie.scene.asset import load_asset
+
+    reference, folder = _reference(asset, arguments)
+    return load_asset(reference, asset_dir=folder)
+
+
+def _row(entry: PathEntry) -> dict[str, Any]:
+    return {**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)}
+
+
+def _table(rows: list[dict[str, Any]]) -> Any:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("path", "type", "range", "unit"):
+        table.add_column(column, no_wrap=column != "range", overflow="fold")
+    table.add_column("value", justify="right")
+    table.add_column("")
+    for row in rows:
+        table.add_row(
+            row["path"],
+            row["type"],
+            _range(row),
+            row["unit"],
+            _value(row["value"]),
+            "may vary" if row["declared"] else "",
+            style="" if row["declared"] else "dim",
+        )
+    return table
+
+
+def _range(row: dict[str, Any]) -> str:
+    if row["choices"]:
+        return " | ".join(row["choices"])
+    low, high = row["minimum"], row["maximum"]
+    if low is None and high is None:
+        return ""
+    return f"{'−∞' if low is None else _value(low)} … {'∞' if high is None else _value(high)}"
+
+
+def _value(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

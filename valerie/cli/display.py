@@ -1,0 +1,198 @@
+"""Showing how far a run is: a live table on a terminal, a line now and then elsewhere, JSON lines for machines."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from types import TracebackType
+from typing import Any, Final, Protocol, Self
+
+from rich.bar import Bar
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from valerie.cli.shell import console
+from valerie.client import Progress, StageProgress
+
+#: Stage → what it counts.
+STAGES: Final = {"render": "frames", "infer": "predictions", "eval": "evaluations"}
+_LINE_SECONDS: Final = 5.0
+
+
+class Display(Protocol):
+    """Shows progress; a context manager."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def update(self, progress: Progress) -> None:
+        """Show what is known now."""
+        ...
+
+
+class LiveDisplay:
+    """A table that is drawn again in place."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._live = Live(console=console(stderr=True), refresh_per_second=4, transient=False)
+
+    def __enter__(self) -> Self:
+        self._live.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.__exit__(kind, error, trace)
+
+    def update(self, progress: Progress) -> None:
+        """Draw again."""
+        self._live.update(progress_table(self._title, progress))
+
+
+class LineDisplay:
+    """One line when something changed and some seconds went by, and whenever the state changes."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._shown_at = -_LINE_SECONDS
+        self._shown: tuple[object, ...] = ()
+        self._state = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def update(self, progress: Progress) -> None:
+        """Print a line if it is time."""
+        counts = (*((stage.done, stage.failed) for stage in progress.stages.values()), progress.reason)
+        now = time.monotonic()
+        if progress.state == self._state and (counts == self._shown or now - self._shown_at < _LINE_SECONDS):
+            return
+        self._shown, self._shown_at, self._state = counts, now, progress.state
+        sys.stderr.write(progress_line(self._title, progress) + "\n")
+        sys.stderr.flush()
+
+
+class JsonDisplay:
+    """One JSON object per line on standard output whenever something changed."""
+
+    def __init__(self, run_id: str) -> None:
+        self._run_id = run_id
+        self._shown: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def update(self, progress: Progress) -> None:
+        """Print what is new."""
+        document = progress.model_dump(mode="json", exclude={"updated_at"})
+        if document != self._shown:
+            self._shown = document
+            print_event("progress", run=self._run_id, **document)
+
+
+def display_of(title: str, run_id: str, *, json_lines: bool) -> Display:
+    """The display that fits where the output goes."""
+    if json_lines:
+        return JsonDisplay(run_id)
+    return LiveDisplay(title) if sys.stderr.isatty() else LineDisplay(title)
+
+
+def print_event(event: str, **values: Any) -> None:
+    """One line of ``--json``."""
+    sys.stdout.write(json.dumps({"event": event, **values}, ensure_ascii=False, separators=(",", ":")) + "\n")
+    sys.stdout.flush()
+
+
+def progress_table(title: str, progress: Progress) -> RenderableType:
+    """Per stage: a bar, done of total, rate, remaining time, failures."""
+    head = Text.assemble((title, "bold"), "  ", (progress.state, _style(progress.state)), "  ", _variants(progress))
+    table = Table.grid(padding=(0, 2))
+    for justify in ("left", "left", "right", "right", "right", "right"):
+        table.add_column(justify=justify, no_wrap=True)
+    for name, unit in STAGES.items():
+        stage = progress.stages.get(name)
+        if stage is None:
+            continue
+        failed = Text(f"{stage.failed:,} failed", style="bold red") if stage.failed else Text("")
+        complete = stage.total > 0 and stage.done >= stage.total
+        table.add_row(
+            f"  {name}",
+            Bar(max(stage.total, 1), 0, stage.done, width=24, color="green" if complete else "cyan"),
+            f"{stage.done:,} / {stage.total:,} {unit}",
+            f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
+            "done" if complete else remaining(stage),
+            failed,
+        )
+    parts: list[RenderableType] = [head, table]
+    if progress.reason:
+        parts.append(Text(f"  {progress.reason}", style="yellow"))
+    return Group(*parts)
+
+
+def progress_line(title: str, progress: Progress) -> str:
+    """The same in one line."""
+    parts = [f"{title}: {progress.state}"]
+    for name, stage in progress.stages.items():
+        text = f"{name} {stage.done:,}/{stage.total:,}"
+        if stage.failed:
+            text += f" ({stage.failed:,} failed)"
+        if stage.rate_per_s:
+            text += f" {stage.rate_per_s:.1f}/s"
+        parts.append(text)
+    left = [stage.eta_s for stage in progress.stages.values() if stage.eta_s]
+    if left:
+        parts.append(f"about {duration(max(left))} left")
+    if progress.reason:
+        parts.append(progress.reason)
+    return ", ".join(parts)
+
+
+def remaining(stage: StageProgress) -> str:
+    """Time that a stage still takes, as far as one can tell."""
+    if stage.done + stage.failed >= stage.total:
+        return ""
+    return f"{duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    if whole < 86_400:
+        return f"{whole // 3600} h {whole % 3600 // 60} min"
+    return f"{whole // 86_400} d {whole % 86_400 // 3600} h"
+
+
+def _variants(progress: Progress) -> str:
+    variants = progress.variants
+    text = f"{variants.total:,} variants"
+    return f"{text}, {variants.rejected:,} rejected" if variants.rejected else text
+
+
+def _style(state: str) -> str:
+    if state == "completed":
+        return "bold green"
+    if state in ("failed", "cancelled", "completed-with-failures"):
+        return "bold red"
+    return "yellow" if state == "paused" else "cyan"

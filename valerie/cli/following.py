@@ -1,0 +1,135 @@
+"""Watching a run to its end, and showing what came of it."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from valerie.cli.connecting import System
+from valerie.cli.display import Display, print_event
+from valerie.cli.shell import Exit, console
+from valerie.client import Client, Progress, ServerUnavailableError
+from valerie.errors import StorageUnavailable
+from valerie.runs.states import RunState
+from valerie.settings import Settings
+
+_POLL_SECONDS: Final = 0.5
+#: A server that is started again after a crash is back within this.
+_PATIENCE_SECONDS: Final = 60.0
+
+_EXIT: Final = {
+    RunState.COMPLETED: Exit.OK,
+    RunState.COMPLETED_WITH_FAILURES: Exit.COMPLETED_WITH_FAILURES,
+    RunState.CANCELLED: Exit.NOT_COMPLETED,
+    RunState.FAILED: Exit.NOT_COMPLETED,
+}
+
+
+def follow(system: System, run_id: str, display: Display) -> Progress:
+    """Show a run's progress until it has ended.
+
+    Raises:
+        ServerUnavailableError: the server is away for longer than a restart takes.
+        ValerieError: a process of the own system does not stay alive.
+    """
+    lost_at: float | None = None
+    with display:
+        while True:
+            system.check()
+            try:
+                progress = system.client.progress(run_id)
+            except ServerUnavailableError:
+                lost_at = lost_at or time.monotonic()
+                if time.monotonic() - lost_at > _PATIENCE_SECONDS:
+                    raise
+            else:
+                lost_at = None
+                display.update(progress)
+                if RunState(progress.state).is_final:
+                    return progress
+            time.sleep(_POLL_SECONDS)
+
+
+def exit_code(state: str) -> Exit:
+    """The exit code that tells how a run ended."""
+    return _EXIT[RunState(state)]
+
+
+def show_result(client: Client, run_id: str, progress: Progress, report: Path | None, *, json_lines: bool) -> None:
+    """The table of the paper's section 6.2, what failed, and where the report is."""
+    has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
+    summary = client.summary(run_id) if has_results else None
+    path = save_report(client, run_id, report) if has_results and report is not None else None
+    if json_lines:
+        print_event(
+            "finished",
+            run=run_id,
+            state=progress.state,
+            reason=progress.reason,
+            exit_code=int(exit_code(progress.state)),
+            report=str(path) if path else None,
+            summary=summary,
+        )
+        return
+    out = console()
+    if summary is not None:
+        from valerie.analysis.findings import Findings
+        from valerie.analysis.summary import Summary
+        from valerie.analysis.summary_text import summary_renderable
+
+        out.print()
+        numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
+        out.print(summary_renderable(numbers, findings))
+    if progress.state != RunState.COMPLETED:
+        _show_trouble(client, run_id, progress)
+    if path is not None:
+        out.print(f"\nReport    {path}")
+
+
+def report_path(settings: Settings, name: str, run_id: str) -> Path:
+    """Where a run's report goes by itself: ``reports/<name>-<run>.html`` beside the data folder."""
+    plain = re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-").lower()[:60] or "run"
+    return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
+
+
+def save_report(client: Client, run_id: str, path: Path) -> Path:
+    """Fetch a run's report into a file; returns its path as people would type it.
+
+    Raises:
+        StorageUnavailable: the file cannot be written.
+    """
+    content = client.report(run_id)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except OSError as error:
+        raise StorageUnavailable(f"the report cannot be written to {path}: {error.strerror}") from error
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def _show_trouble(client: Client, run_id: str, progress: Progress) -> None:
+    out = console(stderr=True)
+    out.print(f"\nThe run is {progress.state}" + (f": {progress.reason}" if progress.reason else "."), style="red")
+    for line in failure_lines(client.failures(run_id)):
+        out.print(line)
+
+
+def failure_lines(failures: list[dict[str, Any]], *, limit: int = 5) -> list[str]:
+    """What failed for good, alike things together: kind, error, how many, after how many attempts."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for failure in failures:
+        error = failure.get("error") or {}
+        if "cause" in error:
+            continue  # it failed because its input did, which stands in the list itself
+        key = (str(failure.get("kind", "")), str(error.get("message", "unknown error")))
+        groups.setdefault(key, []).append(int(error.get("attempts", 0)))
+    ranked = sorted(groups.items(), key=lambda item: -len(item[1]))
+    lines = [
+        f"  {len(attempts):,} × {kind}: {message} (after {max(attempts)} attempts)"
+        for (kind, message), attempts in ranked[:limit]
+    ]
+    if len(ranked) > limit:
+        lines.append(f"  … and {len(ranked) - limit} other errors; the report lists all")
+    return lines

@@ -1,0 +1,90 @@
+"""The command line: which commands there are, in the order of a first acquaintance."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from valerie.cli import assets, machine, runs, specs
+from valerie.cli.shell import guarded
+
+_HELP = """Validation of perception DNNs of automated vehicles by systematic variation of synthetic scenes.
+
+\b
+First steps:
+  valerie new first.yaml       write a commented spec
+  valerie plan first.yaml      see what it would cost
+  valerie run first.yaml       run it on this machine, see the table, get the report
+  valerie up                   server and dashboard, until Ctrl-C
+
+\b
+Exit codes:
+  0         done; the run completed
+  1         a defect of VALERIE
+  2         wrong usage or input
+  3         completed, but some products failed for good; a replayed frame differs
+  4         the run was cancelled or failed
+  5         something is missing, full or not reachable here
+  130, 143  interrupted (Ctrl-C), terminated
+
+Settings are environment variables VALERIE_…; docs/operations.md lists them."""
+
+app = typer.Typer(
+    name="valerie",
+    help=_HELP,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+_RUN, _WATCH, _PARTS = "Specs and runs", "Follow and steer", "Parts and machines"
+app.command(rich_help_panel=_RUN)(specs.new)
+app.command(rich_help_panel=_RUN)(specs.plan)
+app.command(rich_help_panel=_RUN)(runs.run)
+app.command(rich_help_panel=_RUN)(runs.up)
+app.command(rich_help_panel=_RUN)(runs.submit)
+app.command(rich_help_panel=_WATCH)(runs.status)
+app.command(rich_help_panel=_WATCH)(runs.report)
+app.command(rich_help_panel=_WATCH)(runs.cancel)
+app.command(rich_help_panel=_WATCH)(runs.resume)
+app.command(rich_help_panel=_WATCH)(runs.retry)
+app.command(rich_help_panel=_WATCH)(runs.delete)
+app.command(rich_help_panel=_WATCH)(machine.replay)
+app.add_typer(assets.app, name="asset", rich_help_panel=_PARTS)
+app.command(rich_help_panel=_PARTS)(machine.worker)
+app.command(
+    rich_help_panel=_PARTS,
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+    options_metavar="frames|fit",
+)(machine.train)
+app.command(rich_help_panel=_PARTS)(machine.gc)
+app.command(rich_help_panel=_PARTS)(machine.migrate)
+
+
+@app.callback()
+def options(
+    debug: Annotated[  # noqa: ARG001  # taken from the arguments before anything can go wrong
+        bool, typer.Option("--debug", help="Show stack traces.")
+    ] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as version_of
+
+        typer.echo(f"valerie {version_of('valerie')}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Entry point of the ``valerie`` command."""
+    debug = "--debug" in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    guarded(lambda: app(args=arguments, prog_name="valerie"), debug=debug)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""Commands about specs: write one, see what it would cost."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from valerie.cli.shell import DataDir, Json, Url, command_name, console, read_spec, say, settings_of
+from valerie.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from valerie.runs.planning import Plan
+    from valerie.settings import Settings
+
+
+def new(
+    path: Annotated[Path, typer.Argument(metavar="[FILE]", help="File to write; - prints it.")] = Path("run.yaml"),
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a commented spec to begin with."""
+    text = (resources.files("valerie.runs") / "template.yaml").read_text(encoding="utf-8")
+    if str(path) == "-":
+        typer.echo(text, nl=False)
+        return
+    try:
+        with path.open("w" if force else "x", encoding="utf-8") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise InvalidInput("the file exists; --force replaces it", value=str(path)) from None
+    except OSError as error:
+        raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
+    say(f"wrote {path}; see what it costs with: {command_name()} plan {path}")
+
+
+def plan(
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")],
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Show what a spec would make and cost; stores nothing.
+
+    Asks the server that runs on the data folder, if one does; else computes it
+    here.
+    """
+    document = _plan(read_spec(spec), url, settings_of(data_dir))
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
+        return
+    from valerie.runs.planning import Plan
+
+    _show(Plan.model_validate(document))
+
+
+def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
+    from valerie.cli.connecting import client_of
+    from valerie.embedded import running
+
+    if url is not None or running.find(settings.data_dir) is not None:
+        with client_of(settings, url) as client:
+            return client.plan(text)
+    from valerie.pipeline.plan import plan_run
+    from valerie.runs.spec import parse
+
+    spec = parse(text)
+    with _context(settings) as context:
+        return plan_run(context, spec).model_dump(mode="json")
+
+
+def _context(settings: Settings) -> Any:
+    """The deployment's context, or, before there is any, an empty one that leaves nothing behind."""
+    from contextlib import contextmanager
+    from tempfile import TemporaryDirectory
+
+    from valerie.db.engine import open_engine
+    from valerie.db.migrate import migrate, require_current
+    from valerie.pipeline.context import open_context
+
+    @contextmanager
+    def opened() -> Any:
+        if _has_database(settings):
+            context = open_context(settings)
+            require_current(context.engine)
+            yield context
+            context.engine.dispose()
+            return
+        with TemporaryDirectory(prefix="valerie-plan-") as folder:
+            empty = settings.model_copy(
+                update={"database_url": f"sqlite:///{folder}/plan.sqlite3", "artifacts_url": folder}
+            )
+            engine = open_engine(empty.database_url)
+            migrate(engine)
+            engine.dispose()
+            context = open_context(empty)
+            yield context
+            context.engine.dispose()
+
+    return opened()
+
+
+def _has_database(settings: Settings) -> bool:
+    prefix = "sqlite:///"
+    return not settings.database_url.startswith(prefix) or Path(settings.database_url.removeprefix(prefix)).exists()
+
+
+def _show(plan: Plan) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    out = console()
+    about = "about " if plan.estimated else ""
+    rejected = sum(plan.rejected.values())
+    out.print(Text.assemble((plan.name, "bold"), f"  on {plan.asset}"))
+    table = Table.grid(padding=(0, 2))
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_column()
+    table.add_row("variants", f"{plan.variants:,}", f"{about}{rejected:,} rejected" if rejected else "")
+    table.add_row("frames", f"{about}{plan.frames:,}", f"{len(plan.cameras)} cameras: {', '.join(plan.cameras)}")
+    table.add_row("evaluations", f"{about}{plan.evaluations:,}", "frames × sensors × functions")
+    out.print(table)
+    for reason, count in sorted(plan.rejected.items(), key=lambda item: -item[1])[:8]:
+        out.print(f"    rejected {about}{count:,}: {reason}", style="dim")
+    out.print()
+    _show_products(plan)
+    out.print()
+    for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
+        values = "  ".join(f"{name} {_number(value)}{_unit(plan, name)}" for name, value in variant.values.items())
+        out.print(f"  variant {variant.index:,}: {values}" + (f"  ({variant.rejection})" if variant.rejection else ""))
+    for warning in plan.warnings:
+        out.print(f"warning: {warning}", style="yellow")
+    for note in plan.notes:
+        out.print(f"note: {note}", style="dim")
+    if plan.estimated:
+        out.print(f"note: rejections, frames and products are estimated from {plan.sample:,} variants", style="dim")
+
+
+def _show_products(plan: Plan) -> None:
+    from rich.table import Table
+
+    from valerie.cli.display import duration
+
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column("product")
+    table.add_column("made by")
+    for name in ("needed", "there already", "to make", "CPU time", "disk"):
+        table.add_column(name, justify="right")
+    for product in plan.products:
+        table.add_row(
+            str(product.kind),
+            product.maker,
+            f"{product.needed:,}",
+            f"{product.present:,}",
+            f"{product.to_make:,}",
+            duration(product.cpu_seconds),
+            _bytes(product.bytes),
+        )
+    table.add_section()
+    made = sum(product.to_make for product in plan.products)
+    table.add_row("all", "", "", "", f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
+    out = console()
+    out.print(table)
+    out.print(f"costs: {plan.cost_basis}", style="dim")
+
+
+def _bytes(count: int) -> str:
+    size = float(count)
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit in ("B", "kB") else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:,.1f} TB"
+
+
+def _number(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _unit(plan: Plan, name: str) -> str:
+    unit = plan.units.get(name, "")
+    return f" {unit}" if unit else ""
