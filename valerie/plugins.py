@@ -26,13 +26,17 @@ RENDERERS: Final[Mapping[str, str]] = {
 #: Accepted in specs only where the settings say so.
 TESTING_ENGINE: Final = "blank"
 ENTRY_POINT_GROUP: Final = "valerie.renderers"
-_TRUTH_PASS: Final = "valerie.rendering.ground_truth:TruthPass"
+_TRUTH: Final = "valerie.rendering.ground_truth:TruthPass"
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
     """All engines that a spec may name; none is imported."""
     extra = (TESTING_ENGINE,) if testing else ()
-    return (*RENDERERS, *extra, *sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(RENDERERS)))
+    return (
+        *RENDERERS,
+        *extra,
+        *sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(RENDERERS)),
+    )
 
 
 def create_renderer(name: str) -> Renderer:
@@ -55,7 +59,7 @@ def create_renderer(name: str) -> Renderer:
 def create_truth_pass(numeric_class: str) -> Any:
     """Open the truth pass, which serves all engines (that of the blank engine for the numeric class ``blank``)."""
     testing = numeric_class == TESTING_ENGINE
-    return _load("valerie.testing.blank:BlankTruthPass" if testing else _TRUTH_PASS, "the truth pass")()
+    return _load("valerie.testing.blank:BlankTruthPass" if testing else _TRUTH, "the truth pass")()
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
@@ -82,4 +86,6 @@ def _load(target: str, what: str) -> Any:
     try:
         return getattr(import_module(module), attribute)
     except ImportError as error:
-        raise MissingDependency(f"{what} needs a library that is not installed: {error} (install valerie[render])") from error
+        raise MissingDependency(
+            f"{what} needs a library that is not installed: {error} (install valerie[render])"
+        ) from error

@@ -60,7 +60,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         lifespan=lifespan,
     )
     problems.install(app)
-    app.add_middleware(Protection, settings=settings)  # type: ignore[arg-type]
+    app.add_middleware(Protection, settings=settings)
     for module in (runs, results, catalog, health):
         app.include_router(module.router)
     pages = resources.files("services.api") / "dashboard"

@@ -97,6 +97,6 @@ def _members(error: InvalidInput) -> dict[str, Any]:
 def _plain(value: object) -> object:
     """Something JSON can hold, and not too long to read."""
     if value is None or isinstance(value, bool | int | float):
-        return value if not isinstance(value, float) or value == value and abs(value) != float("inf") else str(value)
+        return value if not isinstance(value, float) or (value == value and abs(value) != float("inf")) else str(value)
     text = value if isinstance(value, str) else str(value)
     return text if len(text) <= 200 else text[:199] + "…"

@@ -41,7 +41,9 @@ class Protection:
             return
         request = Request(scope)
         if not self._authorized(request):
-            refusal = problem(HTTPStatus.UNAUTHORIZED, "Unauthorized", "a bearer token is needed (Authorization header)")
+            refusal = problem(
+                HTTPStatus.UNAUTHORIZED, "Unauthorized", "a bearer token is needed (Authorization header)"
+            )
             refusal.headers["WWW-Authenticate"] = "Bearer"
             await refusal(scope, receive, send)
             return
@@ -89,7 +91,9 @@ class Protection:
             return False
         host = urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
         origin = request.headers.get("origin")
-        return host not in _LOOPBACK_NAMES or (origin is not None and urlsplit(origin).netloc != request.headers["host"])
+        return host not in _LOOPBACK_NAMES or (
+            origin is not None and urlsplit(origin).netloc != request.headers["host"]
+        )
 
     async def _body(self, receive: Receive) -> bytes | None:
         """The whole body, or None as soon as it is longer than the limit (a stream declares no length)."""

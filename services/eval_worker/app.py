@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from celery.signals import worker_process_init
-
 from services.eval_worker.tasks import register
-from valerie.broker import EVAL_QUEUE, create_app
 from valerie.logs import configure_logging
-from valerie.pipeline.context import open_context
 from valerie.pipeline.makers.evaluation import EvaluateMaker
-from valerie.pipeline.workers import Presence, consume
+from valerie.pipeline.workers import serve
 from valerie.settings import load_settings
 
 
@@ -17,17 +13,4 @@ def main() -> None:
     """Run until told to stop."""
     settings = load_settings()
     configure_logging(settings)
-    app = create_app(settings)
-    child = register(app)
-
-    @worker_process_init.connect(weak=False)
-    def open_child(**_: object) -> None:
-        context = open_context(settings)
-        child.open(context, EvaluateMaker(context))
-
-    presence = Presence(settings, "eval", [])
-    presence.join()
-    try:
-        consume(app, "eval", [EVAL_QUEUE])
-    finally:
-        presence.leave()
+    serve(settings, "eval", offers=[], register=register, open_maker=EvaluateMaker)

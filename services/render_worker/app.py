@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from celery.signals import worker_process_init
-
 from services.render_worker.tasks import register
-from valerie.broker import create_app
 from valerie.logs import configure_logging
-from valerie.pipeline.context import open_context
 from valerie.pipeline.makers.rendering import RenderMaker
-from valerie.pipeline.workers import Presence, consume, queues_of, render_offers
+from valerie.pipeline.workers import render_offers, serve
 from valerie.settings import load_settings
 
 
@@ -18,17 +14,4 @@ def main() -> None:
     settings = load_settings()
     configure_logging(settings)
     offers = render_offers(settings.render_engines.split(","))
-    app = create_app(settings)
-    child = register(app)
-
-    @worker_process_init.connect(weak=False)
-    def open_child(**_: object) -> None:
-        context = open_context(settings)
-        child.open(context, RenderMaker(context))
-
-    presence = Presence(settings, "render", offers)
-    presence.join()
-    try:
-        consume(app, "render", queues_of(offers))
-    finally:
-        presence.leave()
+    serve(settings, "render", offers=offers, register=register, open_maker=RenderMaker)

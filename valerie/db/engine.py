@@ -69,8 +69,7 @@ def writing(engine: Engine) -> Iterator[Connection]:
 def reading(engine: Engine) -> Iterator[Connection]:
     """One consistent view that does not write, and on SQLite takes no write lock."""
     with translated(), engine.connect() as connection:
-        connection = connection.execution_options(valerie_read_only=True)
-        yield connection
+        yield connection.execution_options(valerie_read_only=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, case, func, select, text, update
+from sqlalchemy import Connection, bindparam, case, func, literal, select, text, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
@@ -78,7 +78,7 @@ def _promote(connection: Connection, condition: Any, now: float) -> list[Ready]:
         .values(state="ready", sent_at=now)
         .returning(*_READY_COLUMNS)
     )
-    return [tuple(row) for row in connection.execute(statement)]
+    return [_ready(row) for row in connection.execute(statement)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,7 +320,7 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
         .values(state="ready", lease_owner=None, lease_until=None, sent_at=now)
         .returning(*_READY_COLUMNS)
     )
-    return [tuple(row) for row in rows]
+    return [_ready(row) for row in rows]
 
 
 def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Ready]:
@@ -328,7 +328,7 @@ def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Re
     rows = connection.execute(
         select(*_READY_COLUMNS).where(Product.state == "ready", Product.sent_at < before).limit(limit)
     )
-    return [tuple(row) for row in rows]
+    return [_ready(row) for row in rows]
 
 
 def mark_sent(connection: Connection, digests: Iterable[str], now: float) -> None:
@@ -362,7 +362,7 @@ def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
         .where(Product.state.in_(_UNFINISHED))
         .group_by(Product.route, Product.state)
     )
-    return [tuple(row) for row in rows]
+    return [(row[0], row[1], row[2]) for row in rows]
 
 
 def totals(connection: Connection) -> list[tuple[str, int, int, float]]:
@@ -399,25 +399,40 @@ def known_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
     return found
 
 
-def recorded_costs(connection: Connection, *, sample: int = 400) -> dict[tuple[str, str], tuple[float, float, float]]:
-    """Mean (CPU seconds, bytes, pixels) per (kind, route) over the newest finished products of each kind."""
-    costs: dict[tuple[str, str], tuple[float, float, float]] = {}
+@dataclass(frozen=True, slots=True)
+class RecordedCost:
+    """Means over finished products of one kind, route and size.
+
+    ``group`` tells functions apart; it is empty for products that are grouped by something passing.
+    """
+
+    kind: str
+    route: str
+    group: str
+    pixels: int
+    cpu_seconds: float
+    bytes: float
+
+
+def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:
+    """What the newest ``sample`` finished products of each kind cost."""
+    found: list[RecordedCost] = []
     for kind in _JOB_OF_KIND:
+        group = Product.cache_group if kind == "prediction" else literal("")
         newest = (
-            select(Product.route, Product.cpu_seconds, Product.bytes, Product.pixels)
+            select(Product.route, group.label("grouped"), Product.cpu_seconds, Product.bytes, Product.pixels)
             .where(Product.kind == kind, Product.state == "done", Product.cpu_seconds.is_not(None))
             .order_by(Product.finished_at.desc())
             .limit(sample)
             .subquery()
         )
+        keys = (newest.c.route, newest.c.grouped, newest.c.pixels)
         rows = connection.execute(
-            select(
-                newest.c.route, func.avg(newest.c.cpu_seconds), func.avg(newest.c.bytes), func.avg(newest.c.pixels)
-            ).group_by(newest.c.route)
+            select(*keys, func.avg(newest.c.cpu_seconds), func.avg(newest.c.bytes)).group_by(*keys)
         )
-        for route, cpu_seconds, size, pixels in rows:
-            costs[kind, route] = (float(cpu_seconds), float(size), float(pixels))
-    return costs
+        for route, grouped, pixels, seconds, size in rows:
+            found.append(RecordedCost(kind, route, grouped, int(pixels), float(seconds), float(size)))
+    return found
 
 
 def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
@@ -433,13 +448,17 @@ def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
         ),
         {"limit": limit},
     )
-    return [tuple(row) for row in rows]
+    return [(row[0], row[1]) for row in rows]
 
 
 def delete(connection: Connection, digests: Iterable[str]) -> None:
     """Remove product rows; what hangs on them goes with them."""
     for some in _slices(digests):
         connection.execute(Product.__table__.delete().where(Product.__table__.c.digest.in_(some)))  # type: ignore[attr-defined]
+
+
+def _ready(row: Any) -> Ready:
+    return row.digest, row.kind, row.route, row.cache_group
 
 
 def _slices(digests: Iterable[str]) -> Iterable[list[str]]:

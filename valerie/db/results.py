@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from sqlalchemy import Connection, Row, Select, and_, func, or_, select
 from sqlalchemy.orm import aliased
@@ -166,7 +166,7 @@ def frame(connection: Connection, run_id: str, variant: int, camera: int, time: 
     ).first()
     if row is None:
         raise NotFound("frame", f"{run_id}/{variant}/{camera}/{time}")
-    return row
+    return cast("Row[Any]", row)
 
 
 def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, int], limit: int) -> list[Row[Any]]:

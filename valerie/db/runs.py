@@ -74,7 +74,8 @@ def in_states(connection: Connection, states: Sequence[str]) -> list[Row[Any]]:
 
 def count_by_state(connection: Connection) -> list[tuple[str, int]]:
     """(state, number of runs)."""
-    return [tuple(row) for row in connection.execute(select(Run.state, func.count()).group_by(Run.state))]
+    rows = connection.execute(select(Run.state, func.count()).group_by(Run.state))
+    return [(state, int(count)) for state, count in rows]
 
 
 def change_state(
@@ -135,7 +136,7 @@ def open_blocks(connection: Connection, run_id: str) -> list[Row[Any]]:
 def closed_counts(connection: Connection, run_id: str) -> list[tuple[int, dict[str, int]]]:
     """(number, counts) of the finished blocks."""
     rows = connection.execute(select(Block.number, Block.counts).where(Block.run_id == run_id, Block.closed.is_(True)))
-    return [tuple(row) for row in rows]
+    return [(row.number, row.counts) for row in rows]
 
 
 def close_block(connection: Connection, run_id: str, number: int, counts: dict[str, int]) -> None:

@@ -44,7 +44,7 @@ def metrics(context: Context) -> str:
         TransientError: the database does not answer.
     """
     registry = CollectorRegistry()
-    registry.register(_Collector(context))  # type: ignore[arg-type]
+    registry.register(_Collector(context))
     return generate_latest(registry).decode()
 
 
@@ -75,7 +75,9 @@ class _Collector:
         yield depth
         done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
         failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])
-        cpu = CounterMetricFamily("valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"])
+        cpu = CounterMetricFamily(
+            "valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"]
+        )
         for kind, made, lost, seconds in totals:
             done.add_metric([kind], made)
             failed.add_metric([kind], lost)

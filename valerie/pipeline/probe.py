@@ -34,9 +34,7 @@ def probe_function(name: str) -> list[dict[str, Any]]:
     function = plugins.create_function(name)
     try:
         card = function.card
-        return [
-            {"name": name, "digest": card.digest, "numeric_class": function.numeric_class, "card": asdict(card)}
-        ]
+        return [{"name": name, "digest": card.digest, "numeric_class": function.numeric_class, "card": asdict(card)}]
     finally:
         function.close()
 

@@ -94,7 +94,7 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
     except MissingInput as error:
         _ask_again(context, job, error)
     except (StorageFull, StorageUnavailable) as error:
-        log.error("stage.storage", digest=job.digest, error=str(error))
+        log.warning("stage.storage", digest=job.digest, error=str(error))
         _hand_back(context, job, seconds=0.0, count_attempt=False)
         pause_for_storage(context, error)
     except TransientError as error:

@@ -61,5 +61,3 @@ def new_run_id(now: float) -> str:
     seconds = int(now)
     stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
     return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))
-
-

@@ -142,6 +142,7 @@ def frames_of(asset: SceneAsset, seed: int, settings: FrameSettings) -> Iterator
             truth = truth_pass.truth(drawn.scene, view)
             yield TrainingFrame(develop(image.pixels, drawn.sensor), to_train_ids(truth.class_map), seed)
     finally:
+        truth_pass.close()
         renderer.close()
 
 

@@ -124,7 +124,7 @@ def draw_scene(asset: SceneAsset, rng: np.random.Generator) -> TrainingScene:
     sensor = SensorSetting.model_validate(
         {
             "name": "training",
-            "exposure_ev": round(float(rng.uniform(-0.9, 0.9)), 3),
+            "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
             "curve": str(rng.choice(list(_CURVES), p=list(_CURVES.values()))),
             "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
         }
@@ -151,8 +151,7 @@ def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
             focal_length *= rng.uniform(0.6, 1.2)
         z = max(0.8, z + rng.uniform(-0.4, 0.8))
         pitch += rng.normal(0.0, 2.0)
-        ahead = (x - 3.0 * math.sin(math.radians(yaw)), y + 3.0 * math.cos(math.radians(yaw)))
-        if x0 <= x <= x1 and y <= y1 and not _blocked(manifest, (x, y), z) and not _blocked(manifest, ahead, z):
+        if x0 <= x <= x1 and y0 <= y <= y1 and _free(manifest, (x, y, z), yaw):
             transform = camera_transform((x, y, z), yaw, pitch, rng.normal(0.0, 1.0))
             return replace(camera, transform=transform, focal_length_mm=float(focal_length))
     raise InvalidInput("no free place for a camera", field="asset", value=asset.name)
@@ -278,14 +277,19 @@ def _allows(manifest: Manifest, path: str, value: float) -> bool:
     return above and (definition.maximum is None or value <= definition.maximum)
 
 
-def _blocked(manifest: Manifest, place: tuple[float, float], height: float) -> bool:
-    """Whether something as tall as ``height`` stands within a metre of the place."""
-    point = shapely.Point(place)
-    return any(
-        shapely.dwithin(shapely.Polygon(obstacle.polygon), point, 1.0)
-        for obstacle in manifest.obstacles
-        if obstacle.height_m is None or obstacle.height_m > height - 0.3
-    )
+def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> bool:
+    """Whether a camera has room and a view: nothing within a metre of its first 3 m, no house within 12 m ahead."""
+    x, y, height = place
+    ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
+    room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
+    for obstacle in manifest.obstacles:
+        polygon = shapely.Polygon(obstacle.polygon)
+        reaches_up = obstacle.height_m is None or obstacle.height_m > height - 0.3
+        if reaches_up and shapely.dwithin(polygon, room, 1.0):
+            return False
+        if polygon.area > 20.0 and reaches_up and shapely.intersects(polygon, view):
+            return False
+    return True
 
 
 def _is(material: str, prefixes: tuple[str, ...]) -> bool:

@@ -12,16 +12,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import structlog
+from celery import Celery
+from celery.signals import worker_process_init
 
-from valerie.broker import EVAL_QUEUE, route_of
+from valerie.broker import EVAL_QUEUE, create_app, route_of
 from valerie.db import processes
 from valerie.db.engine import open_engine, writing
+from valerie.db.migrate import require_current
 from valerie.errors import MissingDependency, TransientError
-from valerie.pipeline.context import process_name
+from valerie.pipeline.child import Child
+from valerie.pipeline.context import Context, open_context, process_name
+from valerie.pipeline.stages import Maker
 from valerie.settings import Settings
 
 log = structlog.get_logger()
@@ -53,8 +58,10 @@ class Presence:
         """Become visible.
 
         Raises:
+            Conflict: the database is older or newer than this version.
             TransientError: the database does not answer.
         """
+        require_current(self._engine)
         self._health.parent.mkdir(parents=True, exist_ok=True)
         with writing(self._engine) as connection:
             processes.register_worker(connection, self._values)
@@ -116,9 +123,7 @@ def infer_offers(functions: Sequence[str]) -> list[dict[str, Any]]:
     offers, complaint = _probe("infer", functions)
     if not offers:
         raise MissingDependency(f"no function under test works on this machine: {complaint}")
-    return [
-        {"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in offers
-    ]
+    return [{"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in offers]
 
 
 def _probe(stage: str, names: Sequence[str]) -> tuple[list[dict[str, Any]], str]:
@@ -138,23 +143,50 @@ def _probe(stage: str, names: Sequence[str]) -> tuple[list[dict[str, Any]], str]
     return offers, ""
 
 
-def consume(app: Any, name: str, queues: Sequence[str]) -> None:
-    """Run the Celery worker of this process until it is told to stop."""
-    app.worker_main(
-        [
-            "worker",
-            "--pool=prefork",
-            "--concurrency=1",
-            f"--queues={','.join(queues)}",
-            f"--hostname={name}-{os.getpid()}@%h",
-            "--without-gossip",
-            "--without-mingle",
-            "--without-heartbeat",
-            "--loglevel=WARNING",
-        ]
-    )
+def serve(
+    settings: Settings,
+    stage: str,
+    *,
+    offers: Sequence[dict[str, Any]],
+    register: Callable[[Celery], Child],
+    open_maker: Callable[[Context], Maker],
+) -> None:
+    """Be a worker of one stage until told to stop.
 
+    Args:
+        settings: of this deployment.
+        stage: ``render``, ``infer`` or ``eval``.
+        offers: what this machine can make; its routes are the queues that are consumed.
+        register: declares the stage's tasks on the Celery app.
+        open_maker: called in the forked child, before its first task.
 
-def queues_of(offers: Sequence[dict[str, Any]]) -> list[str]:
-    """The queues that a worker with these offers consumes."""
-    return sorted({str(offer["route"]) for offer in offers}) or [EVAL_QUEUE]
+    Raises:
+        Conflict: the database is older or newer than this version.
+        TransientError: the database does not answer.
+    """
+    app = create_app(settings)
+    child = register(app)
+
+    def open_child(**_: object) -> None:
+        context = open_context(settings)
+        child.open(context, open_maker(context))
+
+    worker_process_init.connect(open_child, weak=False)
+    presence = Presence(settings, stage, offers)
+    presence.join()
+    try:
+        app.worker_main(
+            [
+                "worker",
+                "--pool=prefork",
+                "--concurrency=1",
+                f"--queues={','.join(sorted({str(offer['route']) for offer in offers}) or [EVAL_QUEUE])}",
+                f"--hostname={stage}-{os.getpid()}@%h",
+                "--without-gossip",
+                "--without-mingle",
+                "--without-heartbeat",
+                "--loglevel=WARNING",
+            ]
+        )
+    finally:
+        presence.leave()

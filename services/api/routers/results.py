@@ -212,7 +212,6 @@ def artifact(
     if_none_match: Annotated[str | None, Header(max_length=200)] = None,
 ) -> Response:
 
-
     return _bytes(context.store.get(product_key(kind, digest)), "application/zstd", range_, if_none_match)
 
 

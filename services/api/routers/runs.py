@@ -22,6 +22,7 @@ from valerie.db.engine import reading
 from valerie.pipeline import lifecycle
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.submit import submit
+from valerie.runs.planning import Plan
 from valerie.runs.spec import RunSpec, parse
 from valerie.runs.states import RunState
 
@@ -54,8 +55,8 @@ async def _spec(request: Request) -> RunSpec:
 
 
 @router.post("/plan", openapi_extra=_SPEC_BODY, summary="What a spec would cost; stores nothing")
-async def plan(request: Request, context: ContextDependency) -> dict[str, Any]:
-    return plan_run(context, await _spec(request)).to_json()
+async def plan(request: Request, context: ContextDependency) -> Plan:
+    return plan_run(context, await _spec(request))
 
 
 @router.post(
@@ -146,7 +147,9 @@ def retry(run_id: RunId, request: Request, context: ContextDependency) -> RunRea
     return _after(context, run_id)
 
 
-@router.delete("/runs/{run_id}", status_code=status.HTTP_204_NO_CONTENT, summary="Delete a run; `gc` frees its products")
+@router.delete(
+    "/runs/{run_id}", status_code=status.HTTP_204_NO_CONTENT, summary="Delete a run; `gc` frees its products"
+)
 def delete(run_id: RunId, context: ContextDependency) -> None:
     lifecycle.delete(context, run_id)
 

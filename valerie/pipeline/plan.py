@@ -1,0 +1,58 @@
+"""What a spec would cost in this deployment: planned against what is stored already and what was measured so far."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from valerie.db import processes, products
+from valerie.db.engine import reading
+from valerie.pipeline.context import Context
+from valerie.pipeline.pinning import choose_pins
+from valerie.pipeline.resolution import resolve_new
+from valerie.runs.costs import Cost, CostKey, CostTable
+from valerie.runs.planning import Plan, plan
+from valerie.runs.spec import ResolvedRun, RunSpec
+from valerie.runs.states import ProductKind
+
+
+def plan_run(context: Context, spec: RunSpec) -> Plan:
+    """Plan a spec; stores nothing.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+    """
+    resolved = resolve_new(spec, context.settings)
+    with reading(context.engine) as connection:
+        offers = processes.offers(connection, now=time.time())
+        pins, _ = choose_pins(spec.model_dump(mode="json"), offers)
+        recorded = products.recorded_costs(connection)
+
+        def present(digests: set[str]) -> set[str]:
+            return products.done_digests(connection, digests)
+
+        return plan(resolved, pins=pins, present=present, costs=CostTable(_costs(resolved, pins, recorded)))
+
+
+def _costs(
+    resolved: ResolvedRun, pins: dict[str, Any] | None, recorded: list[products.RecordedCost]
+) -> dict[CostKey, Cost]:
+    """Recorded means at this run's resolution and with what it would pin, by the planner's keys."""
+    if pins is None:
+        return {}
+    resolution, spec = resolved.spec.resolution, resolved.spec
+    pixels = resolution.width * resolution.height
+    makers: dict[tuple[str, str], str] = {
+        (ProductKind.BACKGROUND, pins["engine"]["route"]): spec.renderer,
+        (ProductKind.LAYER, pins["engine"]["route"]): spec.renderer,
+        (ProductKind.TRUTH, pins["truth"]["route"]): "",
+        (ProductKind.EVALUATION, "eval"): "",
+    }
+    by_digest = {pins["functions"][name]["digest"][:32]: name for name in spec.functions}
+    costs: dict[CostKey, Cost] = {}
+    for row in recorded:
+        maker = by_digest.get(row.group) if row.kind == ProductKind.PREDICTION else makers.get((row.kind, row.route))
+        if maker is not None and row.pixels == pixels:
+            key = CostKey(ProductKind(row.kind), maker, resolution.width, resolution.height)
+            costs[key] = Cost(row.cpu_seconds, row.bytes)
+    return costs

@@ -1,0 +1,131 @@
+"""What every render engine must keep; subclass in a test module and override the ``renderer`` fixture."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from valerie.errors import RenderingError, UnknownName
+from valerie.rendering.base import LinearImage, Renderer, View
+from valerie.scene.asset import SceneAsset
+from valerie.scene.model import Camera, Environment, Scene, Sun
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+
+#: Assignments of `simple_asset` in which movables stand free, hide, overlap, are cut by the border, are many, or are away.
+POSES: tuple[Mapping[str, float | str], ...] = (
+    {},
+    {"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0, "scene.person-1.heading": 30.0},
+    {"scene.person-1.pos.x": 4.6, "scene.person-1.pos.y": 8.0, "scene.sun-1.elevation": 10.0},
+    {"scene.person-1.pos.y": 0.5, "scene.sun-1.azimuth": 300.0},
+    {"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": -2.5, "scene.person-2.pos.y": 14.0},
+    {"scene.person-1.pos.x": 14.0, "scene.person-1.pos.y": 3.0},
+)
+
+
+class RendererContract:
+    """Tests of one engine; collected by pytest through a subclass whose name starts with ``Test``."""
+
+    @pytest.fixture
+    def renderer(self) -> Iterator[Renderer]:
+        """The engine under test; the subclass must override this."""
+        raise NotImplementedError("override the fixture 'renderer' in the subclass")
+
+    @pytest.fixture
+    def asset(self) -> SceneAsset:
+        """Boxes on a plane, two of them movable."""
+        return simple_asset()
+
+    @pytest.fixture
+    def view(self) -> View:
+        """A small image, of sides that no power of two divides."""
+        return View("camera-1", 150, 86)
+
+    def test_an_image_is_linear_half_floats_of_the_asked_size_and_read_only(
+        self, renderer: Renderer, asset: SceneAsset, view: View
+    ) -> None:
+        pixels = renderer.full(asset.base, view).pixels
+        assert pixels.shape == (view.height, view.width, 3)
+        assert pixels.dtype == np.float16
+        assert not pixels.flags.writeable
+        assert np.isfinite(pixels).all()
+        assert (pixels >= 0).all()
+
+    @pytest.mark.parametrize("pose", POSES)
+    def test_the_layer_over_the_background_is_the_frame_bit_for_bit(
+        self, renderer: Renderer, asset: SceneAsset, view: View, pose: Mapping[str, float | str]
+    ) -> None:
+        scene = apply(pose, asset)
+        background = renderer.background(scene, view)
+        assert_same(renderer.layer(scene, view).over(background), renderer.full(scene, view))
+
+    def test_equal_scenes_give_equal_bytes_whatever_was_rendered_between(
+        self, renderer: Renderer, asset: SceneAsset, view: View
+    ) -> None:
+        first = renderer.full(apply({}, asset), view)
+        layer = renderer.layer(apply({}, asset), view)
+        for pose in POSES[1:3]:
+            renderer.layer(apply(pose, asset), view)
+        renderer.background(apply({}, asset), View("camera-2", 64, 40))
+        assert_same(renderer.full(apply({}, asset), view), first)
+        again = renderer.layer(apply({}, asset), view)
+        assert again.rectangle == layer.rectangle
+        np.testing.assert_array_equal(again.pixels, layer.pixels)
+
+    def test_the_background_depends_on_nothing_movable(
+        self, renderer: Renderer, asset: SceneAsset, view: View
+    ) -> None:
+        first = renderer.background(apply({}, asset), view)
+        moved = apply({"scene.person-1.pos.x": 3.3, "scene.person-2.character": "red-coat"}, asset)
+        assert_same(renderer.background(moved, view), first)
+
+    def test_a_person_changes_pixels_inside_the_layer(
+        self, renderer: Renderer, asset: SceneAsset, view: View
+    ) -> None:
+        scene = apply({}, asset)
+        layer = renderer.layer(scene, view)
+        before = renderer.background(scene, view).pixels[layer.rectangle.slices]
+        assert not layer.rectangle.empty
+        assert (layer.pixels != before).any(axis=2).sum() > 100
+
+    def test_without_movables_the_layer_is_empty(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
+        scene = apply({"scene.person-1.character": "absent"}, asset)
+        layer = renderer.layer(scene, view)
+        assert layer.rectangle.empty
+        background = renderer.background(scene, view)
+        assert layer.over(background) is background
+        assert_same(background, renderer.full(scene, view))
+
+    def test_more_sun_is_brighter(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
+        dim, bright = (
+            renderer.background(apply({"scene.sun-1.irradiance": irradiance}, asset), view).pixels.astype(np.float64)
+            for irradiance in (0.25, 0.5)
+        )
+        assert 1.8 < bright.mean() / dim.mean() < 2.2
+
+    def test_an_unknown_camera_is_named(self, renderer: Renderer, asset: SceneAsset) -> None:
+        with pytest.raises(UnknownName, match="camera-9"):
+            renderer.background(asset.base, View("camera-9", 64, 64))
+
+    def test_a_black_image_is_an_error(self, renderer: Renderer, view: View) -> None:
+        camera = Camera("scene.camera-1", np.eye(4), focal_length_mm=35.0)
+        dark = Scene({}, {}, {}, {"camera-1": camera}, Sun(0.0, 0.5, irradiance=0.0), Environment())
+        with pytest.raises(RenderingError, match="constant"):
+            renderer.background(dark, view)
+
+    def test_a_missing_material_is_named(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
+        broken = replace(asset.base, materials={})
+        with pytest.raises(RenderingError, match="no material"):
+            renderer.background(broken, view)
+
+    def test_the_numeric_class_can_stand_in_a_queue_name(self, renderer: Renderer) -> None:
+        assert re.fullmatch(r"[a-z0-9][a-z0-9.-]{3,}", renderer.numeric_class)
+
+
+def assert_same(first: LinearImage, second: LinearImage) -> None:
+    """Equal bit for bit."""
+    np.testing.assert_array_equal(first.pixels.view(np.uint16), second.pixels.view(np.uint16))
