@@ -27,6 +27,9 @@ _CAMERA_RADIUS_M: Final = 0.05
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
     """Why a variant cannot be, in words (``person-1 stands inside building-3``); None if it can.
 
+    A person is judged if its position varies, a camera if all three of its coordinates do: others stay where the
+    asset's author put them.
+
     Args:
         assignment: path to value, valid for the manifest; what is missing takes its default.
         manifest: tells where persons, obstacles and cameras are.

@@ -108,6 +108,11 @@ class Manifest(_Document):
         # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
         return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
 
+    def __copy__(self) -> Self:
+        copied = super().__copy__()
+        copied.__dict__.pop("by_path", None)  # what was derived belongs to the old parameters
+        return copied
+
     @model_validator(mode="before")
     @classmethod
     def _fill_in(cls, given: Any) -> Any:

@@ -1,0 +1,267 @@
+"""glTF: lossless round trips, an independent reader, and files that are broken in every way."""
+
+import base64
+import json
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf import EXTRAS_KEY, load_gltf, read_gltf, save_gltf
+from valerie.scene.model import Environment, Material, Scene
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+from valerie.testing.scenes import assert_same_scene
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    path = tmp_path / "simple.glb"
+    save_gltf(simple_asset().base, path)
+    return path
+
+
+def chunks_of(path: Path) -> tuple[dict[str, Any], bytes]:
+    raw = path.read_bytes()
+    length = struct.unpack_from("<I", raw, 12)[0]
+    return json.loads(raw[20 : 20 + length]), raw[20 + length + 8 :]
+
+
+def embedded(path: Path, document: dict[str, Any], binary: bytes) -> Path:
+    """A .gltf with its buffer as a data URI."""
+    if document.get("buffers"):
+        uri = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+        document["buffers"] = [{"byteLength": len(binary), "uri": uri}]
+    target = path.with_suffix(".gltf")
+    target.write_text(json.dumps(document))
+    return target
+
+
+def test_a_scene_written_and_read_again_is_the_same_to_the_bit(written: Path) -> None:
+    assert_same_scene(load_gltf(written), simple_asset().base)
+
+
+def test_a_changed_scene_keeps_odd_poses_hidden_nodes_and_light(tmp_path: Path) -> None:
+    changed = apply(
+        {
+            "scene.person-1.heading": 37.3,
+            "scene.person-1.pos.x": 7.77,
+            "scene.person-1.character": "blue-coat",
+            "scene.person-1.cloth.metallic": 0.1,
+            "scene.sun-1.azimuth": 211.7,
+            "scene.camera-1.pos.x": 0.123456789,
+        },
+        simple_asset(),
+    )
+    save_gltf(changed, tmp_path / "changed.glb")
+    assert_same_scene(load_gltf(tmp_path / "changed.glb"), changed)
+
+
+def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
+    base = simple_asset().base
+    odd = Material(
+        "paving", (0.1, 0.2, 0.3), "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
+        emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True,
+    )  # fmt: skip
+    scene = Scene(
+        base.nodes, {**base.materials, "paving": odd}, base.textures, base.cameras, base.sun, Environment(1.1, 5.0, 0.5)
+    )
+    save_gltf(scene, tmp_path / "odd.glb")
+    assert_same_scene(load_gltf(tmp_path / "odd.glb"), scene)
+
+
+def test_what_nodes_share_is_shared_again(tmp_path: Path) -> None:
+    base = simple_asset().base
+    shared = base.nodes["scene.car-1"].meshes
+    nodes = {path: node for path, node in base.nodes.items() if path.startswith("scene.car-1")}
+    nodes["scene.car-1.door-1"] = type(nodes["scene.car-1"])(
+        "scene.car-1.door-1", np.eye(4), shared, nodes["scene.car-1"].label_id, nodes["scene.car-1"].instance_id
+    )
+    scene = Scene(nodes, base.materials, base.textures, base.cameras, base.sun)
+    save_gltf(scene, tmp_path / "shared.glb")
+    read = load_gltf(tmp_path / "shared.glb")
+    assert read.nodes["scene.car-1"].meshes[0] is read.nodes["scene.car-1.door-1"].meshes[0]
+
+
+def test_another_program_reads_the_same_triangles_with_y_up(written: Path) -> None:
+    other = trimesh.load_scene(written)
+    found = [
+        trimesh.transform_points(other.geometry[name].vertices, transform)
+        for name, transform in ((other.graph[n][1], other.graph[n][0]) for n in other.graph.nodes_geometry)
+    ]
+    theirs = np.vstack(found)
+    base = simple_asset().base
+    ours = np.vstack(
+        [
+            mesh.positions @ base.world_transform(path)[:3, :3].T + base.world_transform(path)[:3, 3]
+            for path, node in base.nodes.items()
+            for mesh in node.meshes
+        ]
+    )
+    turned = np.column_stack([ours[:, 0], ours[:, 2], -ours[:, 1]])
+    assert len(theirs) == len(turned)
+    np.testing.assert_allclose(theirs[np.lexsort(theirs.round(4).T)], turned[np.lexsort(turned.round(4).T)], atol=1e-5)
+
+
+def test_a_camera_of_another_program_keeps_its_view(written: Path) -> None:
+    document, binary = chunks_of(written)
+    for camera in document["cameras"]:
+        del camera["extras"]
+    camera = load_gltf(embedded(written, document, binary)).cameras["camera-1"]
+    assert camera.focal_length_mm == pytest.approx(35.0)
+    assert camera.vertical_fov(1920, 1080) == pytest.approx(2 * math.atan(0.5 * 36 * 9 / 16 / 35))
+
+
+def test_the_sun_of_another_program_comes_from_the_same_side(written: Path) -> None:
+    document, binary = chunks_of(written)
+    del document["extensions"]["KHR_lights_punctual"]["lights"][0]["extras"]
+    sun, expected = load_gltf(embedded(written, document, binary)).sun, simple_asset().base.sun
+    assert (sun.azimuth, sun.elevation) == pytest.approx((expected.azimuth, expected.elevation))
+
+
+def test_translation_rotation_and_scale_are_read_as_a_matrix(written: Path) -> None:
+    document, binary = chunks_of(written)
+    node = next(node for node in document["nodes"] if node["name"] == "building-1")
+    del node["matrix"]
+    half = math.sqrt(0.5)
+    node.update(translation=[1, 2, 3], rotation=[0, half, 0, half], scale=[2, 2, 2])  # a quarter turn about y (up)
+    matrix = load_gltf(embedded(written, document, binary)).nodes["scene.building-1"].transform
+    np.testing.assert_allclose(matrix[:3, 3], [1, -3, 2])
+    np.testing.assert_allclose(matrix[:3, :3], [[0, -2, 0], [2, 0, 0], [0, 0, 2]], atol=1e-12)
+
+
+def test_missing_normals_are_computed_per_face(written: Path) -> None:
+    document, binary = chunks_of(written)
+    for mesh in document["meshes"]:
+        for primitive in mesh["primitives"]:
+            del primitive["attributes"]["NORMAL"]
+    path = embedded(written, document, binary)
+    mesh = load_gltf(path).nodes["scene.building-1"].meshes[0]
+    original = simple_asset().base.nodes["scene.building-1"].meshes[0]
+    np.testing.assert_allclose(mesh.normals, original.normals[original.faces.reshape(-1)], atol=1e-6)
+    assert any("normals" in note for note in read_gltf(path).notes)
+
+
+def test_interleaved_vertices_are_read(written: Path) -> None:
+    document, _ = chunks_of(written)
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 0, -1]], "<f4")
+    block = np.hstack([positions, np.tile(np.array([[0, 1, 0]], "<f4"), (3, 1))]).tobytes()
+    document["bufferViews"] = [{"buffer": 0, "byteLength": len(block), "byteStride": 24}]
+    document["accessors"] = [
+        {"bufferView": 0, "byteOffset": offset, "componentType": 5126, "count": 3, "type": "VEC3"} for offset in (0, 12)
+    ]
+    document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}}]}]
+    document["nodes"] = [{"name": "road-1", "mesh": 0}]
+    document["scenes"] = [{"nodes": [0]}]
+    document["extensions"] = {}
+    for key in ("images", "textures", "materials", "cameras"):
+        document.pop(key)
+    mesh = load_gltf(embedded(written, document, block)).nodes["scene.road-1"].meshes[0]
+    assert mesh.positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert mesh.normals.tolist() == [[0, 0, 1]] * 3
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_a_blended_material_is_cut_and_the_file_says_so(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["materials"][0]["alphaMode"] = "BLEND"
+    part = read_gltf(embedded(written, document, binary))
+    assert part.materials["paving"].alpha_cutoff == 0.5
+    assert any("blending" in note for note in part.notes)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.0001, 0.01, 0.5, 0.9, 0.9999])
+def test_a_truncated_file_is_a_clear_error(written: Path, share: float) -> None:
+    raw = written.read_bytes()
+    written.write_bytes(raw[: int(len(raw) * share)])
+    with pytest.raises(InvalidInput, match=r"truncated|not a binary glTF"):
+        load_gltf(written)
+
+
+def test_a_file_that_says_it_is_shorter_than_its_chunks_is_refused(written: Path) -> None:
+    raw = bytearray(written.read_bytes())
+    raw[8:12] = struct.pack("<I", len(raw) - 100)
+    written.write_bytes(bytes(raw))
+    with pytest.raises(InvalidInput, match="truncated"):
+        load_gltf(written)
+
+
+@pytest.mark.parametrize("uri", ["street.bin", "../secret.bin", "/etc/passwd", "http://127.0.0.1/x", "file:///x"])
+def test_an_external_buffer_is_refused(written: Path, uri: str) -> None:
+    document, _ = chunks_of(written)
+    document["buffers"] = [{"byteLength": 4, "uri": uri}]
+    target = written.with_suffix(".gltf")
+    target.write_text(json.dumps(document))
+    with pytest.raises(InvalidInput, match="external URIs are refused"):
+        load_gltf(target)
+
+
+def test_an_external_image_is_refused(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["images"][0] = {"uri": "paving.png"}
+    with pytest.raises(InvalidInput, match=r"images\.0\.uri"):
+        load_gltf(embedded(written, document, binary))
+
+
+#: Ways to break a good document.
+BREAKS: dict[str, Any] = {
+    "view beyond the buffer": lambda d: d["bufferViews"][0].update(byteLength=10**9),
+    "negative offset": lambda d: d["bufferViews"][0].update(byteOffset=-4),
+    "accessor beyond its view": lambda d: d["accessors"][0].update(count=10**6),
+    "huge accessor": lambda d: d["accessors"][0].update(count=10**12),
+    "count is a word": lambda d: d["accessors"][0].update(count="many"),
+    "sparse accessor": lambda d: d["accessors"][0].update(sparse={"count": 1, "indices": {}, "values": {}}),
+    "no such mesh": lambda d: d["nodes"][0].update(mesh=99),
+    "no such material": lambda d: d["meshes"][0]["primitives"][0].update(material=99),
+    "no such accessor": lambda d: d["meshes"][0]["primitives"][0]["attributes"].update(POSITION=10**6),
+    "no such camera": lambda d: next(n for n in d["nodes"] if "camera" in n).update(camera=7),
+    "no such image": lambda d: d["textures"][0].update(source=5),
+    "lines": lambda d: d["meshes"][0]["primitives"][0].update(mode=1),
+    "circle of nodes": lambda d: d["nodes"][0].update(children=[0]),
+    "two parents": lambda d: [node.update(children=[3]) for node in d["nodes"][:2]],
+    "child out of range": lambda d: d["nodes"][0].update(children=[10**6]),
+    "transform of three numbers": lambda d: d["nodes"][0].update(matrix=[1, 2, 3]),
+    "transform with infinity": lambda d: d["nodes"][0].update(matrix=[1e400] + [0] * 14 + [1]),
+    "roughness of two": lambda d: d["materials"][0]["pbrMetallicRoughness"].update(roughnessFactor=2),
+    "roughness is a word": lambda d: d["materials"][0]["pbrMetallicRoughness"].update(roughnessFactor="very"),
+    "nodes are no list": lambda d: d.update(nodes={"a": 1}),
+    "version 1": lambda d: d.update(asset={"version": "1.0"}),
+    "unknown required extension": lambda d: d.update(extensionsRequired=["KHR_draco_mesh_compression"]),
+    "same name twice": lambda d: d["nodes"][1].update(name=d["nodes"][0]["name"]),
+}
+
+
+@pytest.mark.parametrize("how", BREAKS)
+def test_a_broken_document_is_a_clear_error(written: Path, how: str) -> None:
+    document, binary = chunks_of(written)
+    BREAKS[how](document)
+    with pytest.raises(InvalidInput):
+        load_gltf(embedded(written, document, binary))
+
+
+def test_an_image_that_claims_to_be_huge_is_refused_before_it_is_decoded(written: Path) -> None:
+    document, _ = chunks_of(written)
+    png = bytearray(b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 60_000, 60_000) + b"\0" * 20)
+    document["images"][0] = {"uri": "data:image/png;base64," + base64.b64encode(png).decode()}
+    _, binary = chunks_of(written)
+    with pytest.raises(InvalidInput, match="60000 × 60000"):
+        load_gltf(embedded(written, document, binary))
+
+
+def test_a_node_name_with_dots_becomes_a_path_part_and_is_noted(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["nodes"][0]["name"] = "road.001"
+    part = read_gltf(embedded(written, document, binary))
+    assert part.nodes[0].path == "scene.road_001"
+    assert any("road_001" in note for note in part.notes)
+
+
+def test_extras_of_other_programs_do_no_harm(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["nodes"][0]["extras"] = {"artist": "someone", EXTRAS_KEY: "not a mapping"}
+    assert load_gltf(embedded(written, document, binary)).nodes["scene.road-1"].visible
