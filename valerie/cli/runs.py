@@ -121,7 +121,7 @@ def submit(
 
 def status(
     run_id: Annotated[
-        str | None, typer.Argument(metavar="[RUN]", help="Id of a run; without it, the latest runs.")
+        str | None, typer.Argument(metavar="RUN", help="Id of a run; without it, the latest runs.")
     ] = None,
     watch: Annotated[
         bool, typer.Option("--watch", "-w", help="Follow the run to its end, then show its result.")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def new(
-    path: Annotated[Path, typer.Argument(metavar="[FILE]", help="File to write; - prints it.")] = Path("run.yaml"),
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - prints it.")] = Path("run.yaml"),
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a commented spec to begin with."""

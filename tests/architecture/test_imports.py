@@ -1,0 +1,74 @@
+"""Who imports whom: the rules of .importlinter, and what really gets loaded."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+#: Slow to load, large, or needing a system library: nothing for a server or a command line.
+HEAVY = ("torch", "moderngl", "OpenGL", "pyrender", "cv2", "trimesh")
+
+
+def _python(program: str) -> str:
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def _loaded_by(imports: str, names: tuple[str, ...]) -> list[str]:
+    program = f"import sys\n{imports}\nprint(*[name for name in {names!r} if name in sys.modules])"
+    return _python(program).split()
+
+
+def test_imports_follow_the_rules() -> None:
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "services.api.app",
+        "valerie.cli",
+        "valerie.pipeline.submit",
+        "valerie.pipeline.control",
+        "valerie.pipeline.plan",
+        "valerie.embedded.supervisor",
+    ],
+)
+def test_no_heavy_library_is_loaded(module: str) -> None:
+    assert _loaded_by(f"import {module}", HEAVY) == []
+
+
+def test_the_api_lists_engines_functions_and_assets_without_heavy_libraries(tmp_path: Path) -> None:
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from valerie import plugins\n"
+        "from valerie.settings import load_settings\n"
+        "from valerie.pipeline import catalog\n"
+        f"settings = load_settings(data_dir=Path({str(tmp_path)!r}))\n"
+        "assert plugins.renderer_names()\n"
+        "assert catalog.assets(settings)\n"
+        "assert catalog.asset(settings, 'urban-street')['parameters']\n"
+    )
+    assert _loaded_by(program, HEAVY) == []
+
+
+def test_an_infer_worker_loads_no_gl_and_a_render_worker_no_torch() -> None:
+    assert _loaded_by("import services.infer_worker.app", ("moderngl", "OpenGL", "pyrender")) == []
+    assert _loaded_by("import services.render_worker.app", ("torch",)) == []
+
+
+def test_the_command_line_answers_without_loading_what_it_does_not_need() -> None:
+    unneeded = ("numpy", "pydantic", "sqlalchemy", "celery", "fastapi", "httpx", "redis")
+    assert _loaded_by("import valerie.cli.main", unneeded) == []
