@@ -183,7 +183,11 @@ class ParameterDefinition(BaseModel):
 
     @property
     def range_text(self) -> str:
-        """The declared range for people, e.g. ``-10…20 m``."""
+        """The declared range for people, e.g. ``-10…20 m``; the choices where there is no range."""
+        if self.type is ParameterType.CATEGORICAL:
+            return ", ".join(self.choices)
+        if self.type is ParameterType.BOOL:
+            return "true, false"
         low = "−∞" if self.minimum is None else f"{self.minimum:g}"
         high = "∞" if self.maximum is None else f"{self.maximum:g}"
         return f"{low}…{high} {self.unit}".rstrip()

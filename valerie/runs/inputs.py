@@ -86,7 +86,7 @@ class ProductInputs:
         self._predictions = [
             _prefix(
                 ProductKind.PREDICTION,
-                {key: pins["functions"][name][key] for key in ("digest", "numeric_class")},
+                _function(pins["functions"][name]),
                 SENSING_REVISION,
             )
             for name in spec.functions
@@ -122,6 +122,11 @@ def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
 
 def _pinned(pin: Mapping[str, Any]) -> dict[str, Any]:
     return {key: pin[key] for key in ("revision", "numeric_class")}
+
+
+def _function(pin: Mapping[str, Any]) -> dict[str, Any]:
+    # A function that states no revision is in its first.
+    return {"digest": pin["digest"], "numeric_class": pin["numeric_class"], "revision": pin.get("revision", 1)}
 
 
 @lru_cache(maxsize=4096)

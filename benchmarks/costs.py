@@ -1,0 +1,155 @@
+"""Measure what products cost and write the shipped table.
+
+``OMP_NUM_THREADS=1 LP_NUM_THREADS=1 python -m benchmarks.costs [--write]``
+
+CPU seconds of this process, warm caches (the first product of each kind is not counted), with what a worker does around
+it (decoding inputs, encoding the product). Two resolutions give the fixed and the per-megapixel part.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from valerie import plugins
+from valerie.errors import MissingDependency
+from valerie.labels import to_train_ids
+from valerie.metrics.confusion import confusion_matrix
+from valerie.metrics.instances import person_counts
+from valerie.rendering.base import View
+from valerie.rendering.visibility import measure
+from valerie.scene.asset import load_asset
+from valerie.scene.variation import apply
+from valerie.sensing.sensor import SensorSetting, develop
+from valerie.storage import codecs
+
+RESOLUTIONS = ((960, 540), (1920, 1080))
+SUNS_DEG = (150.0, 210.0, 240.0)
+PLACES_M = (8.0, 12.0, 16.0, 20.0, 30.0)
+NETWORKS = ("deeplabv3plus-small", "semantic-fpn-small")
+TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "costs.json"
+
+#: (kind, maker) to resolution to (CPU seconds, bytes) of each product.
+Samples = dict[tuple[str, str], dict[tuple[int, int], list[tuple[float, int]]]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="replace the shipped table")
+    write = parser.parse_args().write
+    samples: Samples = defaultdict(lambda: defaultdict(list))
+    measure_rendering(samples)
+    measure_functions(samples)
+    text = json.dumps(table(samples), indent=2) + "\n"
+    print(text)
+    if write:
+        TABLE.write_text(text, "utf-8")
+
+
+def measure_rendering(samples: Samples) -> None:
+    asset = load_asset("urban-street")
+    for name in plugins.RENDERERS:
+        try:
+            engine = plugins.create_renderer(name)
+        except (MissingDependency, ModuleNotFoundError) as error:
+            print(f"{name}: not measured ({error})")
+            continue
+        for width, height in RESOLUTIONS:
+            view = View("camera-1", width, height)
+            for sun in SUNS_DEG:
+                scene = apply({"scene.sun-1.azimuth": sun}, asset)
+                with timed(samples, "background", name, view) as done:
+                    done(codecs.encode_image(engine.background(scene, view)))
+                for y in PLACES_M:
+                    scene = apply({"scene.sun-1.azimuth": sun, "scene.person-1.pos.y": y}, asset)
+                    with timed(samples, "layer", name, view) as done:
+                        done(codecs.encode_layer(engine.layer(scene, view)))
+        engine.close()
+    truth_pass = plugins.create_truth_pass("")
+    for width, height in RESOLUTIONS:
+        view = View("camera-1", width, height)
+        for y in PLACES_M:
+            scene = apply({"scene.person-1.pos.y": y}, asset)
+            with timed(samples, "truth", "", view) as done:
+                truth = truth_pass.truth(scene, view)
+                measure(truth, scene, view)
+                data = codecs.encode_truth(truth)
+                done(data)
+            predicted = np.where(truth.class_map == 23, 10, 0).astype(np.uint8)
+            with timed(samples, "evaluation", "", view) as done:
+                truth = codecs.decode_truth(data)
+                counts = confusion_matrix(to_train_ids(truth.class_map), predicted)
+                person_counts(truth, predicted)
+                done(codecs.encode_counts(counts))
+    truth_pass.close()
+
+
+def measure_functions(samples: Samples) -> None:
+    """The cost does not depend on the weights, so untrained networks are measured."""
+    import torch
+
+    from valerie.perception.labelling import in_channels_last, label_maps
+    from valerie.perception.networks.architectures import build_network
+
+    torch.set_num_threads(1)
+    mean, std = torch.full((3,), 0.45), torch.full((3,), 0.22)
+    generator = np.random.default_rng(0)
+    for name in NETWORKS:
+        network = in_channels_last(build_network(name).eval())
+        for width, height in RESOLUTIONS:
+            linear = generator.random((height, width, 3)).astype(np.float16)
+            for _ in range(4):
+                with timed(samples, "prediction", name, View("", width, height)) as done, torch.inference_mode():
+                    picture = develop(linear, SensorSetting())
+                    labels = label_maps(network, torch.from_numpy(picture.copy()).unsqueeze(0), mean, std)[0]
+                    done(codecs.encode_prediction(labels.numpy()))
+
+
+class timed:  # noqa: N801  reads as a statement
+    """Records CPU seconds and bytes of one product."""
+
+    def __init__(self, samples: Samples, kind: str, maker: str, view: View) -> None:
+        self._into = samples[kind, maker][view.width, view.height]
+
+    def __enter__(self) -> Any:
+        self._started = time.process_time()
+        return self._done
+
+    def _done(self, data: bytes) -> None:
+        self._into.append((time.process_time() - self._started, len(data)))
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def table(samples: Samples) -> dict[str, Any]:
+    costs: dict[str, dict[str, Any]] = {}
+    for (kind, maker), by_resolution in samples.items():
+        # The first product of each resolution fills caches.
+        means = [np.mean(by_resolution[r][1:], axis=0) for r in RESOLUTIONS]
+        sizes = [width * height / 1e6 for width, height in RESOLUTIONS]
+        slope = (means[1] - means[0]) / (sizes[1] - sizes[0])
+        fixed = np.maximum(means[0] - slope * sizes[0], 0.0)
+        costs.setdefault(kind, {})[maker] = {
+            "cpu_seconds": round(float(fixed[0]), 4),
+            "cpu_seconds_per_megapixel": round(float(slope[0]), 4),
+            "bytes": round(float(fixed[1])),
+            "bytes_per_megapixel": round(float(slope[1])),
+        }
+    return {"measured_by": "benchmarks/costs.py", "machine": machine(), "costs": costs}
+
+
+def machine() -> str:
+    lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown CPU")
+    return f"one core of {model}, llvmpipe, asset urban-street"
+
+
+if __name__ == "__main__":
+    main()
