@@ -30,7 +30,7 @@ CHARACTERS: Final = tuple(outfits.LOOKS)
 #: Raise when the same name yields other geometry or looks.
 REVISION: Final = 1
 
-_HIDDEN_MARGIN: Final = 0.025
+_HIDDEN_MARGIN: Final = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -77,6 +77,7 @@ class Rig:
     weights: NDArray[np.float64]
 
 
+@lru_cache(maxsize=1)
 def data_folder() -> Path:
     """The folder with MakeHuman's data.
 

@@ -111,7 +111,8 @@ def settle(
             position[free] += (move / degree[:, None])[free]
         if step % 3 == 0:
             nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
-        position, previous = _push_out(position, previous, under, nearest, fabric, free)
+        own = under.regions[nearest] == regions
+        position, previous = _push_out(position, previous, under, nearest, fabric, free & own)
     smooth = neighbours(faces, len(rest))
     for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin: takes the iterations' noise away, keeps the folds
         position[free] += (factor * (smooth @ position - position))[free]
@@ -119,10 +120,11 @@ def settle(
         for _ in range(8):
             edge = position[loop]
             edge = edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0) - 2.0 * edge)
-            position[loop] = edge
+            position[loop] = np.where(free[loop, None], edge, position[loop])
     for _ in range(3):
         nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
-        position, previous = _push_out(position, position, under, nearest, fabric, np.ones_like(free))
+        own = under.regions[nearest] == regions
+        position, previous = _push_out(position, position, under, nearest, fabric, own)
     return position
 
 
@@ -132,14 +134,14 @@ def outside_normals(points: Points, faces: Indices, regions: Indices) -> Obstacl
 
 
 def _push_out(
-    position: Points, previous: Points, under: Obstacle, nearest: Indices, fabric: Fabric, free: NDArray[np.bool_]
+    position: Points, previous: Points, under: Obstacle, nearest: Indices, fabric: Fabric, movable: NDArray[np.bool_]
 ) -> tuple[Points, Points]:
     normal = under.normals[nearest]
     offset = position - under.points[nearest]
     height = np.einsum("ij,ij->i", offset, normal)
     # the plane of the nearest point says nothing far to its side
     aside = np.linalg.norm(offset - height[:, None] * normal, axis=1)
-    touching = free & (height < fabric.thickness) & (aside < _REACH)
+    touching = movable & (height < fabric.thickness) & (aside < _REACH)
     position = position.copy()
     position[touching] += ((fabric.thickness - height)[:, None] * normal)[touching]
     motion = position - previous

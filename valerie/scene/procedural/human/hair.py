@@ -98,6 +98,7 @@ def _grid_surface(grid: Points) -> Hair:
     rows = len(grid)
     ids = np.arange(rows * COLUMNS).reshape(rows, COLUMNS)
     faces = np.concatenate([surface.strip(ids[k], ids[k + 1])[:, ::-1] for k in range(rows - 1)])
+    faces = faces[COLUMNS:]  # the first ring is the crown, one point: half of its strip has no area
     around = np.tile(np.arange(COLUMNS) / COLUMNS, rows)
     down = np.repeat(np.arange(rows) / (rows - 1), COLUMNS)
     return Hair(grid.reshape(-1, 3), faces, np.stack([around, down], axis=1))
