@@ -180,7 +180,8 @@ def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = Fal
     corners = flat[faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     weights = np.repeat(area, 3, axis=0)
-    normals = np.stack([np.bincount(faces.ravel(), weights[:, k], len(flat)) for k in range(3)], -1)
+    sums = [np.bincount(faces.ravel(), weights[:, k], len(flat)) for k in range(3)]
+    normals = np.asarray(np.stack(sums, -1), np.float64)
     if closed:
         normals[:columns] += normals[-columns:]
         normals[-columns:] = normals[:columns]
@@ -226,7 +227,7 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
 def _slope(line: Floats) -> Floats:
     """Differences along axis 1 (N, M, 3): central inside, one-sided at the ends."""
     ends = np.concatenate([line[:, :1], line, line[:, -1:]], axis=1)
-    return ends[:, 2:] - ends[:, :-2]
+    return np.asarray(ends[:, 2:] - ends[:, :-2])
 
 
 def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:

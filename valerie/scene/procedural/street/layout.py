@@ -43,6 +43,8 @@ TREE_MODELS = 3
 #: Along the street: pedestrian crossings (centre).
 CROSSINGS = (0.0, 66.0)
 _KERB_GAP = 0.2
+#: Up to here along the street people are varied: some bays stay free, so that most places are seen past the cars.
+WALK_STOP = 34.0
 #: Signs: left side?, about where, which face (`textures.things.sign_faces`).
 _SIGNS = (
     (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
@@ -181,8 +183,8 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
     """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
-        y = float(rng.uniform(7.2, 9.0) if left else rng.uniform(5.0, 6.6))
-        van_from = float(rng.uniform(11.0, 18.0)) if left == van_left else math.inf
+        y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
+        van_from = float(rng.uniform(17.0, 23.0)) if left == van_left else math.inf
         while y < ROW_STOP - 8.0:
             kind = str(rng.choice(["hatch", "hatch", "saloon", "saloon", "van"], p=[0.3, 0.25, 0.25, 0.15, 0.05]))
             if y > van_from:
@@ -203,7 +205,13 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
                 car,
                 turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
             )
-            y += length + float(rng.uniform(0.7, 1.5) if rng.random() < 0.52 else rng.uniform(3.6, 8.5))
+            y += length + _gap(rng, roomy=y < WALK_STOP)
+
+
+def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
+    """Metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
+    tight = rng.random() < (0.1 if roomy else 0.55)
+    return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
 def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
