@@ -1,0 +1,86 @@
+"""How progress looks."""
+
+import json
+
+import pytest
+from rich.console import Console
+
+from valerie.cli.display import JsonDisplay, LineDisplay, duration, progress_line, progress_table
+from valerie.client import Progress, StageProgress, VariantProgress
+
+
+def _progress(done: int = 30, *, state: str = "running", failed: int = 0, reason: str | None = None) -> Progress:
+    return Progress(
+        state=state,
+        reason=reason,
+        variants=VariantProgress(total=48, fed=48, rejected=2),
+        stages={
+            "render": StageProgress(done=done, total=138, failed=failed, running=4, rate_per_s=6.1, eta_s=17.7),
+            "infer": StageProgress(done=0, total=276, failed=0, running=0, rate_per_s=0.0, eta_s=None),
+        },
+    )
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.2, "0 s"),
+        (59.4, "59 s"),
+        (59.6, "1 min 0 s"),
+        (200, "3 min 20 s"),
+        (3600, "1 h 0 min"),
+        (90_000, "1 d 1 h"),
+    ],
+)
+def test_durations_are_written_for_people(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_the_table_shows_done_total_rate_remaining_time_and_failures_of_each_stage() -> None:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(progress_table("first (r1)", _progress(failed=3)))
+    head, render, infer = capture.get().splitlines()[:3]
+    assert "first (r1)  running  48 variants, 2 rejected" in head
+    for part in ("render", "30 / 138 frames", "6.1/s", "18 s left", "3 failed"):
+        assert part in render
+    assert "0 / 276 predictions" in infer
+    assert "failed" not in infer
+
+
+def test_the_table_shows_why_a_run_waits() -> None:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(progress_table("first", _progress(reason="no living worker serves [infer]")))
+    assert "no living worker serves [infer]" in capture.get()
+
+
+def test_a_line_says_the_same() -> None:
+    assert progress_line("first", _progress(failed=3, reason="waits")) == (
+        "first: running, render 30/138 (3 failed) 6.1/s, infer 0/276, about 18 s left, waits"
+    )
+
+
+def test_lines_come_with_a_change_of_state_not_with_every_frame(capsys: pytest.CaptureFixture[str]) -> None:
+    display = LineDisplay("first")
+    for done in (1, 2, 3):
+        display.update(_progress(done))
+    display.update(_progress(138, state="completed"))
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == ["first: running", "first: completed"]
+
+
+def test_json_lines_come_with_every_change_and_only_then(capsys: pytest.CaptureFixture[str]) -> None:
+    display = JsonDisplay("r1")
+    for done in (1, 1, 2):
+        display.update(_progress(done))
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [event["stages"]["render"]["done"] for event in events] == [1, 2]
+    assert {(event["event"], event["run"], event["state"]) for event in events} == {("progress", "r1", "running")}
+
+
+def test_the_display_follows_where_the_output_goes() -> None:
+    from valerie.cli.display import display_of
+
+    assert isinstance(display_of("first", "r1", json_lines=False), LineDisplay)  # captured: no terminal
+    assert isinstance(display_of("first", "r1", json_lines=True), JsonDisplay)

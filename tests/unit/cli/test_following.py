@@ -1,0 +1,149 @@
+"""Watching a run to its end."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import pytest
+
+from valerie.cli import following
+from valerie.cli.connecting import System
+from valerie.cli.display import JsonDisplay
+from valerie.cli.following import exit_code, failure_lines, follow, report_path, save_report, show_result
+from valerie.client import Client, Progress, ServerUnavailableError, VariantProgress
+from valerie.errors import StorageUnavailable, ValerieError
+from valerie.runs.states import RunState
+from valerie.settings import load_settings
+
+
+def _progress(state: str, reason: str | None = None) -> Progress:
+    return Progress(state=state, reason=reason, variants=VariantProgress(total=1, fed=1, rejected=0), stages={})
+
+
+def _system(answer: Callable[[httpx.Request], httpx.Response], check: Callable[[], None] = lambda: None) -> System:
+    client = Client("http://127.0.0.1:1", transport=httpx.MockTransport(answer))
+    return System(client, owned=False, check=check)
+
+
+@pytest.fixture(autouse=True)
+def _fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(following, "_POLL_SECONDS", 0.0)
+
+
+def test_a_run_is_followed_to_its_end() -> None:
+    states = iter(["submitted", "running", "running", "finishing", "completed"])
+    system = _system(lambda _: httpx.Response(200, json=_progress(next(states)).model_dump()))
+    assert follow(system, "r1", JsonDisplay("r1")).state == "completed"
+    assert next(states, None) is None
+
+
+def test_a_server_that_is_started_again_is_waited_for() -> None:
+    calls = iter([None, None, "completed"])
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        state = next(calls)
+        if state is None:
+            raise httpx.ConnectError("refused", request=request)
+        return httpx.Response(200, json=_progress(state).model_dump())
+
+    assert follow(_system(answer), "r1", JsonDisplay("r1")).state == "completed"
+
+
+def test_a_server_that_stays_away_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(following, "_PATIENCE_SECONDS", 0.0)
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        raise httpx.ConnectError("refused", request=request)
+
+    with pytest.raises(ServerUnavailableError):
+        follow(_system(answer), "r1", JsonDisplay("r1"))
+
+
+def test_a_process_that_was_given_up_ends_the_wait() -> None:
+    def check() -> None:
+        raise ValerieError("the infer process ended 5 times")
+
+    with pytest.raises(ValerieError, match="infer"):
+        follow(_system(lambda _: httpx.Response(500), check), "r1", JsonDisplay("r1"))
+
+
+@pytest.mark.parametrize(
+    ("state", "code"),
+    [("completed", 0), ("completed-with-failures", 3), ("cancelled", 4), ("failed", 4)],
+)
+def test_the_exit_code_tells_how_a_run_ended(state: str, code: int) -> None:
+    assert exit_code(state) == code
+
+
+def test_every_final_state_has_an_exit_code() -> None:
+    for state in RunState:
+        if state.is_final:
+            exit_code(state)
+
+
+def test_alike_failures_stand_together_and_consequences_are_left_out() -> None:
+    failures = [
+        {"kind": "layer", "error": {"message": "black image", "attempts": 4}},
+        {"kind": "layer", "error": {"message": "black image", "attempts": 3}},
+        {"kind": "truth", "error": {"message": "no context", "attempts": 4}},
+        {"kind": "prediction", "error": {"message": "input failed", "cause": "abc", "attempts": 0}},
+        {"kind": "prediction", "error": None},
+    ]
+    assert failure_lines(failures) == [
+        "  2 × layer: black image (after 4 attempts)",
+        "  1 × truth: no context (after 4 attempts)",
+        "  1 × prediction: unknown error (after 0 attempts)",
+    ]
+
+
+def test_many_kinds_of_failure_are_cut_with_a_count() -> None:
+    failures = [{"kind": "layer", "error": {"message": f"error {n}", "attempts": 1}} for n in range(9)]
+    assert failure_lines(failures)[-1] == "  … and 4 other errors; the report lists all"
+
+
+def test_a_report_gets_a_plain_name_beside_the_data_folder(tmp_path: Path) -> None:
+    settings = load_settings(data_dir=tmp_path / "var" / "valerie")
+    path = report_path(settings, "First run: 2/3 ../ Straße", "r1")
+    assert path == tmp_path / "var" / "reports" / "first-run-2-3-stra-e-r1.html"
+    assert report_path(settings, "…", "r1").name == "run-r1.html"
+
+
+def test_a_report_is_saved_and_named_as_people_would_type_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    client = _system(lambda _: httpx.Response(200, content=b"<html>")).client
+    assert save_report(client, "r1", tmp_path / "a" / "report.html") == Path("a/report.html")
+    assert (tmp_path / "a" / "report.html").read_bytes() == b"<html>"
+
+
+def test_a_report_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    client = _system(lambda _: httpx.Response(200, content=b"<html>")).client
+    with pytest.raises(StorageUnavailable, match=r"file/report\.html"):
+        save_report(client, "r1", tmp_path / "file" / "report.html")
+
+
+def test_the_last_json_line_holds_state_exit_code_summary_and_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        if request.url.path.endswith("/summary"):
+            return httpx.Response(200, json={"summary": {"rows": []}, "findings": {}})
+        return httpx.Response(200, content=b"<html>")
+
+    progress = _progress("completed-with-failures", "1 products failed for good")
+    show_result(_system(answer).client, "r1", progress, tmp_path / "report.html", json_lines=True)
+    event = json.loads(capsys.readouterr().out)
+    assert event["event"] == "finished"
+    assert event["exit_code"] == 3
+    assert event["summary"] == {"summary": {"rows": []}, "findings": {}}
+    assert Path(event["report"]).name == "report.html"
+
+
+def test_a_cancelled_run_shows_why_and_asks_for_no_results(capsys: pytest.CaptureFixture[str]) -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        assert request.url.path.endswith("/failures")
+        return httpx.Response(200, json=[])
+
+    show_result(_system(answer).client, "r1", _progress("cancelled", "on request"), None, json_lines=False)
+    assert "The run is cancelled: on request" in capsys.readouterr().err

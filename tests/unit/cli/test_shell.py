@@ -1,0 +1,231 @@
+"""What a shell sees: exit codes, one clear message, nothing of a stack."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from valerie.cli.shell import Exit, exit_code_of
+from valerie.client import ServerProblemError, ServerUnavailableError
+from valerie.errors import (
+    Conflict,
+    InvalidInput,
+    MissingDependency,
+    NotFound,
+    StorageFull,
+    TransientError,
+    UnknownName,
+    ValerieError,
+)
+
+ROOT = Path(__file__).parents[3]
+
+
+def _valerie(*arguments: str, cwd: Path, program: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
+    """The command as a process; ``program`` runs instead of it, in the same way."""
+    command = ["-c", program, *arguments] if program else ["-m", "valerie", *arguments]
+    return subprocess.run(
+        [sys.executable, *command],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (InvalidInput("x"), Exit.INVALID_INPUT),
+        (UnknownName("asset", "x", ["y"]), Exit.INVALID_INPUT),
+        (NotFound("run", "x"), Exit.INVALID_INPUT),
+        (ServerProblemError(422, "InvalidInput", "x"), Exit.INVALID_INPUT),
+        (ServerProblemError(404, "NotFound", "x"), Exit.INVALID_INPUT),
+        (ServerProblemError(507, "StorageFull", "x"), Exit.ENVIRONMENT),
+        (ServerUnavailableError("x"), Exit.ENVIRONMENT),
+        (MissingDependency("x"), Exit.ENVIRONMENT),
+        (StorageFull("x"), Exit.ENVIRONMENT),
+        (TransientError("x"), Exit.ENVIRONMENT),
+        (Conflict("x"), Exit.ENVIRONMENT),
+    ],
+)
+def test_errors_have_the_documented_exit_codes(error: ValerieError, code: Exit) -> None:
+    assert exit_code_of(error) is code
+
+
+def test_help_lists_commands_and_exit_codes(tmp_path: Path) -> None:
+    done = _valerie("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for command in [
+        "new",
+        "plan",
+        "run",
+        "up",
+        "submit",
+        "status",
+        "report",
+        "replay",
+        "worker",
+        "train",
+        "gc",
+        "asset",
+    ]:
+        assert f" {command} " in done.stdout
+    assert "Exit codes" in done.stdout
+
+
+def test_a_file_that_is_not_there_is_one_message_and_exit_2(tmp_path: Path) -> None:
+    done = _valerie("run", "absent.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.strip() == "error: the spec cannot be read (No such file or directory); got absent.yaml"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_spec_is_refused_before_anything_is_started(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text("name: x\nasset: urban-stret\nvary: []\n")
+    done = _valerie("run", "spec.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "urban-street" in done.stderr
+    assert "starting" not in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "var" / "valerie" / "supervisor.lock").exists()
+
+
+def test_a_spec_of_megabytes_is_refused_by_its_size(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_bytes(b"#" * 10_000_000)
+    done = _valerie("plan", "spec.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "too large" in done.stderr
+
+
+def test_a_misspelt_setting_is_refused(tmp_path: Path) -> None:
+    done = _valerie("status", cwd=tmp_path, VALERIE_API_PROT="1")
+    assert done.returncode == 2
+    assert "VALERIE_API_PORT" in done.stderr
+
+
+def test_no_server_is_exit_5_with_what_to_do(tmp_path: Path) -> None:
+    done = _valerie("status", "--url", "http://127.0.0.1:9", cwd=tmp_path)
+    assert done.returncode == 5
+    assert "valerie up" in done.stderr
+
+
+def test_wrong_usage_is_exit_2(tmp_path: Path) -> None:
+    assert _valerie("run", cwd=tmp_path).returncode == 2
+    assert _valerie("no-such-command", cwd=tmp_path).returncode == 2
+
+
+#: The paper's two lists (section 4): 5 × 2 variants.
+_SPEC = """
+name: two lists
+asset: urban-street
+parameters:
+  - [p1, scene.person-1.pos.x, FLOAT, 0.0, 20.0]
+  - [p2, scene.person-1.pos.y, FLOAT, 0.0, 10.0]
+vary:
+  - [p1, HOMOGENEOUS, 1.5, 5.5, 1.0]
+  - [p2, HOMOGENEOUS, 4.0, 5.0, 1.0]
+functions: [deeplabv3plus-small]
+"""
+
+_DEFECT = "from valerie.cli.shell import guarded\nguarded(lambda: 1 / 0, debug={debug})"
+
+
+def test_a_defect_is_exit_1_and_says_how_to_see_more(tmp_path: Path) -> None:
+    done = _valerie(cwd=tmp_path, program=_DEFECT.format(debug=False))
+    assert done.returncode == 1
+    assert "a defect of VALERIE (ZeroDivisionError: division by zero)" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_debug_shows_the_stack(tmp_path: Path) -> None:
+    done = _valerie(cwd=tmp_path, program=_DEFECT.format(debug=True))
+    assert "Traceback" in done.stderr
+    assert done.returncode == 1
+
+
+_SLEEP = """
+import sys, time
+from valerie.cli.shell import guarded
+def sleep():
+    try:
+        print("ready", flush=True)
+        time.sleep(600)
+    finally:
+        print("in order", flush=True)
+guarded(sleep, debug=False)
+"""
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_unwind_in_order_and_are_the_exit_code(signum: signal.Signals) -> None:
+    process = subprocess.Popen([sys.executable, "-c", _SLEEP], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.05)
+    process.send_signal(signum)
+    output, _ = process.communicate(timeout=30)
+    assert output == "in order\n"
+    assert process.returncode == 128 + signum
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
+    program = "from valerie.cli.shell import guarded\nguarded(lambda: [print(n) for n in range(100_000)], debug=False)"
+    done = subprocess.run(
+        ["bash", "-c", 'set -o pipefail; "$0" -c "$1" | head -n 1', sys.executable, program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
+
+
+def test_new_writes_a_commented_spec_and_never_replaces_one(tmp_path: Path) -> None:
+    assert _valerie("new", "first.yaml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "first.yaml").read_text()
+    assert text.count("#") > 5
+    again = _valerie("new", "first.yaml", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+    assert (tmp_path / "first.yaml").read_text() == text
+
+
+def test_plan_needs_no_server_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text(_SPEC)
+    done = _valerie("plan", "spec.yaml", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert {"variants", "frames", "renders", "cpu_seconds", "bytes", "warnings"} <= document.keys()
+    assert document["variants"] == 10
+    assert [path.name for path in tmp_path.rglob("*")] == ["spec.yaml"]
+
+
+def test_plan_shows_people_what_would_be_made(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text(_SPEC)
+    done = _valerie("plan", "spec.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[:2] for line in done.stdout.splitlines() if line.startswith("variants")] == [
+        ["variants", "10"]
+    ]
+    for word in ("background", "layer", "truth", "prediction", "CPU time"):
+        assert word in done.stdout
+
+
+def test_a_spec_may_come_from_standard_input(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "valerie", "plan", "-", "--json"],
+        input=_SPEC,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert json.loads(done.stdout)["variants"] == 10
