@@ -133,7 +133,7 @@ class TruthPass:
         work.target.use(area)
         values = _camera_values(camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, table, values)
-        classes, instances, depth = (array.copy() for array in statics.maps)
+        classes, instances, depth = statics.maps[0].copy(), statics.maps[1].copy(), statics.maps[2].copy()
         part = work.read_part(rectangle, view)
         classes[rectangle.slices], instances[rectangle.slices], depth[rectangle.slices] = part
         return freeze(classes), freeze(instances), freeze(depth)

@@ -150,7 +150,7 @@ class PyrenderRenderer:
         except Exception as error:
             raise RenderingError(f"pyrender: {error}") from error
         self._forget_all_but(used)
-        pixels = _DECODED[encoded]
+        pixels: NDArray[np.float16] = _DECODED[encoded]
         require_image(pixels, engine=self.name)
         return pixels
 
@@ -164,7 +164,7 @@ class PyrenderRenderer:
                 positions=mesh.positions,
                 normals=mesh.normals,
                 # The library's textures are uploaded bottom row first.
-                texcoord_0=None if texture is None else mesh.uvs * np.float32([1, -1]) + np.float32([0, 1]),
+                texcoord_0=None if texture is None else np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1),
                 indices=mesh.faces,
                 material=self._library.MetallicRoughnessMaterial(
                     baseColorFactor=(*material.base_color, 1.0),
@@ -199,7 +199,7 @@ def _import_pyrender() -> Any:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     # pyrender 0.1.45 says np.infty for the bounds that shadows need; numpy 2 took the name away.
     if not hasattr(np, "infty"):
-        np.infty = np.inf  # type: ignore[attr-defined]
+        np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

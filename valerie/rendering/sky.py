@@ -1,12 +1,14 @@
 """The daylight sky: colour of the sun at the ground, radiance of the sky, air light. Computed on the CPU, once per sun.
 
 Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
-atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the second order. Rayleigh coefficients
-and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze follows turbidity by
-its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550 nm).
+atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the second order. Rayleigh
+coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze
+follows turbidity by its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550
+nm).
 
-Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance, see `EXPOSURE`. The sun's luminance at the ground is the scene's `Sun.irradiance` at every elevation;
-its colour and the ratio of sky to sun follow from the model (bounded for a low sun, see `_bounded`).
+Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance, see `EXPOSURE`. The sun's luminance at
+the ground is the scene's `Sun.irradiance` at every elevation; its colour and the ratio of sky to sun follow from the
+model (bounded for a low sun, see `_bounded`).
 """
 
 from __future__ import annotations
@@ -22,8 +24,8 @@ from valerie.scene.model import Scene
 
 Array = NDArray[np.float64]
 
-#: Image value of a white Lambert surface that faces a sun of irradiance 1, without the sky: the exposure at which a clear day
-#: looks right through the default tone curve at 0 EV (sunlit asphalt 0.15 … 0.3, middle grey in the sun 0.4).
+#: Image value of a white Lambert surface that faces a sun of irradiance 1, without the sky: the exposure at which a
+#: clear day looks right through the default tone curve at 0 EV (sunlit asphalt 0.15 … 0.3, middle grey in the sun 0.4).
 EXPOSURE: Final = 2.4
 #: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
 AZIMUTHS: Final = 48
@@ -125,8 +127,8 @@ def _horizontal(table: Array) -> Array:
 def _bounded(irradiance: float) -> float:
     """Factor that keeps the sky's irradiance below `_BRIGHTEST_SKY` of the sun's.
 
-    With the sun's luminance given at the ground, a low sun in hazy air would stand for an enormous one above it, and its
-    sky would drown everything. Below half of the bound the factor is 1 within 2 %.
+    With the sun's luminance given at the ground, a low sun in hazy air would stand for an enormous one above it, and
+    its sky would drown everything. Below half of the bound the factor is 1 within 2 %.
     """
     return float((1 + (irradiance / _BRIGHTEST_SKY) ** 4) ** -0.25)
 
@@ -195,7 +197,8 @@ def _thickness(points: Array, directions: Array, mie: float) -> Array:
     height = np.maximum(height, 0)
     air = (np.exp(-height / _RAYLEIGH_HEIGHT) * step).sum(axis=1)
     haze = (np.exp(-height / _MIE_HEIGHT) * step).sum(axis=1)
-    return air[:, None] * _RAYLEIGH + (haze * mie)[:, None] * _MIE_SPECTRUM
+    thickness: Array = air[:, None] * _RAYLEIGH + (haze * mie)[:, None] * _MIE_SPECTRUM
+    return thickness
 
 
 def _to_sphere(points: Array, directions: Array, radius: float) -> Array:

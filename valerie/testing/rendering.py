@@ -76,16 +76,12 @@ class RendererContract:
         assert again.rectangle == layer.rectangle
         np.testing.assert_array_equal(again.pixels, layer.pixels)
 
-    def test_the_background_depends_on_nothing_movable(
-        self, renderer: Renderer, asset: SceneAsset, view: View
-    ) -> None:
+    def test_the_background_depends_on_nothing_movable(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
         first = renderer.background(apply({}, asset), view)
         moved = apply({"scene.person-1.pos.x": 3.3, "scene.person-2.character": "red-coat"}, asset)
         assert_same(renderer.background(moved, view), first)
 
-    def test_a_person_changes_pixels_inside_the_layer(
-        self, renderer: Renderer, asset: SceneAsset, view: View
-    ) -> None:
+    def test_a_person_changes_pixels_inside_the_layer(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
         scene = apply({}, asset)
         layer = renderer.layer(scene, view)
         before = renderer.background(scene, view).pixels[layer.rectangle.slices]

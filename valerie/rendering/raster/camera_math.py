@@ -19,8 +19,7 @@ Points = NDArray[np.float64]
 
 def view_from_world(camera: Camera) -> Matrix:
     """(4, 4) world to camera; the camera looks along −z."""
-    inverse: Matrix = np.linalg.inv(camera.transform)
-    return inverse
+    return np.asarray(np.linalg.inv(camera.transform), np.float64)
 
 
 def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_y: int = 0) -> Matrix:

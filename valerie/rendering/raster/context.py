@@ -44,7 +44,7 @@ class GraphicsContext:
 
     def __init__(self) -> None:
         try:
-            self.gl: moderngl.Context = moderngl.create_context(standalone=True, backend="egl", require=430)
+            self.gl: moderngl.Context = moderngl.create_context(standalone=True, backend="egl", require=430)  # type: ignore[arg-type]
         except Exception as error:
             raise MissingDependency(
                 f"no OpenGL 4.3 context through EGL ({error}); on Debian or Ubuntu: "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import moderngl
 
 from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.targets import bind, set_uniforms
+from valerie.rendering.raster.uniforms import bind, set_uniforms
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext

@@ -65,8 +65,8 @@ class Lighting:
     ) -> NDArray[np.float16]:
         """(height, width, 3) linear pixels of ``rectangle``, first row at the top.
 
-        The G-buffer of ``targets`` must be valid around the rectangle as far as near occlusion and filters look. Each pixel is a function
-        of its place in the image and of what lies around it, never of the rectangle.
+        The G-buffer of ``targets`` must be valid around the rectangle as far as near occlusion and filters look. Each
+        pixel is a function of its place in the image and of what lies around it, never of the rectangle.
         """
         surfaces = targets.surfaces
         assert surfaces.depth is not None

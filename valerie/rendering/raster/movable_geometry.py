@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from valerie.rendering.raster.camera_math import Points, box_corners
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.static_geometry import ATTRIBUTES
+from valerie.rendering.raster.uniforms import set_uniforms
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 from valerie.scene.model import Mesh
 
@@ -75,22 +75,16 @@ class PlacedMesh:
 
     def draw(self, program: moderngl.Program) -> None:
         """Draw with ``program``, whose other uniforms are set."""
-        world = self.item.world.astype(np.float32)
-        set_uniform(program, "world", world)
-        set_uniform(program, "normal_matrix", normal_matrix(self.item.world))
-        if "ids" in program:
-            program["ids"].value = (self.row, self.item.node.label_id, self.item.node.instance_id)
-        self._gl_front_face(mirrored=bool(np.linalg.det(self.item.world[:3, :3]) < 0), program=program)
-
-    def _gl_front_face(self, *, mirrored: bool, program: moderngl.Program) -> None:
+        node = self.item.node
+        set_uniforms(
+            program,
+            {
+                "world": self.item.world,
+                "normal_matrix": normal_matrix(self.item.world),
+                "ids": (self.row, node.label_id, node.instance_id),
+            },
+        )
         gl = program.ctx
-        gl.front_face = "cw" if mirrored else "ccw"
+        gl.front_face = "cw" if np.linalg.det(self.item.world[:3, :3]) < 0 else "ccw"
         self.buffers.array(program).render()
         gl.front_face = "ccw"
-
-
-def set_uniform(program: moderngl.Program, name: str, matrix: NDArray[np.float32] | Points) -> None:
-    """Write a matrix (row-major here, column-major in GLSL) or a vector, if the program uses it."""
-    if name in program:
-        values = np.asarray(matrix, np.float32)
-        program[name].write(np.ascontiguousarray(values.T if values.ndim == 2 else values).tobytes())

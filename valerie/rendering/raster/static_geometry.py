@@ -60,7 +60,9 @@ class StaticGeometry:
             for mesh, row, kind in zip(item.meshes, item_rows, item_kinds, strict=True):
                 count = len(mesh.positions)
                 vertices.append((*_in_world(item, mesh.positions, mesh.normals), mesh.uvs))
-                ids.append(np.broadcast_to(np.uint32([row, item.node.label_id, item.node.instance_id]), (count, 3)))
+                ids.append(
+                    np.broadcast_to(np.array([row, item.node.label_id, item.node.instance_id], np.uint32), (count, 3))
+                )
                 corners = mesh.faces[:, ::-1] if mirrored else mesh.faces
                 faces.setdefault(kind, []).append(corners + np.uint32(start))
                 start += count

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import moderngl
-import numpy as np
 
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.raster.movable_geometry import set_uniform
+from valerie.rendering.raster.uniforms import bind, set_uniforms
 
 #: Samples per pixel and direction of the image (truth has one sample, at the pixel's centre).
 SAMPLES: Final = 2
@@ -45,7 +44,7 @@ class Target:
 
     def use(self, rectangle: tuple[int, int, int, int] | None = None) -> None:
         """Draw into this target, only inside ``rectangle`` (x, y, width, height from the bottom left) if given."""
-        self.framebuffer.scissor = rectangle
+        self.framebuffer.scissor = rectangle  # type: ignore[assignment]  # None is the whole; the stubs do not know
         self.framebuffer.use()
 
     def clear(self, depth: float = 1.0) -> None:
@@ -103,25 +102,6 @@ def coarse_rectangle(rectangle: Rectangle, view: View) -> tuple[int, int, int, i
     left, bottom = x // SKYLIGHT_CELL, y // SKYLIGHT_CELL
     right, top = -(-(x + width) // SKYLIGHT_CELL), -(-(y + height) // SKYLIGHT_CELL)
     return left, bottom, right - left, top - bottom
-
-
-def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:
-    """Put textures on units and tell the program; those that it does not read are left out."""
-    unit = 0
-    for name, texture in textures.items():
-        if name in program:
-            texture.use(unit)
-            program[name].value = unit
-            unit += 1
-
-
-def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
-    """Set numbers, tuples and matrices (row-major arrays) of a program; those that it does not use are left out."""
-    for name, value in values.items():
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            set_uniform(program, name, value)
-        elif name in program:
-            program[name].value = value
 
 
 class ScreenPass:

@@ -1,0 +1,245 @@
+"""The raster engine's pictures against geometry and light that can be calculated."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
+
+from valerie.rendering.base import View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.rendering.sky import sky_of
+from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.transforms import camera_transform
+from valerie.scene.variation import apply
+from valerie.testing.assets import box_mesh, simple_asset
+from valerie.testing.rendering import assert_same
+
+pytestmark = pytest.mark.gl
+
+
+def one_mesh(
+    mesh: Mesh, material: Material, camera: Camera, elevation: float = 89.0, image: np.ndarray | None = None
+) -> Scene:
+    node = Node("scene.wall-1", np.eye(4), (mesh,), label_id=12)
+    textures = {} if image is None else {"image": Texture("image", image)}
+    return Scene(
+        {node.path: node}, {material.name: material}, textures, {"camera-1": camera}, Sun(0.0, math.radians(elevation))
+    )
+
+
+@given(
+    x=st.floats(-8, 8),
+    y=st.floats(0, 30),
+    heading=st.floats(0, 359),
+    second=st.sampled_from(["absent", "red-coat", "blue-coat"]),
+    second_y=st.floats(0, 40),
+    azimuth=st.floats(0, 359),
+    elevation=st.floats(5, 85),
+    camera=st.sampled_from(["camera-1", "camera-2"]),
+)
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_the_layer_over_the_background_is_the_frame_bit_for_bit_for_any_pose_and_sun(
+    raster: RasterRenderer, x: float, y: float, heading: float, second: str, second_y: float, azimuth: float,
+    elevation: float, camera: str,
+) -> None:  # fmt: skip
+    values = {
+        "scene.person-1.pos.x": x,
+        "scene.person-1.pos.y": y,
+        "scene.person-1.heading": heading,
+        "scene.person-2.character": second,
+        "scene.person-2.pos.y": second_y,
+        "scene.sun-1.azimuth": azimuth,
+        "scene.sun-1.elevation": elevation,
+    }
+    scene, view = apply(values, simple_asset()), View(camera, 201, 117)
+    layer = raster.layer(scene, view)
+    assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
+
+
+def test_the_layer_is_much_smaller_than_the_frame(raster: RasterRenderer) -> None:
+    scene = apply({"scene.person-1.pos.y": 30.0}, simple_asset())
+    rectangle = raster.layer(scene, View("camera-1", 960, 540)).rectangle
+    assert 0 < rectangle.width * rectangle.height < 0.06 * 960 * 540
+
+
+def test_a_matt_floor_under_a_high_sun_has_the_radiance_of_its_albedo(raster: RasterRenderer) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -10, 3), 0, -15, 0), focal_length_mm=50.0)
+    floor = box_mesh((-30, -30, -1), (30, 30, 0), "floor")
+    scene = one_mesh(floor, Material("floor", (0.4, 0.2, 0.1), roughness=1.0, specular=0.0), camera)
+    pixels = raster.full(scene, View("camera-1", 64, 36)).pixels[20:30, 20:44].astype(np.float64)
+    sky = sky_of(scene)
+    expected = np.array([0.4, 0.2, 0.1]) * (sky.sun * math.sin(math.radians(89)) + sky.sky_irradiance)
+    # The sky's light is sampled in 32 directions (its glow around the sun is wider than some of them).
+    np.testing.assert_allclose(pixels.mean(axis=(0, 1)), expected, rtol=0.12)
+
+
+def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+    scene, view = apply({"scene.sun-1.azimuth": 250.0}, simple_asset()), View("camera-1", 480, 270)
+    camera = scene.cameras["camera-1"]
+    # A plain floor: without the texture only light differs.
+    plain = {name: replace(m, base_color_texture=None, specular=0.0) for name, m in scene.materials.items()}
+    image = raster.full(replace(scene, materials=plain), view).pixels.astype(np.float64).sum(axis=2)
+    triangles = triangles_of(scene)
+    classes, _, depth = trace(triangles, camera, view)
+    ground = (classes == 7) & (depth < 30)
+    points = camera.position + pixel_rays(camera, view)[ground] * depth[ground][:, None]
+    in_shadow = np.zeros(classes.shape, np.uint8)
+    in_shadow[ground] = 1 + blocked(triangles, points + np.array([0, 0, 0.01]), scene.sun_direction())
+    inside = ~near_edges(near_edges(near_edges(in_shadow).astype(np.uint8)).astype(np.uint8))
+    dark, lit = image[inside & (in_shadow == 2)], image[inside & (in_shadow == 1)]
+    assert len(dark) > 500
+    threshold = (np.median(dark) + np.median(lit)) / 2
+    assert np.median(lit) > 2.5 * np.median(dark)
+    assert (dark > threshold).mean() < 0.01
+    assert (lit < threshold).mean() < 0.01
+
+
+def test_the_movables_shadow_falls_where_the_same_box_as_a_static_would_throw_it(raster: RasterRenderer) -> None:
+    scene, view = apply({}, simple_asset()), View("camera-1", 480, 270)
+    nodes = {path: replace(node, movable=False) for path, node in scene.nodes.items()}
+    moving = raster.full(scene, view).pixels.astype(np.float64)
+    static = raster.full(replace(scene, nodes=nodes), view).pixels.astype(np.float64)
+    different = np.abs(moving - static).max(axis=2) > 0.15 * static.max(axis=2) + 0.02
+    assert different.mean() < 0.004
+
+
+def test_the_first_row_of_a_texture_is_at_v_zero(raster: RasterRenderer) -> None:
+    image = np.zeros((64, 64, 3), np.uint8)
+    image[:32], image[32:] = (255, 0, 0), (0, 0, 255)
+    quad = Mesh(
+        positions=np.float32([[-1, 5, 0], [1, 5, 0], [1, 5, 2], [-1, 5, 2]]),
+        normals=np.float32([[0, -1, 0]] * 4),
+        uvs=np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]),
+        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
+        material="m",
+    )
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
+    scene = one_mesh(quad, Material("m", (1, 1, 1), base_color_texture="image", specular=0.0), camera, image=image)
+    pixels = raster.full(scene, View("camera-1", 64, 64)).pixels
+    top, bottom = pixels[20, 32], pixels[44, 32]
+    assert top[0] > 3 * top[2]
+    assert bottom[2] > 3 * bottom[0]
+
+
+@pytest.mark.parametrize("double_sided", [False, True])
+def test_back_faces_show_only_if_the_material_is_double_sided(
+    raster: RasterRenderer, truth_pass: TruthPass, double_sided: bool
+) -> None:
+    quad = Mesh(
+        positions=np.float32([[-1, 5, 0], [-1, 5, 2], [1, 5, 2], [1, 5, 0]]),
+        normals=np.float32([[0, 1, 0]] * 4),
+        uvs=np.zeros((4, 2), np.float32),
+        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
+        material="m",
+    )
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
+    scene = one_mesh(quad, Material("m", double_sided=double_sided), camera)
+    truth = truth_pass.truth(scene, View("camera-1", 32, 32))
+    assert (truth.class_map == 12).any() == double_sided
+
+
+def test_cut_texels_show_and_label_what_lies_behind(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+    image = np.full((64, 64, 4), 255, np.uint8)
+    image[:, 32:, 3] = 0
+    quad = Mesh(
+        positions=np.float32([[-1, 5, 0], [1, 5, 0], [1, 5, 2], [-1, 5, 2]]),
+        normals=np.float32([[0, -1, 0]] * 4),
+        uvs=np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]),
+        faces=np.uint32([[0, 1, 2], [0, 2, 3]]),
+        material="m",
+    )
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
+    scene = one_mesh(quad, Material("m", base_color_texture="image", alpha_cutoff=0.5), camera, image=image)
+    view = View("camera-1", 64, 64)
+    labels = truth_pass.truth(scene, view).class_map
+    assert (labels[32, 22:31] == 12).all()
+    assert (labels[32, 33:42] == 23).all()
+    pixels = raster.full(scene, view).pixels
+    nothing = raster.full(replace(scene, nodes={}), view).pixels
+    np.testing.assert_array_equal(pixels[28, 34:42], nothing[28, 34:42])
+    assert (pixels[28, 22:30] != nothing[28, 22:30]).any(axis=1).all()
+
+
+def test_labels_are_in_step_with_the_image(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+    # Edges at pixels 58.9 and 134.1: away from the middle of a pixel, where half of its samples would be covered.
+    camera = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=50.0)
+    block = box_mesh((-0.7398, 5, -2), (0.6138, 6, 1.4), "m")
+    scene = one_mesh(block, Material("m", (0, 0, 0), specular=0.0), camera, elevation=60.0)
+    view = View("camera-1", 200, 100)
+    row = raster.full(scene, view).pixels[60].astype(np.float64).sum(axis=1)
+    label = truth_pass.truth(scene, view).class_map[60] == 12
+    dark = row < (row.min() + row[[0, -1]].mean()) / 2
+    np.testing.assert_array_equal(np.flatnonzero(np.diff(dark)), np.flatnonzero(np.diff(label)))
+
+
+def test_a_mirrored_node_faces_outwards(truth_pass: TruthPass) -> None:
+    asset = simple_asset()
+    node = asset.base.nodes["scene.car-1"]
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    nodes = dict(asset.base.nodes) | {"scene.car-1": replace(node, transform=node.transform @ mirror)}
+    scene, view = replace(asset.base, nodes=nodes), View("camera-1", 160, 90)
+    classes, _, depth = trace(triangles_of(scene), scene.cameras["camera-1"], view)
+    truth = truth_pass.truth(scene, view)
+    assert (truth.class_map != classes).mean() < 0.005
+    car = (classes == 26) & (truth.class_map == 26) & ~near_edges(classes)
+    np.testing.assert_allclose(truth.depth[car], depth[car], rtol=1e-3)
+
+
+def test_specular_tint_colours_the_highlight(raster: RasterRenderer) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -4, 2), 0, -30, 0), focal_length_mm=50.0)
+    floor = box_mesh((-30, -30, -1), (30, 30, 0), "m")
+
+    def highlight(tint: float) -> np.ndarray:
+        material = Material("m", (0.02, 0.002, 0.002), roughness=0.4, specular=2.0, specular_tint=tint)
+        # The sun stands ahead, so that it is mirrored into the camera.
+        scene = one_mesh(floor, material, camera, elevation=35.0)
+        return raster.full(scene, View("camera-1", 64, 64)).pixels.astype(np.float64).reshape(-1, 3).max(axis=0)
+
+    white, tinted = highlight(0.0), highlight(1.0)
+    assert tinted[0] / tinted[2] > 2 * white[0] / white[2]
+
+
+def test_a_metal_has_no_diffuse_light(raster: RasterRenderer) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -4, 6), 0, -60, 0), focal_length_mm=50.0)
+    floor = box_mesh((-30, -30, -1), (30, 30, 0), "m")
+    matt, metal = (
+        raster.full(
+            one_mesh(floor, Material("m", (0.8, 0.8, 0.8), metallic=metallic, roughness=0.1), camera, 20.0),
+            View("camera-1", 32, 32),
+        ).pixels.astype(np.float64)
+        for metallic in (0.0, 1.0)
+    )
+    assert metal.mean() < 0.6 * matt.mean()
+
+
+def test_the_cache_of_statics_notices_a_changed_static_material(raster: RasterRenderer) -> None:
+    scene, view = simple_asset().base, View("camera-1", 64, 36)
+    before = raster.background(scene, view)
+    red = dict(scene.materials) | {"plaster": replace(scene.materials["plaster"], base_color=(0.9, 0.0, 0.0))}
+    shiny = dict(scene.materials) | {"paint": replace(scene.materials["paint"], roughness=0.05, metallic=1.0)}
+    for changed in (red, shiny):
+        other = replace(scene, materials=changed)
+        assert_same(raster.background(other, view), raster.full(apply_absent(other), view))
+        assert (raster.background(other, view).pixels != before.pixels).any()
+    assert_same(raster.background(scene, view), before)
+
+
+def apply_absent(scene: Scene) -> Scene:
+    """The scene with every movable hidden."""
+    return replace(scene, nodes={p: replace(n, visible=n.visible and not n.movable) for p, n in scene.nodes.items()})
+
+
+def test_the_cache_of_statics_notices_a_moved_static(raster: RasterRenderer) -> None:
+    scene, view = simple_asset().base, View("camera-1", 64, 36)
+    before = raster.background(scene, view)
+    car = scene.nodes["scene.car-1"]
+    moved = np.array(car.transform)
+    moved[0, 3] -= 1.0
+    other = replace(scene, nodes=dict(scene.nodes) | {"scene.car-1": replace(car, transform=moved)})
+    assert_same(raster.background(other, view), raster.full(apply_absent(other), view))
+    assert_same(raster.background(scene, view), before)

@@ -1,0 +1,82 @@
+"""The independent oracle: rays through pixel centres, traced by embree over plain triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from valerie.labels import SKY
+from valerie.rendering.base import View
+from valerie.scene.model import Camera, Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    intersector: RayMeshIntersector
+    labels: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
+
+
+def triangles_of(scene: Scene, *, only_instance: int | None = None) -> Triangles:
+    """All visible triangles in the world."""
+    corners, labels, instances = [], [], []
+    for node in scene.nodes.values():
+        path, shown = node.path, True
+        while path in scene.nodes:
+            shown &= scene.nodes[path].visible
+            path = path.rpartition(".")[0]
+        if not shown or (only_instance is not None and node.instance_id != only_instance):
+            continue
+        world = scene.world_transform(node.path)
+        for mesh in node.meshes:
+            points = mesh.positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
+            corners.append(points[mesh.faces])
+            labels.append(np.full(len(mesh.faces), node.label_id, np.uint8))
+            instances.append(np.full(len(mesh.faces), node.instance_id, np.uint16))
+    soup = np.concatenate(corners)
+    mesh = trimesh.Trimesh(soup.reshape(-1, 3), np.arange(len(soup) * 3).reshape(-1, 3), process=False)
+    return Triangles(RayMeshIntersector(mesh), np.concatenate(labels), np.concatenate(instances))
+
+
+def pixel_rays(camera: Camera, view: View) -> NDArray[np.float64]:
+    """(H, W, 3) directions of depth 1 along the optical axis, through pixel centres; written without the engine's code."""
+    focal = camera.focal_length_mm / camera.sensor_width_mm * view.width
+    rows, columns = np.mgrid[0 : view.height, 0 : view.width]
+    x, y = (columns + 0.5 - view.width / 2) / focal, -(rows + 0.5 - view.height / 2) / focal
+    rays: NDArray[np.float64] = np.stack([x, y, -np.ones_like(x)], axis=2) @ camera.transform[:3, :3].T
+    return rays
+
+
+def trace(
+    triangles: Triangles, camera: Camera, view: View
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float64]]:
+    """Class map, instance map and depth along the optical axis."""
+    rays = pixel_rays(camera, view).reshape(-1, 3)
+    origins = np.broadcast_to(camera.position, rays.shape)
+    hit = triangles.intersector.intersects_first(origins, rays)
+    found = hit >= 0
+    classes = np.where(found, triangles.labels[hit], SKY.id).astype(np.uint8)
+    instances = np.where(found, triangles.instances[hit], 0).astype(np.uint16)
+    plane = triangles.intersector.mesh.triangles[hit]
+    normal = np.cross(plane[:, 1] - plane[:, 0], plane[:, 2] - plane[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = ((plane[:, 0] - origins) * normal).sum(axis=1) / (rays * normal).sum(axis=1)
+    shape = (view.height, view.width)
+    return classes.reshape(shape), instances.reshape(shape), np.where(found, depth, np.inf).reshape(shape)
+
+
+def blocked(triangles: Triangles, points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether something lies in a direction from each of (N, 3) points."""
+    hits: NDArray[np.bool_] = triangles.intersector.intersects_any(points, np.broadcast_to(direction, points.shape))
+    return hits
+
+
+def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Pixels of which a neighbour (of 8) has another label."""
+    edges: NDArray[np.bool_] = maximum_filter(labels, 3) != minimum_filter(labels, 3)
+    return edges

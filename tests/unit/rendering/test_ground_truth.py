@@ -1,0 +1,144 @@
+"""Truth against rays through pixel centres, and its own laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scene_rays import near_edges, trace, triangles_of
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.rendering.base import View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.scene.asset import load_asset
+from valerie.scene.model import Scene
+from valerie.scene.transforms import camera_transform
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+
+pytestmark = pytest.mark.gl
+
+VIEW = View("camera-1", 320, 180)
+
+
+def assert_agrees_with_rays(truth_pass: TruthPass, scene: Scene, view: View) -> None:
+    truth = truth_pass.truth(scene, view)
+    classes, instances, depth = trace(triangles_of(scene), scene.cameras[view.camera], view)
+    for drawn, traced in ((truth.class_map, classes), (truth.instance_map, instances)):
+        wrong = drawn != traced
+        assert not (wrong & ~near_edges(drawn) & ~near_edges(traced)).any()
+        assert wrong.mean() < 0.005
+    same = (truth.class_map == classes) & (truth.instance_map == instances)
+    hit = np.isfinite(truth.depth)
+    np.testing.assert_array_equal(hit[same], np.isfinite(depth)[same])
+    # Inside one object a pixel at a crease may see another face; all others agree to a tenth of a millimetre or 10⁻⁵.
+    both = same & hit
+    error = np.abs(truth.depth[both] - depth[both]) / np.maximum(depth[both], 10.0)
+    assert np.quantile(error, 0.98) < 1e-5
+
+
+@pytest.mark.parametrize("camera", ["camera-1", "camera-2"])
+def test_boxes_agree_with_rays(truth_pass: TruthPass, camera: str) -> None:
+    pose = {"scene.person-2.character": "blue-coat", "scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2}
+    assert_agrees_with_rays(truth_pass, apply(pose, simple_asset()), View(camera, 321, 181))
+
+
+def test_the_street_agrees_with_rays(truth_pass: TruthPass) -> None:
+    scene = apply({"scene.person-1.pos.x": 1.0, "scene.person-1.pos.y": 12.0}, load_asset("urban-street"))
+    assert_agrees_with_rays(truth_pass, scene, VIEW)
+
+
+@given(
+    x=st.floats(-6, 6), y=st.floats(0, 40), heading=st.floats(0, 360), roll=st.floats(-30, 30), pitch=st.floats(-20, 20)
+)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_pose_and_camera_agrees_with_rays(
+    truth_pass: TruthPass, x: float, y: float, heading: float, roll: float, pitch: float
+) -> None:
+    scene = apply(
+        {"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.heading": heading}, simple_asset()
+    )
+    camera = replace(scene.cameras["camera-1"], transform=camera_transform((0.3, -2, 1.7), 5, pitch, roll))
+    assert_agrees_with_rays(truth_pass, replace(scene, cameras={"camera-1": camera}), View("camera-1", 160, 90))
+
+
+def test_a_hidden_person_is_whole_in_the_amodal_mask(truth_pass: TruthPass) -> None:
+    scene = apply({"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0}, simple_asset())
+    truth = truth_pass.truth(scene, VIEW)
+    (person,) = truth.persons
+    alone = trace(triangles_of(scene, only_instance=24001), scene.cameras["camera-1"], VIEW)[1] == 24001
+    visible = truth.instance_map == 24001
+    assert 0 < visible.sum() < 0.7 * person.amodal.sum()
+    assert not (person.amodal != alone)[~near_edges(alone)].any()
+    assert person.padded_pixels == person.amodal.sum()
+
+
+def test_what_the_border_cuts_counts_on_the_padded_canvas(truth_pass: TruthPass) -> None:
+    scene = apply({"scene.person-1.pos.x": -3.05, "scene.person-1.pos.y": 4.0}, simple_asset())
+    (person,) = truth_pass.truth(scene, VIEW).persons
+    # The same person seen by a camera with the same pixels per radian and twice the sensor and image.
+    wide = replace(scene.cameras["camera-1"], sensor_width_mm=72.0)
+    (whole,) = truth_pass.truth(replace(scene, cameras={"camera-1": wide}), View("camera-1", 640, 360)).persons
+    assert 0 < person.amodal.sum() < 0.8 * person.padded_pixels
+    assert abs(person.padded_pixels - int(whole.amodal.sum())) <= 2
+
+
+def test_a_person_behind_the_camera_has_no_pixels(truth_pass: TruthPass) -> None:
+    scene = simple_asset().base
+    camera = replace(scene.cameras["camera-1"], transform=camera_transform((0, -2, 1.5), 180, 0, 0))
+    (person,) = truth_pass.truth(replace(scene, cameras={"camera-1": camera}), VIEW).persons
+    assert not person.amodal.any()
+    assert person.padded_pixels == 0
+
+
+def test_an_absent_person_is_not_in_the_truth(truth_pass: TruthPass) -> None:
+    truth = truth_pass.truth(apply({"scene.person-1.character": "absent"}, simple_asset()), VIEW)
+    assert truth.persons == ()
+    assert not (truth.class_map == 24).any()
+
+
+def test_a_person_that_the_manifest_does_not_move_has_its_truth_too(truth_pass: TruthPass) -> None:
+    scene = simple_asset().base
+    moving = truth_pass.truth(scene, VIEW)
+    nodes = {path: replace(node, movable=False) for path, node in scene.nodes.items()}
+    standing = truth_pass.truth(replace(scene, nodes=nodes), VIEW)
+    np.testing.assert_array_equal(standing.class_map, moving.class_map)
+    np.testing.assert_array_equal(standing.persons[0].amodal, moving.persons[0].amodal)
+
+
+def test_light_and_material_leave_the_truth_alone(truth_pass: TruthPass) -> None:
+    first = truth_pass.truth(apply({}, simple_asset()), VIEW)
+    other = {"scene.sun-1.elevation": 11.0, "scene.person-1.cloth.roughness": 0.1}
+    second = truth_pass.truth(apply(other, simple_asset()), VIEW)
+    for name in ("class_map", "instance_map", "depth"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_truth_is_read_only_and_typed(truth_pass: TruthPass) -> None:
+    truth = truth_pass.truth(simple_asset().base, VIEW)
+    kinds = [array.dtype.name for array in (truth.class_map, truth.instance_map, truth.depth, truth.persons[0].amodal)]
+    assert kinds == ["uint8", "uint16", "float32", "bool"]
+    assert not any(a.flags.writeable for a in (truth.class_map, truth.instance_map, truth.depth))
+    assert truth.class_map.shape == (180, 320)
+
+
+def test_the_order_of_frames_does_not_matter(truth_pass: TruthPass) -> None:
+    asset = simple_asset()
+    first = truth_pass.truth(apply({}, asset), VIEW)
+    truth_pass.truth(apply({"scene.person-1.pos.x": -4.0}, asset), VIEW)
+    truth_pass.truth(apply({}, asset), View("camera-2", 64, 40))
+    again = truth_pass.truth(apply({}, asset), VIEW)
+    np.testing.assert_array_equal(again.instance_map, first.instance_map)
+    np.testing.assert_array_equal(again.depth, first.depth)
+
+
+def test_an_unknown_camera_is_named(truth_pass: TruthPass) -> None:
+    with pytest.raises(UnknownName, match="camera-7"):
+        truth_pass.truth(simple_asset().base, View("camera-7", 32, 32))
+
+
+@pytest.mark.parametrize("width", [0, -3, 100_000])
+def test_an_impossible_size_is_refused(truth_pass: TruthPass, width: int) -> None:
+    with pytest.raises(InvalidInput, match="width"):
+        truth_pass.truth(simple_asset().base, View("camera-1", width, 32))

@@ -1,0 +1,83 @@
+"""The sky against what can be calculated by hand, and against its own symmetries."""
+
+import math
+
+import numpy as np
+import pytest
+
+from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, EXPOSURE, sky_directions, sky_of
+from valerie.scene.model import Environment, Scene, Sun
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def scene_with(elevation: float, *, irradiance: float = 1.0, turbidity: float = 3.0, azimuth: float = 0.0) -> Scene:
+    sun = Sun(math.radians(azimuth), math.radians(elevation), irradiance)
+    return Scene({}, {}, {}, {}, sun, Environment(turbidity=turbidity))
+
+
+@pytest.mark.parametrize("elevation", [3.0, 20.0, 75.0])
+def test_the_suns_luminance_at_the_ground_is_its_irradiance(elevation: float) -> None:
+    assert sky_of(scene_with(elevation, irradiance=0.7)).sun @ LUMINANCE == pytest.approx(0.7 * EXPOSURE)
+
+
+def test_clean_air_reddens_an_overhead_sun_as_its_vertical_thickness_says() -> None:
+    sun = sky_of(scene_with(90.0, turbidity=1.0)).sun
+    # Bruneton and Neyret's Rayleigh coefficients times their scale height; white above the air is (0.96, 1, 1.07).
+    expected = 0.96 / 1.07 * math.exp((33.1e-6 - 5.8e-6) * 8000.0)
+    assert sun[0] / sun[2] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_low_sun_is_redder() -> None:
+    ratios = [sky.sun[0] / sky.sun[2] for sky in (sky_of(scene_with(e)) for e in (60.0, 20.0, 5.0))]
+    assert ratios[0] < ratios[1] < ratios[2]
+
+
+def test_a_clear_sky_is_blue_above_and_paler_at_the_horizon() -> None:
+    table = sky_of(scene_with(40.0, turbidity=2.0)).table.mean(axis=1)
+    blueness = table[:, 2] / table[:, 0]
+    assert blueness[-1] > 1.8
+    assert blueness[1] < 0.7 * blueness[-1]
+    assert table[1].sum() > 2 * table[-1].sum()
+
+
+def test_the_sky_is_brightest_around_the_sun() -> None:
+    sky = sky_of(scene_with(30.0))
+    toward = np.array([math.cos(math.radians(30)), 0.0, math.sin(math.radians(30))])
+    row, column = np.unravel_index(np.argmax(sky.table[3:] @ LUMINANCE), (ELEVATIONS - 3, AZIMUTHS))
+    brightest = sky_directions()[row + 3, column]
+    assert math.degrees(math.acos(float(brightest @ toward))) < 10
+
+
+def test_a_clear_noon_sky_gives_the_ground_a_fifth_to_a_third_of_the_suns_light() -> None:
+    sky = sky_of(scene_with(60.0))
+    share = (sky.sky_irradiance @ LUMINANCE) / (sky.sun @ LUMINANCE * math.sin(math.radians(60)))
+    assert 0.2 < share < 0.36
+
+
+def test_the_light_is_proportional_to_the_irradiance() -> None:
+    one, three = sky_of(scene_with(35.0)), sky_of(scene_with(35.0, irradiance=3.0))
+    np.testing.assert_allclose(three.table, 3 * one.table, rtol=1e-5)
+    np.testing.assert_allclose(three.ground, 3 * one.ground)
+
+
+@pytest.mark.parametrize("turbidity", [2.0, 10.0])
+@pytest.mark.parametrize("elevation", [0.0, 1.0, 3.0, 90.0])
+def test_the_sky_stays_finite_and_bounded(elevation: float, turbidity: float) -> None:
+    sky = sky_of(scene_with(elevation, turbidity=turbidity))
+    assert np.isfinite(sky.table).all()
+    assert (sky.table >= 0).all()
+    assert sky.sky_irradiance @ LUMINANCE < 0.61 * EXPOSURE
+
+
+def test_a_sun_below_the_horizon_gives_no_direct_light() -> None:
+    assert not sky_of(scene_with(-5.0)).sun.any()
+
+
+def test_the_sky_turns_with_the_sun() -> None:
+    north, east = sky_of(scene_with(30.0)), sky_of(scene_with(30.0, azimuth=90.0))
+    # With bearing 0 north is +y and east is +x.
+    at_north = north.radiance(np.array([[0.0, 0.9, 0.4]]))
+    at_east = east.radiance(np.array([[0.9, 0.0, 0.4]]))
+    np.testing.assert_allclose(at_north, at_east)
+    assert at_north.sum() > 1.5 * north.radiance(np.array([[0.0, -0.9, 0.4]])).sum()

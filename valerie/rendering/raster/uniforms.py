@@ -1,0 +1,40 @@
+"""Uniforms of a program: set what it uses, leave out what the compiler dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from valerie.rendering.raster.camera_math import Points
+
+
+def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
+    """Set uniforms by name.
+
+    Args:
+        program: the program.
+        values: numbers and tuples as they are; float arrays as float32, matrices row-major here and column-major in GLSL.
+    """
+    for name, value in values.items():
+        uniform: Any = program.get(name, None)
+        if uniform is None:
+            continue
+        if isinstance(value, np.ndarray):
+            floats: Points = np.asarray(value, np.float64)
+            turned = floats.T if floats.ndim == 2 else floats
+            uniform.write(np.ascontiguousarray(turned, np.float32).tobytes())
+        else:
+            uniform.value = value
+
+
+def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:
+    """Put textures on units and tell the program; those that it does not read are left out."""
+    unit = 0
+    for name, texture in textures.items():
+        if name in program:
+            texture.use(unit)
+            set_uniforms(program, {name: unit})
+            unit += 1
