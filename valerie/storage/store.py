@@ -174,7 +174,7 @@ class ArtifactStore:
             StorageFull: no space left.
             StorageUnavailable: not writable or not reachable; the message says where and why.
         """
-        key = f"probe/{os.getpid()}-{time.time_ns()}"
+        key = f"probe-{os.getpid()}-{time.time_ns()}"
         try:
             self.put(key, b"valerie", replace=True)
             if self.get(key) != b"valerie":
