@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import shapely
 
 from valerie.errors import InvalidInput, InvalidInputs, ValerieError
 from valerie.labels import BY_ID, PERSON
@@ -129,6 +130,9 @@ def _declared_problems(scene: Scene, manifest: Manifest, asset_digest: str) -> I
         for axis, value in zip("xyz", scene.cameras[camera].position, strict=True)
         if f"scene.{camera}.pos.{axis}" in manifest.by_path
     }
+    for obstacle in manifest.obstacles:
+        if not shapely.Polygon(obstacle.polygon).is_valid:
+            yield f"the footprint of {obstacle.path} crosses itself"
     reason = rejection_reason(everywhere, manifest)
     if reason:
         yield f"with every parameter at its default, {reason}"

@@ -6,20 +6,17 @@ radius that a person needs, and a grid over the ground tells which few of them a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-import shapely
-
 from valerie.parameters.definitions import Value
 from valerie.scene.attributes import ABSENT
-from valerie.scene.manifest import Footprint, Manifest
+from valerie.scene.manifest import Manifest
 from valerie.scene.naming import ROOT
+from valerie.scene.obstacles import MovingObstacle, ObstacleMap, sort_obstacles
 
-#: Edge of a grid cell, metres.
-_CELL_M: Final = 2.0
 #: A camera needs less room than a person.
 _CAMERA_RADIUS_M: Final = 0.05
 
@@ -49,6 +46,9 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
             return f"{person.name} is outside the asset"
         if obstacle := prepared.around_persons.at(x, y):
             return f"{person.name} stands {obstacle.text}"
+        for moving in prepared.moving:
+            if moving.holds(x, y, assignment):
+                return f"{person.name} stands {moving.footprint.text}"
         standing.append((person.name, x, y))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
         return overlap
@@ -77,33 +77,6 @@ def _camera_reason(assignment: Mapping[str, Value], manifest: Manifest, prepared
     return None
 
 
-class _ObstacleMap:
-    """Obstacles widened by a radius, found by grid cell."""
-
-    def __init__(self, obstacles: tuple[Footprint, ...], radius: float) -> None:
-        self._cells: dict[tuple[int, int], list[tuple[shapely.Polygon, Footprint]]] = {}
-        for obstacle in obstacles:
-            widened = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
-            shapely.prepare(widened)
-            for cell in _cells_of(widened):
-                self._cells.setdefault(cell, []).append((widened, obstacle))
-
-    def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
-        """The first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
-        for polygon, obstacle in self._cells.get((int(x // _CELL_M), int(y // _CELL_M)), ()):
-            if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
-                return obstacle
-        return None
-
-
-def _cells_of(polygon: shapely.Polygon) -> Iterator[tuple[int, int]]:
-    x0, y0, x1, y1 = (int(bound // _CELL_M) for bound in polygon.bounds)
-    for i in range(x0, x1 + 1):
-        for j in range(y0, y1 + 1):
-            if polygon.intersects(shapely.box(i * _CELL_M, j * _CELL_M, (i + 1) * _CELL_M, (j + 1) * _CELL_M)):
-                yield i, j
-
-
 @dataclass(frozen=True, slots=True)
 class _Person:
     """Paths and defaults of one person, looked up once."""
@@ -123,17 +96,21 @@ class _Person:
 class _Prepared:
     persons: tuple[_Person, ...]
     camera_paths: frozenset[str]
-    around_persons: _ObstacleMap
-    around_cameras: _ObstacleMap
+    around_persons: ObstacleMap
+    moving: tuple[MovingObstacle, ...]
+    around_cameras: ObstacleMap
 
 
 @lru_cache(maxsize=16)
 def _prepare(manifest: Manifest) -> _Prepared:
+    around_persons, moving = sort_obstacles(manifest, manifest.person_radius_m)
+    around_cameras, _ = sort_obstacles(manifest, _CAMERA_RADIUS_M)
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
         camera_paths=frozenset(f"{ROOT}.{camera}.pos.{axis}" for camera in manifest.cameras for axis in "xyz"),
-        around_persons=_ObstacleMap(manifest.obstacles, manifest.person_radius_m),
-        around_cameras=_ObstacleMap(manifest.obstacles, _CAMERA_RADIUS_M),
+        around_persons=around_persons,
+        moving=moving,
+        around_cameras=around_cameras,
     )
 
 

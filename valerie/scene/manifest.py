@@ -162,6 +162,14 @@ class Manifest(_Document):
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
                 # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
                 raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
+        for obstacle in self.obstacles:
+            turns = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z"))
+            if turns and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
+                raise InvalidInput(
+                    "an obstacle that turns declares pos.x and pos.y, about which it turns",
+                    field="parameters",
+                    value=obstacle.path,
+                )
         for index, definition in enumerate(self.parameters):
             _check_attribute(definition, self.cameras, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:

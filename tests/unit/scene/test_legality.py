@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
+from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Footprint, Manifest
@@ -87,3 +88,41 @@ def test_a_camera_inside_a_building_is_rejected_but_not_one_above_a_low_obstacle
     assert rejection_reason({"scene.camera-1.pos.x": -2.0}, manifest) == "camera-1 is inside building-1"
     assert rejection_reason({"scene.camera-1.pos.x": 2.0}, manifest) is None
     assert rejection_reason({"scene.camera-1.pos.x": 2.0, "scene.camera-1.pos.z": 1.0}, manifest) is not None
+
+
+def with_moving_car() -> Manifest:
+    pose = [
+        {"path": "scene.car-1.pos.x", "minimum": -10, "maximum": 10, "default": 2},
+        {"path": "scene.car-1.pos.y", "minimum": 0, "maximum": 50, "default": 8},
+        {"path": "scene.car-1.heading", "default": 0},
+        {"path": "scene.car-1.visible", "default": True},
+    ]
+    document = MANIFEST.model_dump()
+    return Manifest.model_validate({**document, "parameters": [*document["parameters"], *pose]})
+
+
+@pytest.mark.parametrize(
+    ("car", "place", "free"),
+    [
+        ({}, (2, 8), False),
+        ({"pos.x": -3, "pos.y": 30}, (2, 8), True),
+        ({"pos.x": -3, "pos.y": 30}, (-3, 32), False),
+        ({"pos.x": -3, "pos.y": 30, "heading": 90}, (-3, 32), True),
+        ({"pos.x": -3, "pos.y": 30, "heading": 90}, (-1, 30), False),
+        ({"pos.x": -3, "pos.y": 30, "heading": 45}, (-3 - 1.3, 30 + 1.3), False),
+        ({"pos.x": -3, "pos.y": 30, "heading": 45}, (-3 + 1.3, 30 + 1.3), True),
+        ({"visible": False}, (2, 8), True),
+    ],
+)
+def test_an_obstacle_that_moves_blocks_where_it_is(
+    car: dict[str, Value], place: tuple[float, float], free: bool
+) -> None:
+    assignment = {**at(*place), **{f"scene.car-1.{name}": value for name, value in car.items()}}
+    assert (rejection_reason(assignment, with_moving_car()) is None) == free
+
+
+def test_an_obstacle_that_turns_without_a_position_is_refused() -> None:
+    document = MANIFEST.model_dump()
+    turning = {"path": "scene.car-1.heading", "default": 0}
+    with pytest.raises(InvalidInput, match="about which it turns"):
+        Manifest.model_validate({**document, "parameters": [*document["parameters"], turning]})

@@ -1,4 +1,24 @@
-"""The built-in asset ``urban-street``: a generated street, two pedestrians, three cameras and the sun."""
+"""The built-in asset ``urban-street``: a generated street, two pedestrians, three cameras and the sun.
+
+The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
+positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. Measured
+with the truth pass at 960×540 over these positions and both characters, headings mixed (seed 0; *alone* is the share of
+the image that nothing hides):
+
+==== ============ ===================
+y    distance     pixel area, alone
+==== ============ ===================
+5    17.1…18.4 m  0.58…0.82 %
+11   23.0…24.0 m  0.32…0.45 %
+17   29.0…29.8 m  0.20…0.28 %
+23   35.0…35.7 m  0.14…0.19 %
+29   41.0…41.6 m  0.11…0.14 %
+35   47.0…47.5 m  0.07…0.11 %
+==== ============ ===================
+
+There 22…39 % of a camera's frames are occluded by 5…75 %, about half by more than 5 %, and 3…5 % of the persons are fully
+hidden. The paper's 17…38.2 m are y 5…26.
+"""
 
 from __future__ import annotations
 

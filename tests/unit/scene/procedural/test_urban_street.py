@@ -1,0 +1,167 @@
+"""The built-in street: its declaration, where its cameras stand, and that it survives glTF."""
+
+import math
+from itertools import pairwise, product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from valerie.parameters.definitions import ParameterType
+from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
+from valerie.scene.gltf import load_gltf, save_gltf
+from valerie.scene.legality import rejection_reason
+from valerie.scene.model import Scene
+from valerie.scene.procedural.urban_street import CAMERAS
+from valerie.scene.traverse import traverse
+from valerie.scene.variation import apply
+from valerie.testing.scenes import assert_same_scene
+
+MANIFEST = asset_manifest("urban-street")[0]
+#: The paper's positions, section 6.1.
+GRID = tuple(product(range(-2, 8), range(5, 36, 2)))
+
+
+@pytest.fixture(scope="module")
+def asset() -> SceneAsset:
+    return load_asset("urban-street")
+
+
+def test_it_declares_what_the_paper_varies_over_wide_ranges() -> None:
+    for person in ("person-1", "person-2"):
+        x, y = (MANIFEST.definition(f"scene.{person}.pos.{axis}") for axis in "xy")
+        assert (x.minimum, x.maximum, x.unit, x.name) == (-10, 20, "m", f"{person}.pos.x")
+        assert (y.minimum, y.maximum) == (0, 100)
+        assert MANIFEST.definition(f"scene.{person}.heading").type is ParameterType.ANGLE
+        assert set(MANIFEST.definition(f"scene.{person}.character").choices) == {
+            "black-outfit",
+            "yellow-shirt",
+            "absent",
+        }
+    assert MANIFEST.movable == MANIFEST.persons == ("scene.person-1", "scene.person-2")
+
+
+def test_the_default_variant_is_legal() -> None:
+    assert rejection_reason({}, MANIFEST) is None
+
+
+def test_most_of_the_papers_places_are_free_and_every_other_one_says_why() -> None:
+    reasons = [rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, MANIFEST) for x, y in GRID]
+    assert reasons.count(None) >= 0.6 * len(GRID)
+    assert all(reason is None or reason.startswith("person-1 stands inside ") for reason in reasons)
+
+
+def test_a_place_in_a_house_is_rejected_with_the_house() -> None:
+    reason = rejection_reason({"scene.person-1.pos.x": -10, "scene.person-1.pos.y": 20}, MANIFEST)
+    assert reason is not None
+    assert reason.startswith("person-1 stands inside building-")
+
+
+def test_no_camera_stands_in_anything() -> None:
+    for name, camera in CAMERAS.items():
+        position = {f"scene.{name}.pos.{axis}": value for axis, value in zip("xyz", camera.position, strict=True)}
+        assert rejection_reason(position, MANIFEST) is None
+
+
+def test_the_papers_places_are_at_least_17_m_from_every_camera() -> None:
+    distances = [math.dist(camera.position, (x, y, 0.0)) for camera in CAMERAS.values() for x, y in GRID]
+    assert min(distances) >= 17.0
+    assert any(distance >= 38.2 for distance in distances)
+
+
+def test_the_papers_places_are_inside_every_image_from_feet_to_head(asset: SceneAsset) -> None:
+    for camera in asset.base.cameras.values():
+        for (x, y), z in product(GRID, (0.0, 1.9)):
+            column, row = pixel(asset, camera.name, np.array([[x, y, z]]))[0]
+            assert 0 < column < 1920, (camera.name, x, y)
+            assert 0 < row < 1080, (camera.name, x, y)
+
+
+def pixel(asset: SceneAsset, camera: str, points: np.ndarray) -> np.ndarray:
+    """Where points (N, 3) fall in a 1920 × 1080 image, by the pin-hole formula: (N, 2) columns and rows."""
+    found = asset.base.cameras[camera]
+    local = (points - found.position) @ found.transform[:3, :3]
+    scale = found.focal_length_mm / found.sensor_width_mm * 1920 / -local[:, 2]
+    return np.column_stack([960 + local[:, 0] * scale, 540 - local[:, 1] * scale])
+
+
+def area_percent(asset: SceneAsset, camera: str, x: float, y: float, character: str) -> float:
+    """Silhouette of person-1 alone, drawn triangle by triangle (with their outlines: about half a pixel too fat)."""
+    scene = apply({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.character": character}, asset)
+    path = f"scene.person-1.{character}"
+    world = scene.world_transform(path)
+    image = np.zeros((1080, 1920), np.uint8)
+    for mesh in scene.nodes[path].meshes:
+        points = pixel(asset, camera, mesh.positions @ world[:3, :3].T + world[:3, 3])
+        for triangle in np.round(points * 16).astype(np.int32)[mesh.faces]:
+            cv2.fillConvexPoly(image, triangle, 1, shift=4)
+    return 100.0 * float(np.count_nonzero(image)) / image.size
+
+
+@pytest.mark.parametrize("character", ["black-outfit", "yellow-shirt"])
+def test_a_person_covers_the_share_of_the_image_that_the_documentation_states(
+    asset: SceneAsset, character: str
+) -> None:
+    shares = [area_percent(asset, "camera-1", 2.5, y, character) for y in (5, 11, 26)]
+    assert 0.5 <= shares[0] <= 0.9
+    assert 0.3 <= shares[1] <= 0.5
+    assert 0.1 <= shares[2] <= 0.19
+    assert all(near > far for near, far in pairwise(shares))
+
+
+def test_each_person_wears_materials_of_its_own(asset: SceneAsset) -> None:
+    scene = apply({"scene.person-1.cloth.metallic": 1.0, "scene.person-2.character": "yellow-shirt"}, asset)
+    metallic = {name for name, material in scene.materials.items() if material.metallic == 1.0}
+    shared = {
+        mesh.material for path, n in scene.nodes.items() if path.startswith("scene.person-2") for mesh in n.meshes
+    }
+    assert any(name.endswith("cloth-shirt") for name in metallic)
+    assert not metallic & shared
+
+
+def test_the_chosen_character_alone_is_shown(asset: SceneAsset) -> None:
+    scene = apply({"scene.person-1.character": "black-outfit"}, asset)
+    shown = [path for path, node in scene.nodes.items() if "person" in path and node.visible]
+    assert shown == ["scene.person-1", "scene.person-1.black-outfit"]
+
+
+@pytest.mark.parametrize(("x", "height"), [(-2.0, 0.12), (3.0, 0.0), (7.0, 0.12)])
+def test_a_person_steps_onto_the_kerb(asset: SceneAsset, x: float, height: float) -> None:
+    assert apply({"scene.person-1.pos.x": x}, asset).nodes["scene.person-1"].transform[2, 3] == height
+
+
+def test_every_obstacle_is_a_node_of_the_scene(asset: SceneAsset) -> None:
+    assert {obstacle.path for obstacle in MANIFEST.obstacles} <= set(asset.base.nodes)
+
+
+def test_the_default_sun_shines_from_ahead_on_the_left(asset: SceneAsset) -> None:
+    x, y, z = apply({}, asset).sun_direction()
+    assert x < 0 < y
+    assert z == pytest.approx(math.sin(math.radians(40)))
+
+
+def test_the_base_scene_is_what_its_defaults_make_of_it(asset: SceneAsset) -> None:
+    default = apply({}, asset)
+    for path, node in asset.base.nodes.items():
+        np.testing.assert_allclose(node.transform, default.nodes[path].transform, atol=1e-12)
+        assert node.visible == default.nodes[path].visible
+    for entry in traverse(asset):
+        if entry.declared and "person-2" not in entry.path and "cloth" not in entry.path:
+            assert entry.value == MANIFEST.definition(entry.path).default
+
+
+def test_pieces_of_the_street_and_a_pedestrian_survive_gltf_to_the_bit(asset: SceneAsset, tmp_path: Path) -> None:
+    wanted = ("scene.person-1", "scene.car-1", "scene.car-2", "scene.pole-1", "scene.building-3", "scene.road-1")
+    nodes = {
+        path: node
+        for path, node in asset.base.nodes.items()
+        if any(path == name or path.startswith(f"{name}.") for name in wanted)
+    }
+    used = {mesh.material for node in nodes.values() for mesh in node.meshes}
+    materials = {name: material for name, material in asset.base.materials.items() if name in used}
+    pictures = {m.base_color_texture for m in materials.values()} | {m.normal_texture for m in materials.values()}
+    textures = {name: texture for name, texture in asset.base.textures.items() if name in pictures}
+    piece = Scene(nodes, materials, textures, asset.base.cameras, asset.base.sun, asset.base.environment)
+    save_gltf(piece, tmp_path / "piece.glb")
+    assert_same_scene(load_gltf(tmp_path / "piece.glb"), piece)
