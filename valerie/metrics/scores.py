@@ -2,8 +2,8 @@
 
 Matrices are (19, 20) as `valerie.metrics.confusion` makes them (the sum of several is one too). Ratios are in [0, 1].
 Classes that are absent from the truth are left out of means as detectron2's ``SemSegEvaluator`` does
-(facebookresearch/detectron2, ``detectron2/evaluation/sem_seg_evaluation.py``). One thing is added: detectron2's networks
-never predict void, ours may, and void on a labelled pixel is a miss of that pixel's class.
+(facebookresearch/detectron2, ``detectron2/evaluation/sem_seg_evaluation.py``). One thing is added: its networks never
+predict void, ours may, and void on a labelled pixel is a miss of that pixel's class.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
 _WORN: Final = ("cloth-", "shoe-")
 _SKIN: Final = "skin"
 _NEUTRAL: Final = "neutral/"
-_TRIES: Final = 40
+_TRIES: Final = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,12 +136,13 @@ def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
     """One of the asset's cameras: two in five near their own place, the others moved along the street and turned."""
     manifest = asset.manifest
     x0, y0, x1, y1 = manifest.extent
+    stays = rng.random() < 0.4  # decided once: places along the street are refused far more often
     for _ in range(_TRIES):
         camera = asset.base.cameras[str(rng.choice(manifest.cameras))]
         x, y, z = (float(value) for value in camera.position)
         yaw, pitch, _roll = camera_angles(camera.transform)
         focal_length = camera.focal_length_mm
-        if rng.random() < 0.4:
+        if stays:
             x, y, yaw = x + rng.uniform(-0.7, 0.7), y + rng.uniform(-2.0, 2.0), yaw + rng.uniform(-3.0, 3.0)
         else:
             x, y = x + rng.uniform(-2.5, 2.5), rng.uniform(min(y, y0), y0 + 0.7 * (y1 - y0))

@@ -1,7 +1,7 @@
 """Tone curves: scene-referred linear values to display-referred linear values in [0, 1], in float64.
 
-Each curve is applied per channel and is monotone. Inputs are non-negative and finite; results may pass 1 and are clipped
-by the sensor stage.
+Each curve is applied per channel and is monotone. Inputs are non-negative and finite; results may pass 1 and are
+clipped by the sensor stage.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ def linear_to_srgb(linear: Values) -> Values:
 def filmic(linear: Values) -> Values:
     """Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
 
-    ``h(x) = (x(Ax + CB) + DE) / (x(Ax + B) + DF) − E/F`` with A 0.15, B 0.50, C 0.10, D 0.20, E 0.02, F 0.30, applied to
-    twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it holds highlights and leaves the
-    middle grey darker than the plain sRGB curve: 0.18 becomes 0.128.
+    ``h(x) = (x(Ax + CB) + DE) / (x(Ax + B) + DF) − E/F`` with A 0.15, B 0.50, C 0.10, D 0.20, E 0.02, F 0.30, applied
+    to twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it holds highlights and
+    leaves the middle grey darker than the plain sRGB curve: 0.18 becomes 0.128.
 
     Source: J. Hable, "Filmic Tonemapping Operators", 2010,
-    http://filmicworlds.com/blog/filmic-tonemapping-operators/ (and "Uncharted 2: HDR Lighting", Game Developers Conference
-    2010).
+    http://filmicworlds.com/blog/filmic-tonemapping-operators/ (and
+    "Uncharted 2: HDR Lighting", Game Developers Conference 2010).
     """
 
     def curve(x: Values) -> Values:
