@@ -1,0 +1,173 @@
+"""The containers for real: build, start, scale, a run through the REST API, one worker killed, everything taken down.
+
+`make test-compose`; needs a Docker engine with compose v2. About ten minutes the first time (images are built).
+"""
+
+import json
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from valerie.client import Client
+
+ROOT = Path(__file__).parents[2]
+SPEC = ROOT / "examples" / "first-run.yaml"
+SERVICES = ["postgres", "redis", "api", "render_worker", "infer_worker", "eval_worker"]
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(3600)]
+
+
+class Stack:
+    """One compose project with a name, a port and a token of its own."""
+
+    def __init__(self) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.token = "token-of-the-container-test"
+        self._environment = {
+            **os.environ,
+            "COMPOSE_PROJECT_NAME": f"valerie-test-{os.getpid()}",
+            "VALERIE_API_TOKEN": self.token,
+            "VALERIE_API_PORT": str(self.port),
+            "BUILDX_NO_DEFAULT_ATTESTATIONS": "1",
+        }
+
+    def compose(self, *arguments: str, check: bool = True, capture: bool = True) -> str:
+        """``docker compose arguments``; its output."""
+        done = subprocess.run(
+            ["docker", "compose", *arguments],
+            cwd=ROOT,
+            env=self._environment,
+            stdout=subprocess.PIPE if capture else None,
+            stderr=subprocess.STDOUT if capture else None,
+            text=True,
+            check=False,
+        )
+        assert not check or done.returncode == 0, f"docker compose {' '.join(arguments)}:\n{done.stdout}"
+        return done.stdout or ""
+
+    def containers(self) -> list[dict[str, Any]]:
+        """What runs, as ``docker compose ps`` tells it."""
+        lines = self.compose("ps", "--format", "json").splitlines()
+        found = [json.loads(line) for line in lines if line.strip()]
+        return [one for entry in found for one in (entry if isinstance(entry, list) else [entry])]
+
+    def client(self) -> Client:
+        return Client(f"http://127.0.0.1:{self.port}", token=self.token)
+
+
+@pytest.fixture(scope="module")
+def stack() -> Iterator[Stack]:
+    stack = Stack()
+    stack.compose("build", capture=False)
+    try:
+        stack.compose("up", "--detach", "--wait", "--wait-timeout", "300", capture=False)
+        yield stack
+    except BaseException:
+        stack.compose("logs", "--tail", "60", check=False, capture=False)
+        raise
+    finally:
+        stack.compose("down", "--volumes", "--timeout", "20", check=False, capture=False)
+
+
+@pytest.fixture(scope="module")
+def finished(stack: Stack) -> Iterator[str]:
+    """A run on three render workers, one of which is killed in the middle; its id."""
+    stack.compose("up", "--detach", "--wait", "--no-recreate", "--scale", "render_worker=3", capture=False)
+    with stack.client() as client:
+        run = client.submit(SPEC.read_bytes(), idempotency_key="first")
+        assert client.submit(SPEC.read_bytes(), idempotency_key="first").id == run.id
+        _wait(
+            client,
+            run.id,
+            until=lambda progress: progress.stages.get("render") is not None and progress.stages["render"].done > 5,
+        )
+        victim = next(one["Name"] for one in stack.containers() if one["Service"] == "render_worker")
+        subprocess.run(["docker", "kill", "--signal", "KILL", victim], check=True, capture_output=True)
+        _wait(client, run.id, until=lambda progress: progress.state not in ("submitted", "running", "finishing"))
+        yield run.id
+
+
+def _wait(client: Client, run_id: str, *, until: Any, seconds: float = 1800) -> None:
+    deadline = time.monotonic() + seconds
+    while not until(progress := client.progress(run_id)):
+        assert time.monotonic() < deadline, progress
+        time.sleep(1)
+
+
+def test_every_service_is_healthy(stack: Stack) -> None:
+    health = {one["Service"]: one["Health"] for one in stack.containers()}
+    assert {name: health.get(name) for name in SERVICES} == dict.fromkeys(SERVICES, "healthy")
+
+
+def test_the_api_listens_on_loopback_only_and_wants_its_token(stack: Stack) -> None:
+    published = [port for one in stack.containers() for port in (one["Publishers"] or []) if port.get("PublishedPort")]
+    assert {port["URL"] for port in published} == {"127.0.0.1"}
+    assert {port["PublishedPort"] for port in published} == {stack.port}
+    from valerie.client import ServerProblemError
+
+    with pytest.raises(ServerProblemError) as refused:
+        Client(f"http://127.0.0.1:{stack.port}", token="another").run("x")
+    assert refused.value.status == 401
+
+
+@pytest.mark.parametrize(
+    ("service", "absent"),
+    [
+        ("api", ["torch", "moderngl", "OpenGL", "pyrender"]),
+        ("eval_worker", ["torch", "moderngl", "OpenGL", "pyrender"]),
+        ("render_worker", ["torch"]),
+        ("infer_worker", ["moderngl", "OpenGL", "pyrender"]),
+    ],
+)
+def test_an_image_holds_only_its_own_libraries(stack: Stack, service: str, absent: list[str]) -> None:
+    program = f"import importlib.util as u; print([n for n in {absent!r} if u.find_spec(n)])"
+    assert stack.compose("exec", "-T", service, "python", "-c", program).strip() == "[]"
+
+
+@pytest.mark.parametrize("service", ["api", "render_worker", "infer_worker", "eval_worker"])
+def test_no_service_runs_as_root(stack: Stack, service: str) -> None:
+    assert stack.compose("exec", "-T", service, "id", "-u").strip() == "10001"
+
+
+def test_a_run_completes_although_a_render_worker_was_killed(stack: Stack, finished: str) -> None:
+    with stack.client() as client:
+        run = client.run(finished)
+        progress = client.progress(finished)
+        assert run.state == "completed", (run.reason, client.failures(finished))
+    frames = progress.stages["render"]
+    assert frames.done == frames.total >= 120
+    assert progress.stages["eval"].done == progress.stages["eval"].total == 2 * frames.total
+
+
+def test_the_results_are_whole(stack: Stack, finished: str) -> None:
+    with stack.client() as client:
+        summary = client.summary(finished)["summary"]
+        report = client.report(finished).decode()
+        evaluated = client.progress(finished).stages["render"].total
+    assert summary["frames"] == evaluated
+    assert len({row["function"] for row in summary["rows"]}) == 2
+    defined = sum(row["defined"] for row in summary["rows"])
+    undefined = sum(sum(row["undefined"].values()) for row in summary["rows"])
+    persons = sum(row["persons"] for row in summary["rows"])
+    assert defined + undefined == persons > 0
+    assert undefined > 0
+    assert report.lstrip().lower().startswith("<!doctype html>")
+
+
+def test_the_same_spec_again_makes_nothing(stack: Stack, finished: str) -> None:
+    with stack.client() as client:
+        plan = client.plan(SPEC.read_bytes())
+        assert plan["renders"] == 0
+        assert plan["cpu_seconds"] == 0
+        again = client.submit(SPEC.read_bytes())
+        _wait(client, again.id, until=lambda progress: progress.state == "completed", seconds=120)
+        first, second = client.summary(finished), client.summary(again.id)
+    assert first == second
