@@ -5,20 +5,26 @@ from __future__ import annotations
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 
 from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
-from fastapi.staticfiles import StaticFiles
 
-from services.api import problems
+from services.api import openapi, problems
+from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, health, results, runs
+from services.api.routers import catalog, frames, health, results, runs
 from valerie.db.migrate import migrate
 from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
 from valerie.settings import Settings, load_settings
+
+
+_DESCRIPTION = """
+Submit a *run* (a spec as JSON or YAML), follow it, read what came of it. Errors are problem documents (RFC 9457) that name
+field, value and limit. Lists are paged by opaque cursors: give `next` back as `cursor` until it is null. Pictures and stored
+objects carry an ETag and answer to Range.
+"""
 
 
 def create_app(settings: Settings | None = None, *, control: bool = True) -> FastAPI:
@@ -57,14 +63,18 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         title="VALERIE",
         version=_version(),
         summary="Validation of perception DNNs by systematic variation of synthetic scenes",
+        description=_DESCRIPTION,
         lifespan=lifespan,
+        # FastAPI's own pages load their scripts from another host.
+        docs_url=None,
+        redoc_url=None,
     )
     problems.install(app)
+    openapi.install(app)
     app.add_middleware(Protection, settings=settings)
-    for module in (runs, results, catalog, health):
+    for module in (runs, frames, results, catalog, health):
         app.include_router(module.router)
-    pages = resources.files("services.api") / "dashboard"
-    app.mount("/dashboard", StaticFiles(directory=str(pages), html=True), name="dashboard")
+    app.mount("/dashboard", DashboardFiles(), name="dashboard")
 
     @app.get("/", include_in_schema=False)
     def home() -> RedirectResponse:

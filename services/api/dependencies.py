@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import binascii
+from collections.abc import Callable
+from datetime import datetime
 from typing import Annotated, Any
 
 import orjson
@@ -49,8 +51,12 @@ def encode_cursor(*values: Any) -> str:
     return base64.urlsafe_b64encode(orjson.dumps(values)).decode().rstrip("=")
 
 
-def decode_cursor(cursor: str | None, *types: type) -> tuple[Any, ...] | None:
+def decode_cursor(cursor: str | None, *parts: Part) -> tuple[Any, ...] | None:
     """Values of a cursor made by `encode_cursor`; None without one.
+
+    Args:
+        cursor: as the client gave it back.
+        parts: one check per value: `index`, `text`, `moment` or `value_of_column`.
 
     Raises:
         InvalidInput: not one of ours.
@@ -59,8 +65,36 @@ def decode_cursor(cursor: str | None, *types: type) -> tuple[Any, ...] | None:
         return None
     try:
         values = orjson.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
+        if isinstance(values, list) and len(values) == len(parts):
+            return tuple(part(value) for part, value in zip(parts, values, strict=True))
     except (binascii.Error, ValueError):
-        values = None
-    if not isinstance(values, list) or [type(value) for value in values] != list(types):
-        raise InvalidInput("not a cursor of this list", field="cursor", value=cursor)
-    return tuple(values)
+        pass
+    raise InvalidInput("not a cursor of this list", field="cursor", value=cursor)
+
+
+#: Checks one value of a cursor; raises ValueError.
+Part = Callable[[Any], Any]
+
+
+def index(value: Any) -> int:
+    """A whole number that a database holds."""
+    if type(value) is not int or not 0 <= value < 2**62:
+        raise ValueError(value)
+    return value
+
+
+def text(value: Any) -> str:
+    """Short text."""
+    if not isinstance(value, str) or len(value) > 200 or "\0" in value:
+        raise ValueError(value)
+    return value
+
+
+def moment(value: Any) -> datetime:
+    """A time in ISO 8601."""
+    return datetime.fromisoformat(text(value))
+
+
+def value_of_column(value: Any) -> float | str | None:
+    """A value of a column: a number, text or nothing."""
+    return value if value is None or type(value) in (int, float) else text(value)

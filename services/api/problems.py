@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from http import HTTPStatus
 from typing import Any
 
@@ -9,6 +10,7 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from valerie.errors import (
@@ -38,6 +40,25 @@ _STATUS: tuple[tuple[type[ValerieError], HTTPStatus], ...] = (
 MEDIA_TYPE = "application/problem+json"
 
 
+class FieldProblem(BaseModel):
+    """What is wrong with one field of what was given."""
+
+    field: str = Field(description="dotted place in the document, name of the parameter, or empty for all of it")
+    message: str
+    value: str | float | int | bool | None = Field(None, description="what was given, shortened")
+    limit: str | float | int | bool | None = Field(None, description="the bound or the form that would be accepted")
+
+
+class Problem(BaseModel):
+    """A problem document (RFC 9457)."""
+
+    type: str = Field("about:blank", description="always about:blank: title and status say what it is")
+    title: str = Field(description="kind of error, e.g. UnknownName")
+    status: int
+    detail: str = Field(description="what went wrong, in words for people")
+    errors: list[FieldProblem] | None = Field(None, description="field by field, where something given was wrong")
+
+
 def problem(status: int, title: str, detail: str, **members: Any) -> JSONResponse:
     """One problem document."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
@@ -64,7 +85,7 @@ def install(app: FastAPI) -> None:
                 "field": ".".join(str(part) for part in one["loc"][1:]) or str(one["loc"][0]),
                 "message": one["msg"],
                 "value": _plain(one.get("input")),
-                "limit": _plain(one.get("ctx", {})) or None,
+                "limit": _limit(one.get("ctx", {})),
             }
             for one in error.errors()
         ]
@@ -92,6 +113,15 @@ def _members(error: InvalidInput) -> dict[str, Any]:
         "value": _plain(error.value),
         "limit": _plain(error.limit),
     }
+
+
+#: Bounds of pydantic as people write them.
+_BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length": "at most {} characters or items",
+           "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
+
+
+def _limit(context: dict[str, Any]) -> str | None:
+    return ", ".join(text.format(context[name]) for name, text in _BOUNDS.items() if name in context) or None
 
 
 def _plain(value: object) -> object:

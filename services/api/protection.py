@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import re
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
@@ -17,6 +18,8 @@ from valerie.settings import Settings
 _OPEN_PATHS = ("/healthz", "/readyz")
 _OPEN_PREFIXES = ("/dashboard",)
 
+#: No more digits than any limit has: a longer number would only cost time.
+_NUMBER = re.compile(r"[0-9]{1,15}", re.ASCII)
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
 _HEADERS = (
@@ -39,6 +42,16 @@ class Protection:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                given = {name.lower() for name, _ in message.get("headers", [])}
+                message["headers"] = [*message.get("headers", []), *(one for one in _HEADERS if one[0] not in given)]
+            await send(message)
+
+        await self._guarded(scope, receive, with_headers)
+
+    async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope)
         if not self._authorized(request):
             refusal = problem(
@@ -54,7 +67,7 @@ class Protection:
             await refusal(scope, receive, send)
             return
         declared = request.headers.get("content-length", "0")
-        if not declared.isdigit() or int(declared) > self._limit:
+        if not _NUMBER.fullmatch(declared) or int(declared) > self._limit:
             await self._too_large(declared)(scope, receive, send)
             return
         body = await self._body(receive)
@@ -71,12 +84,7 @@ class Protection:
             sent = True
             return {"type": "http.request", "body": body, "more_body": False}
 
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", []), *_HEADERS]
-            await send(message)
-
-        await self._app(scope, replay, with_headers)
+        await self._app(scope, replay, send)
 
     def _authorized(self, request: Request) -> bool:
         path = request.url.path

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-from typing import Any
+from datetime import UTC, datetime
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from services.api import examples
+from valerie.analysis.findings import Findings
+from valerie.analysis.summary import Summary
+
+#: SQLite keeps no time zone: what it gives back was written in UTC.
+Moment = Annotated[datetime, AfterValidator(lambda moment: moment if moment.tzinfo else moment.replace(tzinfo=UTC))]
 
 
 class Read(BaseModel):
     """Base of all read models: built from rows by attribute."""
 
     model_config = ConfigDict(from_attributes=True)
+
+
+def _example(value: Any) -> ConfigDict:
+    return ConfigDict(from_attributes=True, json_schema_extra={"example": value})
 
 
 class StageProgress(Read):
@@ -30,34 +41,22 @@ class VariantProgress(Read):
 
 
 class Progress(Read):
+    model_config = _example(examples.PROGRESS)
+
     state: str
     reason: str | None = None
     variants: VariantProgress
     stages: dict[str, StageProgress] = Field(description="render counts frames; infer and eval count evaluations")
     updated_at: float | None = Field(description="Unix seconds of the count; None before the first")
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "example": {
-                "state": "running",
-                "reason": None,
-                "variants": {"total": 48, "fed": 48, "rejected": 2},
-                "stages": {
-                    "render": {"done": 80, "total": 138, "failed": 0, "running": 12, "rate_per_s": 6.1, "eta_s": 9.5},
-                    "infer": {"done": 120, "total": 276, "failed": 0, "running": 6, "rate_per_s": 4.0, "eta_s": 39.0},
-                    "eval": {"done": 118, "total": 276, "failed": 0, "running": 1, "rate_per_s": 4.0, "eta_s": 39.5},
-                },
-                "updated_at": 1764000000.0,
-            }
-        }
-    )
-
 
 class RunRead(Read):
+    model_config = _example(examples.RUN)
+
     id: str
     name: str
     state: str
-    reason: str | None
+    reason: str | None = Field(description="why it waits, is paused or failed")
     spec_digest: str
     asset_digest: str
     parent_run: str | None
@@ -65,16 +64,21 @@ class RunRead(Read):
     variant_count: int
     rejected_count: int
     pins: dict[str, Any] | None = Field(description="numeric classes that make the run's pixels")
-    created_at: datetime
-    started_at: datetime | None
-    finished_at: datetime | None
+    stages: dict[str, StageProgress] = Field(description="at the latest count; empty before the first")
+    created_at: Moment
+    started_at: Moment | None
+    finished_at: Moment | None
 
 
 class RunDetail(RunRead):
+    model_config = _example({**examples.RUN, "spec": examples.SPEC})
+
     spec: dict[str, Any]
 
 
 class RunPage(Read):
+    model_config = _example({"items": [examples.RUN], "next": None})
+
     items: list[RunRead]
     next: str | None = Field(description="cursor of the next page; None on the last")
 
@@ -87,6 +91,8 @@ class VariantRead(Read):
 
 
 class VariantPage(Read):
+    model_config = _example({"items": [examples.VARIANT], "next": "WzQxXQ"})
+
     items: list[VariantRead]
     next: str | None
 
@@ -103,12 +109,15 @@ class FrameRead(Read):
 
 
 class FramePage(Read):
+    model_config = _example({"items": [examples.FRAME], "next": "WzQyLDEsMF0"})
+
     items: list[FrameRead]
     next: str | None
 
 
 class PersonRead(Read):
-    instance_id: int
+    instance_id: int = Field(description="label id × 1000 + n; 0 stands for a scene without persons")
+    character: str | None
     pixel_area: int
     pixel_area_percent: float
     pixel_area_amodal: int
@@ -116,9 +125,16 @@ class PersonRead(Read):
     truncation_rate: float | None
     distance_m: float | None
     depth_m: float | None
-    box: list[int] | None
+    box: list[int] | None = Field(description="x0, y0, x1, y1 of the visible pixels, end exclusive")
     amodal_box: list[int] | None
-    undefined_reason: str | None
+    undefined_reason: str | None = Field(description="why pACC has no value")
+
+
+class PersonScoreRead(Read):
+    instance_id: int
+    tp: int
+    fn: int
+    pacc: float | None
 
 
 class FrameEvaluation(Read):
@@ -138,20 +154,92 @@ class FrameEvaluation(Read):
     miou: float | None
     fwiou: float | None
     macc: float | None
+    persons: list[PersonScoreRead]
+    images: dict[str, str] = Field(description="kind of picture to its address: what this function saw and made of it")
 
 
 class FrameDetail(FrameRead):
+    model_config = _example(examples.FRAME_DETAIL)
+
+    run_id: str
+    width: int
+    height: int
     assignment: dict[str, Any]
     persons: list[PersonRead]
     evaluations: list[FrameEvaluation]
-    images: dict[str, str] = Field(description="kind of picture to its address")
+    images: dict[str, str] = Field(description="kind of picture to its address, behind the run's first sensor setting")
+    previous: str | None = Field(description="frame before this one in the order of variants and cameras")
+    next: str | None
+
+
+class EvaluationRow(BaseModel):
+    """One person in one evaluation; further members are the run's varied parameters, named by their paths."""
+
+    model_config = ConfigDict(extra="allow")
+
+    run_id: str
+    variant_index: int
+    frame_id: str
+    camera: str
+    character: str | None
+    sensor: str
+    function: str
+    instance_id: int | None = Field(description="None: the frame holds no person")
+    pixel_area: int | None
+    pixel_area_percent: float | None
+    pixel_area_amodal: int | None
+    occlusion_rate: float | None
+    truncation_rate: float | None
+    distance_m: float | None
+    depth_m: float | None
+    tp: int
+    fn: int
+    pacc: float | None
+    undefined_reason: str | None
+    precision: float | None = Field(description="of the frame, as are iou, pixel_accuracy and fp")
+    iou: float | None
+    pixel_accuracy: float | None
+    fp: int
 
 
 class EvaluationPage(Read):
-    items: list[dict[str, Any]]
-    total: int
-    offset: int
-    limit: int
+    model_config = _example(examples.EVALUATIONS)
+
+    items: list[EvaluationRow]
+    total: int = Field(description="rows that the filters let through, at this moment")
+    next: str | None = Field(description="cursor of the next page; None on the last")
+
+
+class PointColumns(Read):
+    """Points of a scatter plot, column by column: the i-th entries belong together."""
+
+    model_config = _example(examples.POINTS)
+
+    column: str
+    functions: list[str]
+    sensors: list[str]
+    cameras: list[str]
+    characters: list[str]
+    x: list[float] = Field(description="values of the column")
+    pacc: list[float]
+    variant: list[int]
+    camera: list[int] = Field(description="position in `cameras`; so are the next three in theirs")
+    time: list[int]
+    sensor: list[int]
+    function: list[int]
+    character: list[int] = Field(description="-1 where it has none")
+    instance: list[int]
+    undefined: dict[str, int] = Field(description="person-frames without a pACC, by reason")
+    share: float = Field(description="share of the variants that is shown; below 1 it is an even sample")
+
+
+class SummaryRead(Read):
+    """The table of the paper's section 6.2, and sentences that the numbers wrote."""
+
+    model_config = _example(examples.SUMMARY)
+
+    summary: Summary
+    findings: Findings
 
 
 class Failure(Read):
@@ -160,7 +248,46 @@ class Failure(Read):
     time_index: int
     digest: str
     kind: str
-    error: dict[str, Any] | None
+    error: dict[str, Any] | None = Field(description="stage, type, message, attempts; or the cause: a failed input")
+
+
+class AssetEntry(Read):
+    name: str
+    title: str
+    digest: str
+    cameras: list[str]
+    problem: str | None = Field(None, description="why it cannot be used; the rest is empty then")
+
+
+class AssetRead(BaseModel):
+    """The asset's manifest without its outlines."""
+
+    model_config = ConfigDict(extra="allow", json_schema_extra={"example": examples.ASSET})
+
+    name: str
+    digest: str
+    title: str
+    description: str
+    cameras: list[str]
+    persons: list[str]
+    movable: list[str]
+    parameters: list[dict[str, Any]] = Field(description="name, path, type, bounds, unit, default")
+
+
+class RendererRead(Read):
+    name: str
+    numeric_classes: list[str] = Field(description="in which living workers offer it")
+
+
+class FunctionRead(Read):
+    name: str
+    digest: str
+    architecture: str
+    precision: str
+    engine: str
+    provenance: dict[str, str]
+    numeric_classes: list[str] = Field(description="in which living workers offer it")
+    problem: str | None = Field(None, description="why it cannot be used; the rest is empty then")
 
 
 class WorkerRead(Read):
@@ -173,6 +300,15 @@ class WorkerRead(Read):
     seen_at: float
 
 
+class QueueRead(Read):
+    route: str = Field(description="stage, engine and numeric class")
+    waiting: int = Field(description="products whose inputs are not there yet")
+    ready: int
+    running: int
+    messages: int | None = Field(description="in the broker; None where it does not answer")
+    workers: int = Field(description="living workers that serve it")
+
+
 class Health(Read):
     status: str
-    checks: dict[str, str] = Field(default_factory=dict)
+    checks: dict[str, str] = Field(default_factory=dict, description="ok, or the reason")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
-from sqlalchemy import Connection, Row, Select, and_, func, or_, select
+from sqlalchemy import BigInteger, Connection, Double, Row, Select, String, and_, func, literal, or_, select, tuple_
 from sqlalchemy.orm import aliased
 
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Score, Variant
@@ -52,7 +52,8 @@ COLUMNS: Final[dict[str, Any]] = {
     "macc": Score.macc,
 }
 
-_KEY = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
+#: What tells the rows of one run's long table apart.
+KEY: Final = ("variant_index", "camera_index", "time_index", "sensor_index", "function_index", "instance_id")
 _COMPARISONS: Final[dict[str, Any]] = {
     "eq": lambda column, value: column == value,
     "ne": lambda column, value: column != value,
@@ -102,7 +103,7 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
 
 def rows(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
     """The whole long table, streamed, in the order of the variants."""
-    query = long_table(run_id).order_by(*(COLUMNS[name] for name in _KEY))
+    query = long_table(run_id).order_by(*(COLUMNS[name] for name in KEY))
     yield from connection.execution_options(yield_per=5_000).execute(query)
 
 
@@ -114,21 +115,75 @@ def page(
     sort: str,
     descending: bool,
     limit: int,
-    offset: int,
-) -> tuple[list[Row[Any]], int]:
-    """Rows of the long table, and how many there are in all.
+    after: Sequence[Any] | None = None,
+) -> list[Row[Any]]:
+    """Rows of the long table in the order of a column, then of the key; rows without a value come last.
+
+    Args:
+        connection: to read with.
+        run_id: of an existing run.
+        filters: all must hold.
+        sort: a column of `COLUMNS`.
+        descending: turns the order of the column, not of the key.
+        limit: most rows.
+        after: `position` of the last row seen; rows that a running run adds meanwhile move nothing.
 
     Raises:
         UnknownName: ``sort`` or a filter names no column.
     """
     if sort not in COLUMNS:
         raise UnknownName("column", sort, COLUMNS, field="sort")
-    query = long_table(run_id, filters=filters)
-    total = connection.scalar(select(func.count()).select_from(query.subquery())) or 0
     column = COLUMNS[sort]
-    order = [column.is_(None), column.desc() if descending else column.asc()]
-    order += [COLUMNS[name] for name in _KEY if name != sort]
-    return list(connection.execute(query.order_by(*order).limit(limit).offset(offset))), int(total)
+    key = tuple_(*(COLUMNS[name] for name in KEY))
+    query = long_table(run_id, filters=filters)
+    if after is not None:
+        value, *place = after
+        behind = key > tuple_(*(literal(part, BigInteger) for part in place))
+        if value is None:
+            query = query.where(column.is_(None), behind)
+        else:
+            bound = _literal(value)
+            further = column < bound if descending else column > bound
+            query = query.where(or_(further, and_(column == bound, behind), column.is_(None)))
+    order = [column.is_(None), column.desc() if descending else column.asc(), *(COLUMNS[name] for name in KEY)]
+    return list(connection.execute(query.order_by(*order).limit(limit)))
+
+
+def position(row: Row[Any], sort: str) -> tuple[Any, ...]:
+    """Where a row of `page` stands in its order."""
+    return (row._mapping[sort], *(row._mapping[name] for name in KEY))
+
+
+def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> int:
+    """Rows of the long table.
+
+    Raises:
+        UnknownName: a filter names no column.
+    """
+    query = long_table(run_id, filters=filters).with_only_columns(func.count(), maintain_column_froms=True)
+    return int(connection.scalar(query) or 0)
+
+
+def points(connection: Connection, run_id: str, column: str, *, share: float = 1.0) -> list[Row[Any]]:
+    """What a scatter plot needs: the key, ``x`` (the column), ``pacc``, ``undefined_reason``.
+
+    Args:
+        connection: to read with.
+        run_id: of an existing run.
+        column: of `COLUMNS`, numeric.
+        share: below 1, an even sample of the variants: Knuth's multiplicative hash of their index decides.
+
+    Raises:
+        UnknownName: no such column.
+    """
+    if column not in COLUMNS:
+        raise UnknownName("column", column, COLUMNS, field="column")
+    wanted = [COLUMNS[name].label(name) for name in (*KEY, "pacc", "undefined_reason")]
+    query = long_table(run_id).with_only_columns(*wanted, COLUMNS[column].label("x"), maintain_column_froms=True)
+    if share < 1.0:
+        spread = Frame.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
+        query = query.where(spread < literal(int(share * 2**32), BigInteger))
+    return list(connection.execute(query.order_by(*(COLUMNS[name] for name in KEY))))
 
 
 def _condition(condition: Filter) -> Any:
@@ -145,7 +200,25 @@ def _condition(condition: Filter) -> Any:
             value=condition.value,
             limit="text" if textual else "a number",
         )
-    return _COMPARISONS[condition.comparison](column, condition.value)
+    value = condition.value if condition.comparison == "null" else _literal(condition.value)
+    return _COMPARISONS[condition.comparison](column, value)
+
+
+def _literal(value: Any) -> Any:
+    # With the column's own type, Postgres would round 2.5 to an integer, or refuse 1e300 as one.
+    return literal(value, String if isinstance(value, str) else Double)
+
+
+def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, dict[str, Any]]:
+    """Assignment of each of ``variants`` (indexes) of a run."""
+    if not variants:
+        return {}
+    rows = connection.execute(
+        select(Variant.index, Variant.assignment).where(
+            Variant.run_id == run_id, Variant.index.between(min(variants), max(variants)), Variant.rejection.is_(None)
+        )
+    )
+    return {row.index: row.assignment for row in rows if row.index in variants}
 
 
 def frame(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> Row[Any]:
@@ -203,6 +276,37 @@ def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, i
     )
 
 
+def neighbours(
+    connection: Connection, run_id: str, variant: int, camera: int, time: int = 0
+) -> tuple[tuple[int, int, int] | None, tuple[int, int, int] | None]:
+    """(variant, camera, time) of the frames before and after one, in the order of `frames_page`; None at the ends."""
+    columns = (Frame.variant_index, Frame.camera_index, Frame.time_index)
+    here = tuple_(*(literal(part, BigInteger) for part in (variant, camera, time)))
+    found = []
+    for condition, order in (
+        (tuple_(*columns) < here, [column.desc() for column in columns]),
+        (tuple_(*columns) > here, [column.asc() for column in columns]),
+    ):
+        row = connection.execute(
+            select(*columns).where(Frame.run_id == run_id, condition).order_by(*order).limit(1)
+        ).first()
+        found.append(None if row is None else (row[0], row[1], row[2]))
+    return found[0], found[1]
+
+
+def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, list[Row[Any]]]:
+    """tp, fn and pacc of each person, by the digest of the scores product."""
+    rows = connection.execute(
+        select(*PersonScore.__table__.columns)
+        .where(PersonScore.digest.in_(scores))
+        .order_by(PersonScore.digest, PersonScore.instance_id)
+    )
+    found: dict[str, list[Row[Any]]] = {digest: [] for digest in scores}
+    for row in rows:
+        found[row.digest].append(row)
+    return found
+
+
 def frame_evaluations(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> list[Row[Any]]:
     """Evaluations of one frame: links, states and scores."""
     prediction, scores = aliased(Product), aliased(Product)
@@ -215,7 +319,7 @@ def frame_evaluations(connection: Connection, run_id: str, variant: int, camera:
                 Evaluation.scores,
                 prediction.state.label("prediction_state"),
                 scores.state.label("scores_state"),
-                *(column for column in Score.__table__.columns if column.name != "digest"),
+                *(column for column in Score.__table__.columns if column.name not in ("digest", "confusion")),
             )
             .join(prediction, prediction.digest == Evaluation.prediction)
             .join(scores, scores.digest == Evaluation.scores)

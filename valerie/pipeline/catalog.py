@@ -9,6 +9,8 @@ from typing import Any
 from valerie import plugins
 from valerie.db import processes
 from valerie.db.engine import reading
+from valerie.errors import ValerieError
+from valerie.perception.base import FunctionCard
 from valerie.perception.catalog import FUNCTIONS, function_card
 from valerie.pipeline.context import Context
 from valerie.pipeline.resolution import asset_folder
@@ -17,11 +19,16 @@ from valerie.settings import Settings
 
 
 def assets(settings: Settings) -> list[dict[str, Any]]:
-    """Name, title and digest of every asset."""
+    """Name, title, digest and cameras of every asset; one that cannot be read says why in ``problem``."""
     found = []
     for name in asset_names(asset_folder(settings)):
-        manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
-        found.append({"name": name, "title": manifest.title, "digest": digest, "cameras": list(manifest.cameras)})
+        try:
+            manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
+        except ValerieError as error:
+            found.append({"name": name, "title": "", "digest": "", "cameras": [], "problem": str(error)})
+            continue
+        cameras = list(manifest.cameras)
+        found.append({"name": name, "title": manifest.title, "digest": digest, "cameras": cameras, "problem": None})
     return found
 
 
@@ -46,15 +53,20 @@ def renderers(context: Context) -> list[dict[str, Any]]:
 
 
 def functions(context: Context) -> list[dict[str, Any]]:
-    """Functions under test with their cards, and the numeric classes in which living workers offer them."""
+    """Functions under test with their cards, and the numeric classes in which living workers offer them.
+
+    One whose file is missing or damaged says so in ``problem``.
+    """
     offers = _offers(context, "infer")
-    return [
-        {
-            **asdict(function_card(name)),
-            "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == name}),
-        }
-        for name in FUNCTIONS
-    ]
+    found = []
+    for name in FUNCTIONS:
+        try:
+            card, problem = function_card(name), None
+        except ValerieError as error:
+            card, problem = FunctionCard(name, "", "", "", "", {}), str(error)
+        classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
+        found.append({**asdict(card), "numeric_classes": classes, "problem": problem})
+    return found
 
 
 def _offers(context: Context, stage: str) -> list[dict[str, Any]]:

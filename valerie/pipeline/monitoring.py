@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from sqlalchemy import text
 
+from valerie.broker import EVAL_QUEUE
 from valerie.db import processes, products, runs
 from valerie.db.engine import reading
 from valerie.errors import TransientError, ValerieError
@@ -24,7 +27,7 @@ def check(context: Context) -> dict[str, str]:
 
     checks = {
         "database": database,
-        "broker": lambda: context.broker.queue_length("eval"),
+        "broker": lambda: context.broker.queue_length(EVAL_QUEUE),
         "artifacts": context.store.check,
     }
     answers = {}
@@ -48,6 +51,38 @@ def metrics(context: Context) -> str:
     return generate_latest(registry).decode()
 
 
+def queues(context: Context) -> list[dict[str, Any]]:
+    """Per route: unfinished products, messages in the broker (None where it does not answer), living workers.
+
+    Raises:
+        TransientError: the database does not answer.
+    """
+    now = time.time()
+    with reading(context.engine) as connection:
+        unfinished = products.unfinished_by_route(connection)
+        alive = processes.workers(connection, now=now)
+    serving: Counter[str] = Counter()
+    for worker in alive:
+        serving.update(
+            {offer["route"] for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage == "eval" else set())
+        )
+    counts: dict[str, dict[str, int]] = {}
+    for route, state, count in unfinished:
+        counts.setdefault(route, {})[state] = count
+    found = []
+    answering = True
+    for route in sorted(counts.keys() | serving.keys() | {EVAL_QUEUE}):
+        messages = None
+        if answering:
+            try:
+                messages = context.broker.queue_length(route)
+            except TransientError:
+                answering = False  # one time-out is enough
+        states = {state: counts.get(route, {}).get(state, 0) for state in ("waiting", "ready", "running")}
+        found.append({"route": route, **states, "messages": messages, "workers": serving[route]})
+    return found
+
+
 class _Collector:
     """Reads everything at scrape time, so that any process may be asked and none has to keep count."""
 
@@ -67,7 +102,7 @@ class _Collector:
             backlog.add_metric([route, state], count)
         yield backlog
         depth = GaugeMetricFamily("valerie_queue_messages", "Messages waiting in a queue", labels=["route"])
-        for route in sorted({route for route, _, _ in unfinished} | {"eval"}):
+        for route in sorted({route for route, _, _ in unfinished} | {EVAL_QUEUE}):
             try:
                 depth.add_metric([route], self._context.broker.queue_length(route))
             except TransientError:

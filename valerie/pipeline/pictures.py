@@ -20,6 +20,8 @@ from valerie.sensing.sensor import SensorSetting, develop
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
+#: Raised by hand whenever equal products give other pictures for people.
+PAINTING_REVISION: Final = 1
 
 _HIT, _MISS, _FALSE = (0, 158, 115), (213, 94, 0), (204, 121, 167)  # Okabe and Ito: told apart by everyone
 

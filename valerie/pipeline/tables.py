@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from sqlalchemy import Engine
@@ -33,12 +33,13 @@ def varied_types(resolved: ResolvedRun) -> dict[str, str]:
 def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
     """One row of the long table from one row of the database."""
     nobody = row.instance_id == 0
+    character = character_of(row.instance_id, row.assignment, resolved)
     return {
         "run_id": run_id,
         "variant_index": row.variant_index,
         "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
         "camera": resolved.cameras[row.camera_index],
-        "character": None if nobody else _character(row, resolved),
+        "character": character,
         "sensor": resolved.spec.sensors[row.sensor_index].name,
         "function": resolved.spec.functions[row.function_index],
         "instance_id": None if nobody else row.instance_id,
@@ -68,10 +69,12 @@ def _rows(engine: Engine, run_id: str, resolved: ResolvedRun) -> Iterator[dict[s
             yield table_row(row, run_id, resolved, varied)
 
 
-def _character(row: Any, resolved: ResolvedRun) -> str | None:
-    """Which pedestrian it is: the value of its CATEGORICAL parameter ``character``."""
-    path = f"scene.{PERSON.node_class}-{row.instance_id % 1000}.character"
-    value = row.assignment.get(path)
+def character_of(instance_id: int, assignment: Mapping[str, Any], resolved: ResolvedRun) -> str | None:
+    """Which pedestrian an instance is: the value of its CATEGORICAL parameter ``character``; None for instance 0."""
+    if instance_id == 0:
+        return None
+    path = f"scene.{PERSON.node_class}-{instance_id % 1000}.character"
+    value = assignment.get(path)
     if value is None:
         value = next((d.default for d in resolved.definitions if d.path == path), None)
     return None if value is None else str(value)

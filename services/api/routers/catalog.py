@@ -3,42 +3,67 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, HTTPException, Path, status
 
+from services.api import examples
 from services.api.dependencies import ContextDependency
-from services.api.schemas import WorkerRead
+from services.api.openapi import example, problems
+from services.api.schemas import AssetEntry, AssetRead, FunctionRead, QueueRead, RendererRead, WorkerRead
 from valerie.db import processes
 from valerie.db.engine import reading
-from valerie.pipeline import catalog
+from valerie.errors import UnknownName
+from valerie.pipeline import catalog, monitoring
 
 router = APIRouter(prefix="/v1", tags=["catalog"])
 
-Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", examples=["urban-street"])]
 
 
-@router.get("/assets", summary="Assets that a spec may name")
-def assets(context: ContextDependency) -> list[dict[str, Any]]:
-    return catalog.assets(context.settings)
+@router.get("/assets", responses={**problems(), **example(examples.ASSETS)}, summary="Assets that a spec may name")
+def assets(context: ContextDependency) -> list[AssetEntry]:
+    return [AssetEntry.model_validate(one) for one in catalog.assets(context.settings)]
 
 
-@router.get("/assets/{name}", summary="An asset with its parameters")
-def asset(name: Name, context: ContextDependency) -> dict[str, Any]:
-    return catalog.asset(context.settings, name)
+@router.get("/assets/{name}", responses=problems(404, 422), summary="An asset with its parameters")
+def asset(name: Name, context: ContextDependency) -> AssetRead:
+    try:
+        return AssetRead.model_validate(catalog.asset(context.settings, name))
+    except UnknownName as error:  # here it is the address that is wrong, not a field of a document
+        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 
 
-@router.get("/renderers", summary="Render engines, and the numeric classes in which living workers offer them")
-def renderers(context: ContextDependency) -> list[dict[str, Any]]:
-    return catalog.renderers(context)
+@router.get(
+    "/renderers",
+    responses={**problems(), **example(examples.RENDERERS)},
+    summary="Render engines, and the numeric classes in which living workers offer them",
+)
+def renderers(context: ContextDependency) -> list[RendererRead]:
+    return [RendererRead.model_validate(one) for one in catalog.renderers(context)]
 
 
-@router.get("/functions", summary="Functions under test with their cards")
-def functions(context: ContextDependency) -> list[dict[str, Any]]:
-    return catalog.functions(context)
+@router.get(
+    "/functions",
+    responses={**problems(), **example(examples.FUNCTIONS)},
+    summary="Functions under test with their cards",
+)
+def functions(context: ContextDependency) -> list[FunctionRead]:
+    return [FunctionRead.model_validate(one) for one in catalog.functions(context)]
 
 
-@router.get("/workers", summary="Worker processes that are alive")
+@router.get(
+    "/workers", responses={**problems(), **example(examples.WORKERS)}, summary="Worker processes that are alive"
+)
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
         return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=time.time())]
+
+
+@router.get(
+    "/queues",
+    responses={**problems(), **example(examples.QUEUES)},
+    summary="What waits for which workers: products in the database, messages in the broker",
+)
+def queues(context: ContextDependency) -> list[QueueRead]:
+    return [QueueRead.model_validate(one) for one in monitoring.queues(context)]

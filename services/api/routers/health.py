@@ -3,21 +3,41 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Response, status
+from fastapi.responses import PlainTextResponse
 
+from services.api import examples
 from services.api.dependencies import ContextDependency
+from services.api.openapi import example, problems
 from services.api.schemas import Health
-from valerie.errors import ValerieError
 from valerie.pipeline import monitoring
 
 router = APIRouter(tags=["health"])
 
 
-@router.get("/healthz", summary="The process answers")
+_UNAVAILABLE = {
+    "status": "unavailable",
+    "checks": {"database": "ok", "broker": "the broker does not answer", "artifacts": "ok"},
+}
+_READY = {"status": "ok", "checks": {"database": "ok", "broker": "ok", "artifacts": "ok"}}
+
+
+@router.get("/healthz", responses=example({"status": "ok", "checks": {}}), summary="The process answers")
 def alive() -> Health:
     return Health(status="ok")
 
 
-@router.get("/readyz", summary="Database, broker and artifact store answer", responses={503: {"model": Health}})
+@router.get(
+    "/readyz",
+    responses={
+        **example(_READY),
+        503: {
+            "model": Health,
+            "description": "One of them does not answer",
+            "content": {"application/json": {"example": _UNAVAILABLE}},
+        },
+    },
+    summary="Database, broker and artifact store answer",
+)
 def ready(context: ContextDependency, response: Response) -> Health:
     checks = monitoring.check(context)
     if any(value != "ok" for value in checks.values()):
@@ -26,10 +46,11 @@ def ready(context: ContextDependency, response: Response) -> Health:
     return Health(status="ok", checks=checks)
 
 
-@router.get("/metrics", response_class=Response, summary="Prometheus metrics: queues, stages, failures, workers")
-def metrics(context: ContextDependency) -> Response:
-    try:
-        text = monitoring.metrics(context)
-    except ValerieError as error:
-        return Response(f"# {error}\n", status_code=status.HTTP_503_SERVICE_UNAVAILABLE, media_type="text/plain")
-    return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
+@router.get(
+    "/metrics",
+    response_class=PlainTextResponse,
+    responses={**problems(), **example(examples.METRICS, media_type="text/plain")},
+    summary="Prometheus metrics: queues, stages, failures, workers",
+)
+def metrics(context: ContextDependency) -> PlainTextResponse:
+    return PlainTextResponse(monitoring.metrics(context), media_type="text/plain; version=0.0.4; charset=utf-8")

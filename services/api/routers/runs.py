@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response, status
+from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
+from services.api import examples
 from services.api.dependencies import (
     ContextDependency,
     Cursor,
@@ -14,12 +14,16 @@ from services.api.dependencies import (
     RunId,
     decode_cursor,
     encode_cursor,
+    moment,
+    text,
     wake_control,
 )
+from services.api.openapi import example, problems
 from services.api.schemas import Failure, Progress, RunDetail, RunPage, RunRead
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.pipeline import lifecycle
+from valerie.pipeline.context import Context
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.submit import submit
 from valerie.runs.planning import Plan
@@ -28,132 +32,160 @@ from valerie.runs.states import RunState
 
 router = APIRouter(prefix="/v1", tags=["runs"])
 
-_EXAMPLE = {
-    "name": "two lists of the paper",
-    "asset": "urban-street",
-    "parameters": [
-        ["p1", "scene.person-1.pos.x", "FLOAT", 0.0, 20.0],
-        ["p2", "scene.person-1.pos.y", "FLOAT", 0.0, 10.0],
-    ],
-    "vary": [["p1", "HOMOGENEOUS", 1.5, 5.5, 1.0], ["p2", "HOMOGENEOUS", 4.0, 5.0, 1.0]],
-    "functions": ["deeplabv3plus-small"],
-}
+_YAML = "name: first\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
 _SPEC_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
-        "description": "A validation-run spec as JSON or YAML (docs/run-spec.schema.json).",
+        "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
         "content": {
-            "application/json": {"schema": {"type": "object"}, "example": _EXAMPLE},
-            "application/yaml": {"schema": {"type": "string"}},
+            "application/json": {"schema": {"type": "object"}, "example": examples.SPEC},
+            "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
         },
     }
 }
+_OF_RUN = problems(404, 422)
+_OF_CHANGE = problems(404, 409, 422)
 
 
-async def _spec(request: Request) -> RunSpec:
-    return parse(await request.body())
+async def _body(request: Request) -> bytes:
+    return await request.body()
 
 
-@router.post("/plan", openapi_extra=_SPEC_BODY, summary="What a spec would cost; stores nothing")
-async def plan(request: Request, context: ContextDependency) -> Plan:
-    return plan_run(context, await _spec(request))
+def _spec(body: Annotated[bytes, Depends(_body)]) -> RunSpec:
+    # In a thread, as everything that computes: a large document must not hold up other requests.
+    return parse(body)
+
+
+Spec = Annotated[RunSpec, Depends(_spec)]
+
+
+@router.post(
+    "/plan",
+    openapi_extra=_SPEC_BODY,
+    responses={**problems(413, 422), **example(examples.PLAN)},
+    summary="What a spec would cost; stores nothing",
+)
+def plan(spec: Spec, context: ContextDependency) -> Plan:
+    return plan_run(context, spec)
 
 
 @router.post(
     "/runs",
     status_code=status.HTTP_202_ACCEPTED,
     openapi_extra=_SPEC_BODY,
+    responses=problems(404, 409, 413, 422, 507),
     summary="Submit a run",
     response_description="accepted; Location names the run",
 )
-async def create(
+def create(
+    spec: Spec,
     request: Request,
     response: Response,
     context: ContextDependency,
     idempotency_key: Annotated[
-        str | None, Header(min_length=1, max_length=200, description="a repeated POST with it makes no second run")
+        str | None,
+        Header(
+            pattern=r"^[\x21-\x7e][\x20-\x7e]{0,199}$",
+            description="a repeated POST with it makes no second run; with another spec it is refused (409)",
+            examples=["4be1f0d2-first-run"],
+        ),
     ] = None,
 ) -> RunRead:
-    run_id = submit(context, await _spec(request), idempotency_key=idempotency_key)
+    run_id = submit(context, spec, idempotency_key=idempotency_key)
     wake_control(request)
     response.headers["Location"] = f"/v1/runs/{run_id}"
-    with reading(context.engine) as connection:
-        return RunRead.model_validate(runs.get(connection, run_id))
+    return _read(context, run_id)
 
 
-@router.get("/runs", summary="Runs, newest first")
+@router.get("/runs", responses=problems(422), summary="Runs, newest first")
 def list_runs(
     context: ContextDependency,
     limit: Limit = 50,
     cursor: Cursor = None,
     state: Annotated[RunState | None, Query(description="only runs in this state")] = None,
 ) -> RunPage:
-    before = decode_cursor(cursor, str, str)
+    before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:
         rows = runs.page(
-            connection,
-            limit=limit + 1,
-            before=None if before is None else (datetime.fromisoformat(before[0]), before[1]),
-            state=state,
+            connection, limit=limit + 1, before=None if before is None else (before[0], before[1]), state=state
         )
+    items = [_run(row) for row in rows[:limit]]
     more = len(rows) > limit
-    items = [RunRead.model_validate(row) for row in rows[:limit]]
     return RunPage(items=items, next=encode_cursor(items[-1].created_at.isoformat(), items[-1].id) if more else None)
 
 
-@router.get("/runs/{run_id}", summary="One run with its spec")
+@router.get("/runs/{run_id}", responses=_OF_RUN, summary="One run with its spec")
 def read(run_id: RunId, context: ContextDependency) -> RunDetail:
     with reading(context.engine) as connection:
-        return RunDetail.model_validate(runs.get(connection, run_id))
+        return RunDetail.model_validate(_members(runs.get(connection, run_id)))
 
 
-@router.get("/runs/{run_id}/progress", summary="How far a run is; one cheap row")
+@router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="How far a run is; one cheap row")
 def progress(run_id: RunId, context: ContextDependency) -> Progress:
     with reading(context.engine) as connection:
         return Progress.model_validate(lifecycle.progress(connection, run_id))
 
 
-@router.get("/runs/{run_id}/failures", summary="What failed for good, with stage, error and attempts")
+@router.get(
+    "/runs/{run_id}/failures",
+    responses={**_OF_RUN, **example(examples.FAILURES)},
+    summary="What failed for good, with stage, error and attempts",
+)
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
     with reading(context.engine) as connection:
         runs.get(connection, run_id)
         return [Failure.model_validate(one) for one in results.failures(connection, run_id, limit=limit)]
 
 
-@router.get("/runs/{run_id}/rejections", summary="Rejected variants by reason")
+@router.get(
+    "/runs/{run_id}/rejections",
+    responses={**_OF_RUN, **example(examples.REJECTIONS)},
+    summary="Rejected variants by reason",
+)
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     with reading(context.engine) as connection:
         runs.get(connection, run_id)
         return runs.rejections(connection, run_id)
 
 
-@router.post("/runs/{run_id}/cancel", summary="Stop a run; what is done stays")
+@router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Stop a run; what is done stays")
 def cancel(run_id: RunId, context: ContextDependency) -> RunRead:
     lifecycle.cancel(context, run_id)
-    return _after(context, run_id)
+    return _read(context, run_id)
 
 
-@router.post("/runs/{run_id}/resume", summary="Let a paused or cancelled run go on")
+@router.post("/runs/{run_id}/resume", responses=_OF_CHANGE, summary="Let a paused or cancelled run go on")
 def resume(run_id: RunId, request: Request, context: ContextDependency) -> RunRead:
     lifecycle.resume(context, run_id)
     wake_control(request)
-    return _after(context, run_id)
+    return _read(context, run_id)
 
 
-@router.post("/runs/{run_id}/retry", summary="Try again what failed for good")
+@router.post("/runs/{run_id}/retry", responses=_OF_CHANGE, summary="Try again what failed for good")
 def retry(run_id: RunId, request: Request, context: ContextDependency) -> RunRead:
     lifecycle.retry(context, run_id)
     wake_control(request)
-    return _after(context, run_id)
+    return _read(context, run_id)
 
 
 @router.delete(
-    "/runs/{run_id}", status_code=status.HTTP_204_NO_CONTENT, summary="Delete a run; `gc` frees its products"
+    "/runs/{run_id}",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=_OF_CHANGE,
+    summary="Delete an ended run; `valerie gc` frees its products",
 )
 def delete(run_id: RunId, context: ContextDependency) -> None:
     lifecycle.delete(context, run_id)
 
 
-def _after(context: Any, run_id: str) -> RunRead:
+def _read(context: Context, run_id: str) -> RunRead:
     with reading(context.engine) as connection:
-        return RunRead.model_validate(runs.get(connection, run_id))
+        return _run(runs.get(connection, run_id))
+
+
+def _run(row: Any) -> RunRead:
+    return RunRead.model_validate(_members(row))
+
+
+def _members(row: Any) -> dict[str, Any]:
+    return {**row._mapping, "stages": (row.progress or {}).get("stages", {})}  # noqa: SLF001  # public in SQLAlchemy

@@ -1,0 +1,38 @@
+"""The dashboard's files, with a policy that lets its page run its own scripts and talk to this server, and nothing else."""
+
+from __future__ import annotations
+
+from importlib import resources
+from os import PathLike
+from typing import Any, Final
+
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class DashboardFiles(StaticFiles):
+    """`StaticFiles` of the package folder ``services/api/dashboard``."""
+
+    def __init__(self) -> None:
+        super().__init__(directory=str(resources.files("services.api") / "dashboard"), html=True)
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Add the policy; a new version of the software must show at the next reload."""
+        response = await super().get_response(path, scope)
+        return _guarded(response)
+
+    def file_response(self, full_path: str | PathLike[str], *args: Any, **kwargs: Any) -> Response:
+        """A file, or the news that it did not change; both carry the policy."""
+        return _guarded(super().file_response(full_path, *args, **kwargs))
+
+
+def _guarded(response: Response) -> Response:
+    response.headers["Content-Security-Policy"] = POLICY
+    response.headers["Cache-Control"] = "no-cache"
+    return response
