@@ -148,3 +148,16 @@ def test_unwelding_doubles_vertices_at_the_seam_only() -> None:
     assert len(old) == 18
     np.testing.assert_array_equal(old[split], faces)
     assert np.ptp(new[split][..., 0], axis=1).max() == pytest.approx(1.0 / 8.0)
+
+
+def test_evening_an_edge_takes_its_zigzag_out_and_leaves_the_rest() -> None:
+    points, faces = ball()
+    half = surface.clip(faces, points[:, 2])
+    kept = half.matrix @ points
+    (loop,) = surface.boundary_loops(half.faces)
+    jagged = kept.copy()
+    jagged[loop[::2], 2] += 0.02
+    even = surface.even_edges(jagged, half.faces)
+    assert np.ptp(even[loop, 2]) < 0.004
+    inner = np.setdiff1d(np.arange(len(kept)), loop)
+    np.testing.assert_array_equal(even[inner], jagged[inner])

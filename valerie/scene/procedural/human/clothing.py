@@ -176,7 +176,7 @@ def _ease(cut: Cut, body: Body, rest: Points, weights: Points, faces: Indices, r
     for _ in range(4):  # even out what hang and tube left behind, without shrinking
         eased = eased + 0.5 * (smooth @ eased - eased)
         eased = eased - 0.52 * (smooth @ eased - eased)
-    return eased
+    return surface.even_edges(eased, faces)
 
 
 def _tube(cut: Cut, body: Body, side: str, points: Points, weights: Points) -> Points:

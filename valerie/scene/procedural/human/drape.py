@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from valerie.scene.procedural.human.surface import Indices, Points, boundary_loops, edges_of, neighbours, vertex_normals
+from valerie.scene.procedural.human.surface import Indices, Points, edges_of, even_edges, neighbours, vertex_normals
 
 #: Distance in metres that keeps the surfaces of different regions apart when the nearest point is looked up.
 _REGION_STEP: Final = 10.0
@@ -116,11 +116,7 @@ def settle(
     smooth = neighbours(faces, len(rest))
     for factor in (0.5, -0.52, 0.5, -0.52):  # Taubin: takes the iterations' noise away, keeps the folds
         position[free] += (factor * (smooth @ position - position))[free]
-    for loop in boundary_loops(faces):  # a hem is a line, sewn over twice
-        for _ in range(8):
-            edge = position[loop]
-            edge = edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0) - 2.0 * edge)
-            position[loop] = np.where(free[loop, None], edge, position[loop])
+    position = np.where(free[:, None], even_edges(position, faces), position)  # a hem is stiff: sewn over twice
     for _ in range(3):
         nearest = np.asarray(tree.query(_with_region(position, regions))[1], np.int64)
         own = under.regions[nearest] == regions

@@ -214,6 +214,16 @@ def _averages(groups: Indices, count: int) -> Any:
     return sparse.csr_matrix((values, (rows, groups.ravel())), shape=(len(groups), count))
 
 
+def even_edges(points: Points, faces: Indices, rounds: int = 8) -> Points:
+    """Take the zigzag out of the open edges: each vertex on one moves towards its two neighbours along it."""
+    even = points.copy()
+    for loop in boundary_loops(faces):
+        for _ in range(rounds):
+            edge = even[loop]
+            even[loop] = edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0) - 2.0 * edge)
+    return even
+
+
 def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[Indices, Points, Indices]:
     """Give every corner its texture coordinate: vertices are doubled where a seam passes.
 
