@@ -184,11 +184,11 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
-        van_from = float(rng.uniform(17.0, 23.0)) if left == van_left else math.inf
+        parked = 0
         while y < ROW_STOP - 8.0:
             kind = str(rng.choice(["hatch", "hatch", "saloon", "saloon", "van"], p=[0.3, 0.25, 0.25, 0.15, 0.05]))
-            if y > van_from:
-                kind, van_from = "van", math.inf
+            if left == van_left and parked == 1:
+                kind = "van"
             width, length = CAR_SIZES[kind]
             crossing = next((c for c in CROSSINGS if y < c + 5.5 and y + length > c - 5.5), None)
             if crossing is not None:
@@ -205,6 +205,7 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
                 car,
                 turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
             )
+            parked += 1
             y += length + _gap(rng, roomy=y < WALK_STOP)
 
 
@@ -285,20 +286,26 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
     for left in (True, False):
         light = kerbside("pole", "signal-post", CROSSINGS[1] - 2.6, 0.07, left=left, inset=0.4)
         plan.add("traffic-light", "signal", light.x, light.y - 0.06, z=KERB_HEIGHT)
-        for _ in range(4):
-            y = float(rng.uniform(6.0, 90.0))
-            wall = LEFT_FRONT + 0.42 if left else RIGHT_FRONT - 0.42
-            if rng.random() < 0.5:
-                planter = plan.add("vegetation", "planter", wall, y, z=KERB_HEIGHT, seed=_seed(rng), size=(0.5, 1.1))
-                plan.block(planter, rectangle(wall - 0.25, y, wall + 0.25, y + 1.1))
-            else:
-                bins = plan.add(
-                    "static",
-                    "bins",
-                    wall,
-                    y,
-                    z=KERB_HEIGHT,
-                    heading=0.5 * math.pi if left else -0.5 * math.pi,
-                    seed=_seed(rng),
-                )
-                plan.block(bins, rectangle(wall - 0.36, y - 0.65, wall + 0.36, y + 0.65))
+        _place_along_walls(plan, rng, left=left)
+
+
+def _place_along_walls(plan: _Plan, rng: np.random.Generator, *, left: bool) -> None:
+    """Bins and planters, clear of house doors and of each other."""
+    front, heading = (LEFT_FRONT, 0.5 * math.pi) if left else (RIGHT_FRONT, -0.5 * math.pi)
+    taken = []
+    for house in plan.placements:
+        if house.object_class == "building" and house.heading == heading:
+            width, _, bays, door = house.size
+            taken.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
+    x = front + 0.42 if left else front - 0.42
+    for y in rng.uniform(6.0, 90.0, 6):
+        if any(abs(y - other) < 2.0 for other in taken):
+            continue
+        taken.append(float(y))
+        if rng.random() < 0.5:
+            size = (0.5, 1.1)
+            planter = plan.add("vegetation", "planter", x, float(y) - 0.55, z=KERB_HEIGHT, seed=_seed(rng), size=size)
+            plan.block(planter, rectangle(x - 0.25, planter.y, x + 0.25, planter.y + 1.1))
+        else:
+            bins = plan.add("static", "bins", x, float(y), z=KERB_HEIGHT, heading=heading, seed=_seed(rng))
+            plan.block(bins, rectangle(x - 0.36, bins.y - 0.65, x + 0.36, bins.y + 0.65))
