@@ -1,0 +1,40 @@
+"""Frames through the command, in a process of their own, and a network fitted to them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from valerie.labels import PERSON
+from valerie.perception.catalog import function_card
+from valerie.perception.training.__main__ import main
+from valerie.perception.training.frames import FrameFolder, write_index
+
+
+@pytest.mark.gl
+@pytest.mark.processes
+def test_a_street_is_rendered_and_learned_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "train"
+    assert main(["frames", str(folder), "--streets", "1", "--per-street", "4", "--size", "160x96"]) == 0
+    assert "4 frames" in capsys.readouterr().out
+    frames = FrameFolder(folder)
+    frames.verify()
+    assert frames.street_seeds == {1000}
+    assert frames.listing.provenance["street-seeds"] == "1000-1000"
+    assert any((frame.train_ids == PERSON.train_id).any() for frame in frames)
+    assert all(frame.picture.std() > 5 for frame in frames)
+
+    held_out = tmp_path / "held-out"  # the same pictures under another seed: only the way is tested here
+    held_out.mkdir()
+    shard = frames.listing.shards[0].model_copy(update={"street_seed": 900})
+    (held_out / shard.file).write_bytes((folder / shard.file).read_bytes())
+    write_index(held_out, [shard], {"street-seeds": "900-900"})
+    out = tmp_path / "semantic-fpn-small.safetensors"
+    arguments = ["fit", "semantic-fpn-small", "--frames", str(folder), "--held-out", str(held_out), "--out", str(out)]
+    assert main([*arguments, "--steps", "2", "--batch", "2", "--precision", "fp32", "--device", "cpu"]) == 0
+    provenance = function_card("semantic-fpn-small", folder=tmp_path).provenance
+    assert provenance["frames-digest"] == frames.digest
+    assert provenance["frames-asset"] == "urban-street"
+    assert json.loads(provenance["training-settings"])["steps"] == 2
