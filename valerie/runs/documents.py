@@ -161,6 +161,7 @@ class RunSpec(Document):
     Attributes:
         schema_version: of this document.
         name: for people; need not be unique.
+        description: for people.
         asset: name of an asset, or ``{name: urban-street, seed: 7}`` with a generator's arguments.
         seed: of all random designs; 0 is a seed.
         parameters: names of this spec's own for the asset's parameters; without them ``vary`` uses the asset's names.
@@ -168,6 +169,7 @@ class RunSpec(Document):
         constants: parameter to value, in all blocks.
         constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
         cameras: names of the asset's cameras; None takes all.
+        resolution: size of the images in pixels.
         renderer: the engine of the linear images.
         sensors: one picture of each frame for each of them.
         functions: names of the perception functions under test; none: frames and truth alone.

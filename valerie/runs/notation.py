@@ -134,7 +134,7 @@ def _varied(entry: Any, name: str | None, field: str) -> Any:
         if "parameter" not in entry and len(entry) == 1:
             ((name, inner),) = entry.items()
             return _varied_mapping(inner, str(name), field)
-        return _spelled(entry)
+        return _spelled(entry, field)
     raise InvalidInput("not a varied parameter", field=field, value=entry, limit=_LISTS["HOMOGENEOUS"][1].format("p1"))
 
 
@@ -165,7 +165,7 @@ def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
 def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
     form = f"{name}: {{homogeneous: {{from: …, to: …, step: …}}}}"
     if isinstance(entry, dict) and "distribution" in entry:
-        return {"parameter": name, **_spelled(entry)}
+        return {"parameter": name, **_spelled(entry, field)}
     if not isinstance(entry, dict) or len(entry) != 1:
         raise InvalidInput("a varied parameter has one distribution", field=field, value=entry, limit=form)
     ((word, arguments),) = entry.items()
@@ -178,13 +178,13 @@ def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
         arguments = {}
     if not isinstance(arguments, dict):
         raise InvalidInput(f"{word} takes a mapping", field=f"{field}.{word}", value=arguments, limit=form)
-    return {"parameter": name, "distribution": distribution, **_spelled(arguments)}
+    return {"parameter": name, "distribution": distribution, **_spelled(arguments, field)}
 
 
 def _declared(entry: Any, name: str | None, field: str) -> Any:
     form = "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
     if isinstance(entry, dict):
-        named = _spelled(entry)
+        named = _spelled(entry, field)
         return named if name is None else {"name": name, **named}
     if name is not None or not isinstance(entry, list | tuple):
         raise InvalidInput("not a parameter declaration", field=field, value=entry, limit=form)
@@ -205,13 +205,13 @@ def _distribution(word: Any, field: str) -> str:
     return distribution
 
 
-def _spelled(entry: dict[str, Any]) -> dict[str, Any]:
+def _spelled(entry: dict[str, Any], field: str) -> dict[str, Any]:
     """The entry with the long words of the model instead of the short ones of people."""
     found: dict[str, Any] = {}
     for key, value in entry.items():
         word = _WORDS.get(key, key)
         if word in found:
-            raise InvalidInput("given twice", field=key, value=value)
+            raise InvalidInput("given twice", field=f"{field}.{key}", value=value)
         found[word] = value
     if isinstance(found.get("distribution"), str):
         found["distribution"] = found["distribution"].upper()

@@ -1,0 +1,55 @@
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from valerie.runs.planning import Plan, plan
+from valerie.runs.spec import parse, resolve
+from valerie.scene.asset import asset_manifest
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
+
+
+def planned(text: str) -> Plan:
+    spec = parse(text)
+    manifest, digest = asset_manifest(spec.asset)
+    run = resolve(spec, manifest, asset_digest=digest, engines=("raster", "pyrender"), functions=FUNCTIONS)
+    assert run.warnings == ()
+    return plan(run)
+
+
+def test_the_first_run_is_large_enough_to_show_something() -> None:
+    found = planned((EXAMPLES / "first-run.yaml").read_text("utf-8"))
+    assert found.frames >= 120
+    assert found.evaluations == 2 * found.frames
+    assert len(found.cameras) == 3
+    spec = parse((EXAMPLES / "first-run.yaml").read_text("utf-8"))
+    assert spec.resolution.width >= 960
+    assert spec.resolution.height >= 540
+    suns = {one.values["sun-1.azimuth"] for one in (*found.first, *found.last)}
+    assert len(suns) == 2
+
+
+def test_the_papers_lists_give_its_ten_variants() -> None:
+    found = planned((EXAMPLES / "paper-lists.yaml").read_text("utf-8"))
+    assert found.variants == found.accepted == 10
+    assert found.first[0].values == {"p1": 1.5, "p2": 4.0}
+    assert found.last[-1].values == {"p1": 5.5, "p2": 5.0}
+
+
+def test_the_papers_pattern_has_its_size() -> None:
+    found = planned((EXAMPLES / "paper-pattern.yaml").read_text("utf-8"))
+    assert found.variants == 10 * 16 * 8 * 4 * 2
+    assert found.accepted > found.variants / 2
+    assert all(reason.startswith("person-1 ") for reason in found.rejected)
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.yaml")), ids=lambda file: file.name)
+def test_every_example_can_be_planned(file: Path) -> None:
+    assert planned(file.read_text("utf-8")).accepted > 0
+
+
+def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:
+    text = files("valerie.runs").joinpath("template.yaml").read_text("utf-8")
+    assert planned(text).frames > 0

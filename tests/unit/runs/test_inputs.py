@@ -1,0 +1,141 @@
+from typing import Any
+
+import pytest
+
+from valerie.parameters.assignment import digest
+from valerie.runs.inputs import FrameDigests, ProductInputs
+from valerie.runs.spec import parse, resolve
+from valerie.scene.manifest import Manifest
+from valerie.scene.variation import split
+
+X = "scene.person-1.pos.x"
+FUNCTIONS = ["deeplabv3plus-small", "semantic-fpn-small"]
+
+
+def frame(
+    street: Manifest,
+    pins: dict[str, Any],
+    values: dict[str, Any],
+    camera: int = 0,
+    asset_digest: str = "a",
+    **given: Any,
+) -> FrameDigests:
+    spec = parse({"name": "one", "asset": "urban-street", "functions": FUNCTIONS, **given})
+    return ProductInputs(resolve(spec, street), asset_digest=asset_digest, pins=pins).frame(values, camera)
+
+
+def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
+    found = {name for name in ("background", "layer", "truth") if getattr(before, name) != getattr(after, name)}
+    pairs = list(zip(before.evaluations, after.evaluations, strict=False))
+    found |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
+    return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
+
+
+MADE = {"prediction", "evaluation"}
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({X: 4.0}, {"layer", "truth"} | MADE),
+        ({"scene.person-1.character": "black-outfit"}, {"layer", "truth"} | MADE),
+        ({"scene.person-1.cloth.metallic": 0.5}, {"layer"} | MADE),
+        ({"scene.sun-1.azimuth": 100.0}, {"background", "layer"} | MADE),
+        ({"scene.camera-1.yaw": 5.0}, {"background", "layer", "truth"} | MADE),
+        ({"scene.camera-2.yaw": 5.0}, set()),
+        ({"sensor.exposure_ev": 1.0}, MADE),
+        ({"scene.person-2.pos.x": 4.0}, set()),
+        ({X: 3}, set()),
+        ({"scene.person-1.heading": 540.0}, set()),
+        ({"scene.camera-1.yaw": -360.0}, set()),
+    ],
+)
+def test_a_value_changes_only_the_products_that_depend_on_it(
+    street: Manifest, pins: dict[str, Any], values: dict[str, Any], expected: set[str]
+) -> None:
+    # Person 2 is absent: where it would stand is no input of anything. Defaults that are spelled out change nothing.
+    assert changed(frame(street, pins, {}), frame(street, pins, values)) == expected
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"name": "two", "seed": 5, "description": "x", "requirement": {"id": "R"}}, set()),
+        ({"sensors": [{"name": "other"}]}, set()),
+        ({"sensors": [{"exposure_ev": -1}]}, MADE),
+        ({"sensors": [{"curve": "srgb"}]}, MADE),
+        ({"renderer": "pyrender"}, {"background", "layer"} | MADE),
+        ({"resolution": {"width": 961, "height": 540}}, {"background", "layer", "truth"} | MADE),
+        ({"asset": {"name": "urban-street", "seed": 3}}, set()),
+        ({"functions": ["deeplabv3plus-small"]}, set()),
+        ({"detection_threshold": 0.7}, set()),
+    ],
+)
+def test_a_spec_changes_only_the_products_that_depend_on_it(
+    street: Manifest, pins: dict[str, Any], given: dict[str, Any], expected: set[str]
+) -> None:
+    # The asset counts by its digest, which is the same here.
+    assert changed(frame(street, pins, {}), frame(street, pins, {}, **given)) == expected
+
+
+@pytest.mark.parametrize(
+    ("role", "key", "expected"),
+    [
+        ("engine", "revision", {"background", "layer"} | MADE),
+        ("engine", "numeric_class", {"background", "layer"} | MADE),
+        ("engine", "route", set()),
+        ("truth", "revision", {"truth", "evaluation"}),
+        ("truth", "numeric_class", {"truth", "evaluation"}),
+    ],
+)
+def test_revisions_and_numeric_classes_count_and_queues_do_not(
+    street: Manifest, pins: dict[str, Any], role: str, key: str, expected: set[str]
+) -> None:
+    other = {**pins, role: {**pins[role], key: 2 if key == "revision" else "other"}}
+    assert changed(frame(street, pins, {}), frame(street, other, {})) == expected
+
+
+@pytest.mark.parametrize("key", ["digest", "numeric_class", "revision"])
+def test_a_functions_weights_revision_and_numeric_class_count_for_its_own_predictions(
+    street: Manifest, pins: dict[str, Any], key: str
+) -> None:
+    name = FUNCTIONS[1]
+    other = {**pins, "functions": {**pins["functions"], name: {**pins["functions"][name], key: "other"}}}
+    before, after = frame(street, pins, {}), frame(street, other, {})
+    assert changed(before, after) == MADE
+    assert before.evaluations[0] == after.evaluations[0]
+
+
+def test_another_asset_changes_everything(street: Manifest, pins: dict[str, Any]) -> None:
+    assert changed(frame(street, pins, {}), frame(street, pins, {}, asset_digest="b")) == (
+        {"background", "layer", "truth"} | MADE
+    )
+
+
+def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_default_does_not(
+    street: Manifest, pins: dict[str, Any]
+) -> None:
+    dark = frame(street, pins, {}, sensors=[{"exposure_ev": -2}])
+    assert changed(dark, frame(street, pins, {}, sensors=[{"exposure_ev": 0}])) == MADE
+    as_value = frame(street, pins, {"sensor.exposure_ev": -2}, sensors=[{"exposure_ev": 1}])
+    assert changed(dark, as_value) == set()
+
+
+def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: dict[str, Any]) -> None:
+    found = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
+    assert [(one.sensor_index, one.function_index) for one in found] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert len({one.prediction for one in found} | {one.scores for one in found}) == 8
+
+
+def test_each_camera_has_its_own_products(street: Manifest, pins: dict[str, Any]) -> None:
+    assert changed(frame(street, pins, {}, 0), frame(street, pins, {}, 1)) == ({"background", "layer", "truth"} | MADE)
+    alone = frame(street, pins, {}, 0, cameras=["camera-2"])
+    assert changed(alone, frame(street, pins, {}, 1)) == set()
+
+
+def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: dict[str, Any]) -> None:
+    found = frame(street, pins, {})
+    assert found.evaluations[0].scores == digest(1, "evaluation", 1, found.evaluations[0].prediction, found.truth)
+    inputs = split({}, street, "camera-1")
+    engine = {"name": "raster", "revision": 1, "numeric_class": pins["engine"]["numeric_class"]}
+    assert found.layer == digest(1, "layer", engine, found.background, inputs.layer)
