@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 import orjson
 
 from valerie.errors import InvalidInput
-from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value, wrap
+from valerie.parameters.definitions import Value
 
 #: Hexadecimal characters of a digest: SHA-256 truncated to 128 bits.
 DIGEST_LENGTH: Final = 32
@@ -83,14 +83,6 @@ class DigestPrefix:
         hasher = self._hash.copy()
         _update(hasher, parts)
         return hasher.hexdigest()[:DIGEST_LENGTH]
-
-
-def canonical_values(values: Mapping[str, Value], definitions: Mapping[str, ParameterDefinition]) -> dict[str, Value]:
-    """``values`` (path to value) with every ANGLE reduced to [0, 360) degrees, so that −90 and 270 are one input."""
-    return {
-        path: wrap(float(value)) if path in definitions and definitions[path].type is ParameterType.ANGLE else value
-        for path, value in values.items()
-    }
 
 
 def _update(hasher: Any, parts: Iterable[object]) -> None:

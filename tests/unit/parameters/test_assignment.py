@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valerie.errors import InvalidInput
-from valerie.parameters.assignment import Assignment, DigestPrefix, canonical_json, canonical_values, digest
-from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.parameters.assignment import Assignment, DigestPrefix, canonical_json, digest
 
 JSON = st.recursive(
     st.none()
@@ -81,12 +80,3 @@ def test_an_assignment_cannot_be_changed() -> None:
     assert assignment.values["scene.person-1.pos.x"] == 1.0
     with pytest.raises(TypeError):
         assignment.values["scene.person-1.pos.x"] = 3.0  # type: ignore[index]
-
-
-def test_canonical_values_name_one_angle_in_one_way() -> None:
-    path = "scene.person-1.heading"
-    heading = ParameterDefinition(
-        path=path, type=ParameterType.ANGLE, minimum=-180, maximum=180, default=0.0, affects=Affects.GEOMETRY
-    )
-    spellings = [canonical_values({path: angle, "x": -90.0}, {path: heading}) for angle in (-90.0, 270.0, 630.0)]
-    assert spellings == [{path: 270.0, "x": -90.0}] * 3
