@@ -62,6 +62,7 @@ class Settings(BaseSettings):
     max_variants: int = Field(1_000_000, ge=1, description="largest run that is accepted")
     feed_window: int = Field(4_000, ge=1, description="unfinished products that are written ahead of the workers")
     sweep_seconds: Seconds = Field(2.0, description="pause between two turns of the control loop")
+    resend_seconds: Seconds = Field(20.0, description="a product that is ready and unanswered for so long is rung for again")
     max_attempts: int = Field(4, ge=1, le=100, description="tries of one product before it has failed for good")
 
     # Workers
@@ -103,6 +104,11 @@ class Settings(BaseSettings):
                 f"VALERIE_LEASE_SECONDS {self.lease_seconds:g}: a lease must outlive two lost heartbeats"
             )
         return self
+
+    @property
+    def inference_threads(self) -> int:
+        """Threads of an inference worker; part of the numeric class, since the last bits of sums depend on it."""
+        return self.infer_threads or os.cpu_count() or 1
 
     @property
     def exposed(self) -> bool:

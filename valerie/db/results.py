@@ -151,7 +151,8 @@ def page(
 
 def position(row: Row[Any], sort: str) -> tuple[Any, ...]:
     """Where a row of `page` stands in its order."""
-    return (row._mapping[sort], *(row._mapping[name] for name in KEY))
+    values = row._mapping  # noqa: SLF001  # public in SQLAlchemy
+    return (values[sort], *(values[name] for name in KEY))
 
 
 def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> int:
@@ -218,7 +219,8 @@ def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict
             Variant.run_id == run_id, Variant.index.between(min(variants), max(variants)), Variant.rejection.is_(None)
         )
     )
-    return {row.index: row.assignment for row in rows if row.index in variants}
+    # By position: `index` is a method of every row.
+    return {index: assignment for index, assignment in rows if index in variants}
 
 
 def frame(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> Row[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ class PerceptionFunction(Protocol):
     Contract (`valerie.testing.PerceptionContract`): deterministic; never changes its input; output has the picture's
     height and width; only declared train ids (0…18, 255).
     """
+
+    #: Raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest.
+    revision: ClassVar[int]
 
     @property
     def card(self) -> FunctionCard: ...

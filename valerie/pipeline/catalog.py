@@ -20,7 +20,7 @@ from valerie.settings import Settings
 
 def assets(settings: Settings) -> list[dict[str, Any]]:
     """Name, title, digest and cameras of every asset; one that cannot be read says why in ``problem``."""
-    found = []
+    found: list[dict[str, Any]] = []
     for name in asset_names(asset_folder(settings)):
         try:
             manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))

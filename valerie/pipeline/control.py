@@ -27,8 +27,6 @@ from valerie.runs.states import RunState
 log = structlog.get_logger()
 
 ROLE = "control"
-#: A lost message is noticed after this long; a message that only waits in its queue is not doubled (see `_sweep`).
-_RESEND_SECONDS = 20.0
 #: How often the store is probed while runs are paused for want of space.
 _PROBE_SECONDS = 5.0
 
@@ -185,7 +183,7 @@ class ControlLoop:
 
     def _finish(self, finishing: list[Any], now: float) -> None:
         for run in finishing:
-            if now - self._finish_sent.get(run.id, 0.0) > _RESEND_SECONDS:
+            if now - self._finish_sent.get(run.id, 0.0) > self._settings.resend_seconds:
                 self._finish_sent[run.id] = now
                 try:
                     self._context.broker.send_finish(run.id)
@@ -203,7 +201,8 @@ class ControlLoop:
             products.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
-            stale = products.stale_ready(connection, before=now - _RESEND_SECONDS, limit=5_000)
+            stale = products.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
+        # A message that only waits in its queue must not be doubled: what is stale is lost only where the queue is empty.
         lost: list[Ready] = []
         empty: dict[str, bool] = {}
         for item in stale:

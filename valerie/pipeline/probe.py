@@ -14,6 +14,7 @@ from typing import Any, Final
 from valerie import plugins
 from valerie.errors import ValerieError
 from valerie.pipeline.pinning import TRUTH
+from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 
 
@@ -31,10 +32,10 @@ def probe_engine(name: str) -> list[dict[str, Any]]:
 
 def probe_function(name: str) -> list[dict[str, Any]]:
     """Offer of one function under test."""
-    function = plugins.create_function(name)
+    function = plugins.create_function(name, threads=load_settings().inference_threads)
     try:
         card = function.card
-        return [{"name": name, "digest": card.digest, "numeric_class": function.numeric_class, "card": asdict(card)}]
+        return [{"name": name, "digest": card.digest, "revision": function.revision, "numeric_class": function.numeric_class, "card": asdict(card)}]
     finally:
         function.close()
 

@@ -143,19 +143,15 @@ def _fail(context: Context, job: Job, error: BaseException) -> None:
 
 
 def _hand_back(context: Context, job: Job, *, seconds: float, count_attempt: bool = True) -> None:
-    # The sweeper rings for what is ready and was not rung for in a while; `not_before` lies that while in the past.
+    # The sweeper rings for what was not rung for in `resend_seconds`; that long before the pause's end is when it "was".
     with writing(context.engine) as connection:
         products.hand_back(
             connection,
             [job.digest],
             owner=context.owner,
-            not_before=time.time() + seconds - _RESEND_LEAD_SECONDS,
+            not_before=time.time() + seconds - context.settings.resend_seconds,
             count_attempt=count_attempt,
         )
-
-
-#: Equals the sweeper's patience with unanswered messages, so that a pause of n seconds lasts n seconds.
-_RESEND_LEAD_SECONDS: Final = 20.0
 
 
 def _ask_again(context: Context, job: Job, error: MissingInput) -> None:

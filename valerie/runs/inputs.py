@@ -66,7 +66,7 @@ class ProductInputs:
         resolved: the run.
         asset_digest: of its asset.
         pins: what the run pinned: ``engine`` and ``truth`` with ``numeric_class`` and ``revision``, ``functions`` by
-            name with ``digest`` and ``numeric_class``.
+            name with ``digest``, ``revision`` and ``numeric_class``.
     """
 
     def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Mapping[str, Any]) -> None:

@@ -68,6 +68,7 @@ class BlankTruthPass:
 class BlankFunction:
     """Sees a person where the picture is darker than middle grey in its centre square."""
 
+    revision: ClassVar[int] = 1
     numeric_class = NUMERIC_CLASS
     card = FunctionCard(NAME, hashlib.sha256(b"blank").hexdigest(), NAME, "uint8", NAME, {})
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 
 from valerie import plugins
@@ -24,7 +23,7 @@ class InferMaker:
         self._context = context
         self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
-        self._threads = context.settings.infer_threads or os.cpu_count() or 1
+        self._threads = context.settings.inference_threads
         self._loaded: tuple[str, PerceptionFunction] | None = None
 
     def make(self, job: Job) -> Finished:

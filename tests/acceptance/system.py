@@ -1,0 +1,137 @@
+"""A whole system of real processes for tests: Redis, API with control loop, one worker per queue."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import httpx
+import psutil
+import pyarrow.parquet as pq
+import yaml
+
+from valerie.embedded import running
+from valerie.embedded.supervisor import Supervisor
+from valerie.scene.gltf import save_gltf
+from valerie.settings import load_settings
+from valerie.testing.assets import simple_asset
+
+ENDED = ("completed", "completed-with-failures", "cancelled", "failed")
+
+
+def write_box_street(folder: Path) -> None:
+    """The asset of boxes as a user's asset folder."""
+    folder.mkdir(parents=True)
+    asset = simple_asset()
+    save_gltf(asset.base, folder / "scene.glb")
+    document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]}
+    (folder / "manifest.yaml").write_text(yaml.safe_dump(document))
+
+
+def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dict[str, Any]:
+    """A run over xs × ys places, two cameras, with the blank engine and function."""
+    return {
+        "name": name,
+        "asset": "box-street",
+        "vary": [
+            ["person-1.pos.x", "HOMOGENEOUS", -3.0, -3.0 + 0.1 * (xs - 1), 0.1],
+            ["person-1.pos.y", "HOMOGENEOUS", 3.0, 3.0 + 0.2 * (ys - 1), 0.2],
+        ],
+        "renderer": "blank",
+        "functions": ["blank"],
+        "resolution": {"width": 64, "height": 36},
+        **more,
+    }
+
+
+class System:
+    """Context manager around the one-machine mode."""
+
+    def __init__(self, data_dir: Path, assets: Path, **settings: Any) -> None:
+        fast = {"lease_seconds": 3.0, "heartbeat_seconds": 0.5, "sweep_seconds": 0.5, "resend_seconds": 3.0}
+        self.settings = load_settings(
+            {},
+            **{
+                "data_dir": data_dir,
+                "asset_dir": assets,
+                "api_port": 0,
+                "testing_engines": True,
+                "render_engines": "blank",
+                "infer_functions": "blank",
+                "visibility_timeout_seconds": 5,
+                "shutdown_seconds": 1.0,
+                "min_free_mb": 0,
+                **fast,
+                **settings,
+            },
+        )
+        lock = running.Lock(self.settings.data_dir)
+        assert lock.take()
+        self.supervisor = Supervisor(self.settings, lock)
+
+    def __enter__(self) -> Self:
+        self.supervisor.__enter__()
+        self.client = httpx.Client(base_url=self.supervisor.url, timeout=30.0)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.client.close()
+        self.supervisor.__exit__(*error)
+
+    def submit(self, document: dict[str, Any], **headers: str) -> str:
+        answer = self.client.post("/v1/runs", json=document, headers=headers)
+        assert answer.status_code == 202, answer.text
+        return str(answer.json()["id"])
+
+    def progress(self, run_id: str) -> dict[str, Any]:
+        return dict(self._answer(f"/v1/runs/{run_id}/progress").json())
+
+    def wait(self, run_id: str, *, until: Callable[[dict[str, Any]], bool] | None = None, seconds: float = 90) -> str:
+        """Poll until ``until`` holds (default: the run ended); its state."""
+        deadline = time.monotonic() + seconds
+        while True:
+            progress = self.progress(run_id)
+            if progress["state"] in ENDED or (until is not None and until(progress)):
+                return str(progress["state"])
+            assert time.monotonic() < deadline, progress
+            time.sleep(0.05)
+
+    def rows(self, run_id: str) -> list[dict[str, Any]]:
+        """The long table without what names the run."""
+        data = self._answer(f"/v1/runs/{run_id}/evaluations?format=parquet").content
+        table = pq.read_table(io.BytesIO(data))
+        return [
+            {name: value for name, value in row.items() if name not in ("run_id", "frame_id")}
+            for row in table.to_pylist()
+        ]
+
+    def objects(self) -> dict[str, str]:
+        """Key to SHA-256 of every stored product."""
+        root = self.settings.data_dir / "artifacts"
+        return {
+            str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted((root / "products").rglob("*.zst"))
+        }
+
+    def processes(self, service: str) -> list[psutil.Process]:
+        """The process of a service and all below it, children first."""
+        parent = psutil.Process(self.supervisor.pids()[service])
+        return [*parent.children(recursive=True), parent]
+
+    def _answer(self, path: str) -> httpx.Response:
+        """GET with patience: the API may be the process that was killed."""
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                answer = self.client.get(path)
+                if answer.status_code < 500:
+                    answer.raise_for_status()
+                    return answer
+            except httpx.TransportError:
+                pass
+            assert time.monotonic() < deadline, path
+            time.sleep(0.2)
