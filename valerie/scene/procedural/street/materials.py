@@ -120,7 +120,7 @@ def _walls(rng: np.random.Generator) -> list[Material]:
     doors = rng.permutation(len(_DOORS))[:DOOR_COLORS]
     roofs = rng.permutation(len(_ROOFS))[:ROOF_COLORS]
     white = (1.0, 1.0, 1.0)
-    brick_red, brick_buff = _shifted((0.95, 0.95, 0.95), rng), _shifted((0.9, 0.9, 0.9), rng)
+    brick_red, brick_buff = _shifted((0.82, 0.82, 0.82), rng), _shifted((0.8, 0.8, 0.8), rng)
     stone = _shifted((0.52, 0.48, 0.42), rng)
     return [
         Material("brick-red", brick_red, "brick-red", "brick-normal", roughness=0.9),
@@ -180,5 +180,5 @@ def _cars(rng: np.random.Generator) -> list[Material]:
 
 def _shifted(color: Color, rng: np.random.Generator) -> Color:
     """A little brighter or darker, warmer or colder."""
-    red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 0.8)
+    red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)
