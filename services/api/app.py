@@ -19,7 +19,6 @@ from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
 from valerie.settings import Settings, load_settings
 
-
 _DESCRIPTION = """
 Submit a *run* (a spec as JSON or YAML), follow it, read what came of it. Errors are problem documents (RFC 9457) that name
 field, value and limit. Lists are paged by opaque cursors: give `next` back as `cursor` until it is null. Pictures and stored

@@ -293,6 +293,16 @@ FUNCTIONS: Final[list[dict[str, Any]]] = [
         "problem": None,
     }
 ]
+LABELS: Final[list[dict[str, Any]]] = [
+    {
+        "name": "person",
+        "id": 24,
+        "train_id": 11,
+        "category": "human",
+        "has_instances": True,
+        "color": [220, 20, 60],
+    }
+]
 WORKERS: Final[list[dict[str, Any]]] = [
     {
         "id": "workstation-4711-1f2e3d4c",

@@ -127,6 +127,6 @@ def _limit(context: dict[str, Any]) -> str | None:
 def _plain(value: object) -> object:
     """Something JSON can hold, and not too long to read."""
     if value is None or isinstance(value, bool | int | float):
-        return value if not isinstance(value, float) or (value == value and abs(value) != float("inf")) else str(value)
+        return value if not isinstance(value, float) or math.isfinite(value) else str(value)
     text = value if isinstance(value, str) else str(value)
     return text if len(text) <= 200 else text[:199] + "…"

@@ -290,6 +290,15 @@ class FunctionRead(Read):
     problem: str | None = Field(None, description="why it cannot be used; the rest is empty then")
 
 
+class LabelRead(Read):
+    name: str
+    id: int = Field(description="Cityscapes label id, as in ground truth")
+    train_id: int = Field(description="as networks speak; 255 is void")
+    category: str
+    has_instances: bool
+    color: tuple[int, int, int] = Field(description="sRGB, 0…255")
+
+
 class WorkerRead(Read):
     id: str
     stage: str

@@ -10,10 +10,11 @@ from fastapi import APIRouter, HTTPException, Path, status
 from services.api import examples
 from services.api.dependencies import ContextDependency
 from services.api.openapi import example, problems
-from services.api.schemas import AssetEntry, AssetRead, FunctionRead, QueueRead, RendererRead, WorkerRead
+from services.api.schemas import AssetEntry, AssetRead, FunctionRead, LabelRead, QueueRead, RendererRead, WorkerRead
 from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
+from valerie.labels import CITYSCAPES
 from valerie.pipeline import catalog, monitoring
 
 router = APIRouter(prefix="/v1", tags=["catalog"])
@@ -50,6 +51,15 @@ def renderers(context: ContextDependency) -> list[RendererRead]:
 )
 def functions(context: ContextDependency) -> list[FunctionRead]:
     return [FunctionRead.model_validate(one) for one in catalog.functions(context)]
+
+
+@router.get(
+    "/labels",
+    responses={**problems(), **example(examples.LABELS)},
+    summary="Classes of ground truth and predictions, with the colours of their pictures",
+)
+def labels() -> list[LabelRead]:
+    return [LabelRead.model_validate(label) for label in CITYSCAPES]
 
 
 @router.get(

@@ -1,0 +1,76 @@
+// Talking to /v1: the token, problem documents as errors, pictures as blobs.
+import { askToken } from "./dom.js";
+
+const KEY = "valerie-token";
+let asking = null;
+
+export const hasToken = () => sessionStorage.getItem(KEY) !== null;
+export const forgetToken = () => sessionStorage.removeItem(KEY);
+
+export class Problem extends Error {
+  constructor(status, title, detail) {
+    super(detail || title);
+    this.status = status;
+    this.title = title;
+  }
+}
+
+async function send(path, options = {}) {
+  for (;;) {
+    const token = sessionStorage.getItem(KEY);
+    const headers = { ...options.headers, ...(token ? { Authorization: `Bearer ${token}` } : {}) };
+    let response;
+    try {
+      response = await fetch(path, { ...options, headers });
+    } catch (error) {
+      if (error.name === "AbortError") throw error;
+      throw new Problem(0, "Unreachable", "The server does not answer. Is `valerie up` still running?");
+    }
+    if (response.ok) return response;
+    if (response.status === 401) {
+      // Several requests may be refused at once: one question answers them all.
+      asking ??= askToken(token !== null).then((given) => { if (given) sessionStorage.setItem(KEY, given); return given; }).finally(() => { asking = null; });
+      if (await asking) {
+        document.getElementById("forget").hidden = false;
+        continue;
+      }
+    }
+    let title = response.statusText, detail = "";
+    try {
+      ({ title, detail } = await response.json());
+    } catch { /* not one of ours */ }
+    throw new Problem(response.status, title, detail);
+  }
+}
+
+export const get = async (path, options) => (await send(path, options)).json();
+export async function post(path) { return (await send(path, { method: "POST" })).json(); }
+export async function remove(path) { await send(path, { method: "DELETE" }); }
+
+// The last pictures, so that going back and forth shows them at once.
+const pictures = new Map();
+const KEPT = 48;
+
+export function picture(path) {
+  if (!pictures.has(path)) {
+    const one = send(path).then((response) => response.blob()).then((blob) => URL.createObjectURL(blob));
+    one.catch(() => pictures.delete(path));
+    pictures.set(path, one);
+    if (pictures.size > KEPT) {
+      const [oldest, address] = pictures.entries().next().value;
+      pictures.delete(oldest);
+      address.then((url) => setTimeout(() => URL.revokeObjectURL(url), 10_000), () => {});
+    }
+  }
+  return pictures.get(path);
+}
+
+// A link cannot carry a token: with one, the file is fetched and handed to the browser.
+export async function download(path, name) {
+  const blob = await (await send(path)).blob();
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

@@ -1,0 +1,201 @@
+// One frame: what the camera saw, what is true, what each function made of it.
+import { get, picture } from "./api.js";
+import { h, put, s, table } from "./dom.js";
+import { count, fixed, percent, short, value, words } from "./format.js";
+
+const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth" };
+const OF_FUNCTION = new Set(["prediction", "errors"]);
+const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
+
+let labels = null;
+
+export async function frameView({ main, key, parameters, signal }) {
+  if (VIEWS[parameters.get("view")]) SETTINGS.view = parameters.get("view");
+  if (parameters.has("opacity")) SETTINGS.opacity = Math.max(0, Math.min(100, Number(parameters.get("opacity")) || 0));
+  if (parameters.has("near")) SETTINGS.near = parameters.get("near") === "1";
+  const frame = await get(`/v1/frames/${key}`, { signal });
+  const run = await get(`/v1/runs/${frame.run_id}`, { signal });
+  labels ??= await get("/v1/labels", { signal });
+
+  const panes = h("div", { class: "panes" });
+  const legend = h("div", {});
+  const slider = h("input", { type: "range", min: 0, max: 100, value: SETTINGS.opacity, id: "opacity", on: { input: () => { SETTINGS.opacity = Number(slider.value); update(); } } });
+  const slide = h("label", { class: "inline", for: "opacity" }, "Overlay", slider);
+  const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, Object.entries(VIEWS).map(([name, text]) =>
+    h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, text)));
+  const boxes = toggle("Boxes", "boxes", () => update());
+  const near = toggle("Zoom to person", "near", () => update());
+  const step = (text, target, label) => (target
+    ? h("a", { class: "button", href: `#/frames/${target}`, "aria-label": label }, text)
+    : h("button", { type: "button", disabled: true, "aria-label": label }, text));
+  main.replaceChildren(
+    h("div", { class: "stack" },
+      h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("a", { href: `#/runs/${frame.run_id}` }, run.name), " / ", h("span", { class: "mono" }, `${frame.variant_index}.${frame.id.split(".").slice(2).join(".")}`)),
+      h("div", { class: "spread" },
+        h("h1", {}, `Variant ${frame.variant_index}, ${frame.camera}`),
+        h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame")))),
+    frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}: pictures appear as they are made.`),
+    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, legend),
+    h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
+    variantSection(frame));
+
+  const shownPanes = new Map();
+  const update = () => {
+    const { view } = SETTINGS;
+    const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
+    history.replaceState(null, "", `#/frames/${key}?${parts}`);
+    for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
+    slide.hidden = view === "picture" || view === "instances" || view === "depth";
+    const wanted = OF_FUNCTION.has(view) && frame.evaluations.length
+      ? frame.evaluations.map((one) => ({ key: `${one.function} ${one.sensor}`, evaluation: one }))
+      : [{ key: "frame", evaluation: null }];
+    put(panes, wanted.map((one) => one.key), wanted.map((one) => {
+      if (!shownPanes.has(one.key)) shownPanes.set(one.key, pane(frame, one.evaluation));
+      return shownPanes.get(one.key).element;
+    }));
+    panes.classList.toggle("two", wanted.length > 1);
+    wanted.forEach((one) => shownPanes.get(one.key).show());
+    put(legend, view, legendOf(view));
+  };
+  update();
+
+  addEventListener("keydown", (event) => {
+    if (event.altKey || event.ctrlKey || event.metaKey || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
+    if (event.key === "ArrowLeft" && frame.previous) location.hash = `#/frames/${frame.previous}`;
+    else if (event.key === "ArrowRight" && frame.next) location.hash = `#/frames/${frame.next}`;
+    else if (event.key === "z") { SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
+  }, { signal });
+  prefetch(frame, signal);
+  return `Variant ${frame.variant_index}, ${frame.camera}`;
+}
+
+function toggle(text, name, changed) {
+  const box = h("input", { type: "checkbox", checked: SETTINGS[name], on: { change: () => { SETTINGS[name] = box.checked; changed(); } } });
+  return h("label", { class: "inline" }, box, text);
+}
+
+// The neighbours' pictures, once this frame's own are there.
+function prefetch(frame, signal) {
+  setTimeout(() => {
+    if (signal.aborted) return;
+    for (const target of [frame.next, frame.previous]) {
+      if (target) for (const path of Object.values(frame.images).slice(0, 2)) picture(path.replace(frame.id, target)).catch(() => {});
+    }
+  }, 700);
+}
+
+function pane(frame, evaluation) {
+  const below = h("img", { alt: "" });
+  const above = h("img", { alt: "", class: "above" });
+  const trouble = h("p", { class: "trouble", hidden: true });
+  const rectangles = s("svg", { viewBox: `0 0 ${frame.width} ${frame.height}`, preserveAspectRatio: "none", "aria-hidden": "true" });
+  const world = h("div", { class: "world" }, below, above, rectangles);
+  const window_ = h("div", { class: "window", style: { "aspect-ratio": `${frame.width} / ${frame.height}` } }, world, trouble);
+  const caption = evaluation ? h("figcaption", {}, h("h3", {}, evaluation.function), h("span", { class: "soft small number" }, captionOf(frame, evaluation))) : null;
+  const element = h("figure", {}, caption, window_);
+  let latest = 0;
+
+  const load = async (image, path, mine) => {
+    if (image.dataset.path === path) return;
+    try {
+      const url = await picture(path);
+      if (mine !== latest) return;
+      image.src = url;
+      image.dataset.path = path;
+    } catch (error) {
+      if (mine !== latest) return;
+      trouble.textContent = error.message;
+      trouble.hidden = false;
+    }
+  };
+
+  const show = () => {
+    const { view, opacity, boxes, near } = SETTINGS;
+    const mine = (latest += 1);
+    trouble.hidden = true;
+    const images = evaluation ? evaluation.images : frame.images;
+    load(below, images.picture, mine);
+    const over = view === "picture" ? null : images[view];
+    above.hidden = !over;
+    if (over) load(above, over, mine);
+    above.style.setProperty("opacity", view === "instances" || view === "depth" ? "1" : String(opacity / 100));
+    element.setAttribute("aria-label", `${VIEWS[view]}${evaluation ? ` of ${evaluation.function}` : ""}`);
+    rectangles.replaceChildren(...(boxes ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
+    const zoom = near ? zoomOf(frame) : null;
+    world.classList.toggle("near", Boolean(zoom));
+    world.style.setProperty("transform", zoom ? `scale(${zoom.scale}) translate(${-100 * zoom.x}%, ${-100 * zoom.y}%)` : "none");
+  };
+  return { element, show };
+}
+
+function captionOf(frame, evaluation) {
+  if (evaluation.state !== "done") return words(evaluation.state);
+  const parts = evaluation.persons.map((one) => `${evaluation.persons.length > 1 ? `${nameOf(frame, one.instance_id)} ` : ""}pACC ${percent(one.pacc)}`);
+  return [...parts, `IoU ${percent(evaluation.iou)}`].join(" · ");
+}
+
+const nameOf = (frame, instance) => frame.persons.find((one) => one.instance_id === instance)?.character ?? `person-${instance % 1000}`;
+
+function outline(person) {
+  const box = ([x0, y0, x1, y1], kind) => s("rect", { x: x0, y: y0, width: x1 - x0, height: y1 - y0, class: kind, "vector-effect": "non-scaling-stroke" });
+  return [box(person.amodal_box, "amodal"), person.box ? box(person.box, "visible") : null].filter(Boolean);
+}
+
+// The window around all persons, with room, in the picture's own proportions.
+function zoomOf(frame) {
+  const found = frame.persons.map((one) => one.amodal_box).filter(Boolean);
+  if (!found.length) return null;
+  const x0 = Math.min(...found.map((b) => b[0])), y0 = Math.min(...found.map((b) => b[1]));
+  const x1 = Math.max(...found.map((b) => b[2])), y1 = Math.max(...found.map((b) => b[3]));
+  const share = Math.min(1, Math.max((2 * (x1 - x0)) / frame.width, (1.7 * (y1 - y0)) / frame.height, 0.06));
+  const place = (middle, size) => Math.max(0, Math.min(1 - share, middle / size - share / 2));
+  return { scale: 1 / share, x: place((x0 + x1) / 2, frame.width), y: place((y0 + y1) / 2, frame.height) };
+}
+
+function legendOf(view) {
+  if (view === "errors") {
+    return h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, is none"]].map(([kind, text]) => h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
+  }
+  if (view !== "truth" && view !== "prediction") return null;
+  return h("div", { class: "legend under classes" }, labels.filter((one) => one.train_id < 255).map((one) =>
+    h("span", { class: "key" }, h("span", { class: "patch", style: { background: `rgb(${one.color.join(" ")})` } }), one.name)));
+}
+
+function personsSection(frame) {
+  const people = frame.persons.filter((one) => one.instance_id);
+  const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), people.map((one) => h("td", { class: "right" }, get_(one))));
+  const body = people.length
+    ? table(["", ...people.map((one) => ({ text: one.character ?? `person-${one.instance_id % 1000}`, class: "right" }))], [
+      line("Distance", "optical centre to the person’s place on the ground", (one) => (one.distance_m === null ? "–" : `${fixed(one.distance_m, 2)} m`)),
+      line("Occlusion", "share hidden by other objects", (one) => percent(one.occlusion_rate)),
+      line("Truncation", "share beyond the image border", (one) => percent(one.truncation_rate)),
+      line("Visible pixels", "", (one) => count(one.pixel_area)),
+      line("of the image", "", (one) => `${fixed(one.pixel_area_percent, 3)} %`),
+      line("Pixels if alone", "rendered without anything before it", (one) => count(one.pixel_area_amodal)),
+      line("Defined", "whether a pACC exists", (one) => one.undefined_reason ?? "yes"),
+    ], { caption: "Visibility of the persons" })
+    : h("p", { class: "soft" }, "The scene holds no person here: whatever is called person is wrong.");
+  return h("section", { class: "card" }, h("h2", {}, "Persons"), body);
+}
+
+function scoresSection(frame) {
+  const done = frame.evaluations.filter((one) => one.state === "done");
+  if (!done.length) return h("section", { class: "card" }, h("h2", {}, "Scores"), h("p", { class: "soft" }, frame.evaluations.length ? "Not evaluated yet." : "This run has no function under test."));
+  const several = new Set(done.map((one) => one.sensor)).size > 1;
+  const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), done.map((one) => h("td", { class: "right" }, get_(one))));
+  const people = frame.persons.filter((one) => one.instance_id);
+  return h("section", { class: "card" }, h("h2", {}, "Scores"), table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [
+    ...people.map((person) => line(`pACC, ${person.character ?? "person"}`, "recall of this person’s pixels", (one) => percent(one.persons.find((p) => p.instance_id === person.instance_id)?.pacc))),
+    line("Precision", "of the class person in this frame", (one) => percent(one.precision)),
+    line("IoU", "of the class person in this frame", (one) => percent(one.iou)),
+    line("Person pixels found", "", (one) => count(one.tp)), line("missed", "", (one) => count(one.fn)), line("falsely seen", "", (one) => count(one.fp)),
+    line("mIoU", "all classes of the frame", (one) => percent(one.miou)), line("Pixel accuracy", "all classes", (one) => percent(one.pixel_accuracy)),
+  ], { caption: "Scores per function" }));
+}
+
+function variantSection(frame) {
+  const entries = Object.entries(frame.assignment);
+  return h("section", { class: "card" }, h("h2", {}, "Variant"),
+    entries.length ? h("dl", { class: "facts" }, entries.map(([path, one]) => h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number" }, value(one))))) : h("p", { class: "soft" }, "Nothing is varied."),
+    h("p", { class: "small soft under" }, "Make it again in one process and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
+}

@@ -1,0 +1,60 @@
+// The page: which view the address names, and the end of the one before.
+import { forgetToken, hasToken } from "./api.js";
+import { h } from "./dom.js";
+import { frameView } from "./frame.js";
+import { runView } from "./run.js";
+import { runsView } from "./runs.js";
+import { workersView } from "./workers.js";
+
+const ROUTES = [
+  [/^\/?$/, "runs", () => runsView],
+  [/^\/runs\/([\w-]+)$/, "runs", () => runView],
+  [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
+  [/^\/workers$/, "workers", () => workersView],
+];
+
+const main = document.getElementById("view");
+let current = null;
+
+function address() {
+  const [path, query] = location.hash.slice(1).split("?");
+  return { path: path || "/", parameters: new URLSearchParams(query) };
+}
+
+async function show() {
+  const { path, parameters } = address();
+  if (current && current.path === path) return; // only parameters changed: the view wrote them itself
+  current?.end.abort();
+  const end = new AbortController();
+  const route = ROUTES.find(([pattern]) => pattern.test(path));
+  const mine = { path, end };
+  current = mine;
+  for (const link of document.querySelectorAll("[data-nav]")) {
+    if (route && link.dataset.nav === route[1]) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  if (!route) {
+    main.replaceChildren(h("section", { class: "card empty" }, h("h2", {}, "There is no such page"), h("a", { href: "#/" }, "All runs")));
+    return;
+  }
+  try {
+    const key = route[0].exec(path)[1];
+    const title = await route[2]()({ main, key, parameters, signal: end.signal });
+    if (current !== mine) return;
+    document.title = title ? `${title} · VALERIE` : "VALERIE";
+    main.focus({ preventScroll: true });
+    scrollTo(0, 0);
+  } catch (error) {
+    if (error.name === "AbortError" || current !== mine) return;
+    main.replaceChildren(h("section", { class: "card empty" },
+      h("h2", {}, error.status === 404 ? "Not found" : "This did not work"), h("p", {}, error.message),
+      h("div", { class: "row" }, h("button", { type: "button", on: { click: () => { current = null; show(); } } }, "Try again"), h("a", { class: "button", href: "#/" }, "All runs"))));
+    if (!error.status && error.status !== 0) throw error;
+  }
+}
+
+const forget = document.getElementById("forget");
+forget.hidden = !hasToken();
+forget.addEventListener("click", () => { forgetToken(); location.reload(); });
+addEventListener("hashchange", show);
+show();

@@ -1,0 +1,71 @@
+// The list of runs.
+import { get } from "./api.js";
+import { command, h } from "./dom.js";
+import { ACTIVE, ago, clock, count, duration, look, percent, plural, words } from "./format.js";
+import { poll } from "./poll.js";
+
+const PAGE = 50;
+
+export async function runsView({ main, signal }) {
+  let pages = 1;
+  const list = h("div", { class: "stack" });
+  const more = h("button", { type: "button", hidden: true, on: { click: () => { pages += 1; again(); } } }, "Show earlier runs");
+  const draw = async () => {
+    const items = [];
+    let next = null;
+    for (let page = 0; page < pages; page += 1) {
+      const answer = await get(`/v1/runs?limit=${PAGE}${next ? `&cursor=${encodeURIComponent(next)}` : ""}`, { signal });
+      items.push(...answer.items);
+      next = answer.next;
+      if (!next) break;
+    }
+    more.hidden = !next;
+    const focused = document.activeElement?.getAttribute?.("href");
+    list.replaceChildren(items.length ? runsTable(items) : nothing());
+    if (focused) list.querySelector(`a[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    return items.some((run) => ACTIVE.has(run.state)) ? 2000 : 10_000;
+  };
+  await draw();
+  main.replaceChildren(h("h1", {}, "Runs"), list, h("div", { class: "row" }, more));
+  const again = poll(signal, draw);
+  return "Runs";
+}
+
+function nothing() {
+  return h("section", { class: "card empty" },
+    h("h2", {}, "No run yet"),
+    h("p", {}, "A run varies a scene, renders it and shows how well functions see it. Start the first one:"),
+    command("valerie run examples/first-run.yaml"),
+    h("p", { class: "small" }, "or send a spec of your own to this server with ", h("code", {}, "valerie submit SPEC"), "; ", h("code", {}, "valerie new"), " writes one with comments."));
+}
+
+function runsTable(items) {
+  const head = ["Run", "State", "Progress", "Variants", "Submitted", "Took"];
+  return h("section", { class: "card runs" },
+    h("table", {},
+      h("thead", {}, h("tr", {}, head.map((text, i) => h("th", { scope: "col", class: i === 3 || i === 5 ? "right" : null }, text)))),
+      h("tbody", {}, items.map(row))));
+}
+
+function row(run) {
+  const { done, failed, total } = run.stages.eval ?? { done: 0, failed: 0, total: 0 };
+  const share = total ? (done + failed) / total : run.state === "completed" ? 1 : 0;
+  const took = run.started_at ? (new Date(run.finished_at ?? Date.now()) - new Date(run.started_at)) / 1000 : null;
+  return h("tr", {},
+    h("td", { class: "name" }, h("a", { href: `#/runs/${run.id}` }, run.name), h("div", { class: "small soft mono" }, run.id),
+      run.reason && ACTIVE.has(run.state) ? h("div", { class: "small soft" }, run.reason) : null),
+    h("td", { "data-label": "State" }, h("span", { class: `chip ${look(run.state)}` }, words(run.state))),
+    h("td", { class: "progress-cell", "data-label": "Progress" }, total
+      ? h("div", { class: "stack" }, bar(done, failed, total), h("div", { class: "small soft number" }, `${percent(share, share < 1 ? 1 : 0)} of ${plural(total, "evaluation")}`))
+      : h("span", { class: "soft" }, "not started")),
+    h("td", { class: "right", "data-label": "Variants" }, count(run.variant_count), run.rejected_count ? h("div", { class: "small soft" }, `${count(run.rejected_count)} rejected`) : null),
+    h("td", { "data-label": "Submitted", title: clock(run.created_at) }, ago(run.created_at)),
+    h("td", { class: "right", "data-label": "Took" }, duration(took === null ? null : Math.round(took))));
+}
+
+export function bar(done, failed, total, label) {
+  const width = (part) => `${total ? (100 * part) / total : 0}%`;
+  return h("div", { class: "meter", role: "progressbar", "aria-label": label ?? "Progress", "aria-valuemin": 0, "aria-valuemax": total, "aria-valuenow": done + failed,
+    "aria-valuetext": `${count(done)} of ${count(total)} done${failed ? `, ${count(failed)} failed` : ""}` },
+  h("span", { class: "done", style: { width: width(done) } }), failed ? h("span", { class: "failed", style: { width: width(failed) } }) : null);
+}

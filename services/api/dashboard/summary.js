@@ -1,0 +1,39 @@
+// The table of the paper's section 6.2, with what it lacked, and sentences that the numbers wrote.
+import { h, table } from "./dom.js";
+import { count, percent } from "./format.js";
+
+const interval = (one) => (one ? `${(100 * one.low).toFixed(1)} – ${(100 * one.high).toFixed(1)}` : "");
+const undefinedText = (reasons) => Object.entries(reasons).map(([reason, n]) => `${count(n)} ${reason}`).join(", ");
+
+export function summarySection({ summary, findings }) {
+  if (!summary.rows.length) return h("section", { class: "card" }, h("h2", {}, "Summary"), h("p", { class: "soft" }, "No person was evaluated in this run."));
+  const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
+  const head = [
+    "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
+    { text: "mean pACC", class: "right", title: "mean over person-frames with a defined pACC, with its 95 % interval" }, { text: "min", class: "right" }, { text: "max", class: "right" },
+    { text: "pooled", class: "right", title: "all pixels together" },
+    { text: "Precision", class: "right", title: "of the frame, mean: a false positive belongs to no person" }, { text: "IoU", class: "right", title: "of the frame, mean" },
+    { text: `Detected ≥ ${summary.threshold}`, class: "right", title: "share of persons with pACC at or above the threshold" },
+    { text: "Frames", class: "right" }, "Undefined",
+  ];
+  let last = null;
+  const rows = summary.rows.map((row) => {
+    const first = row.function !== last;
+    last = row.function;
+    return h("tr", { class: row.character === "all" ? "all" : null },
+      h("th", { scope: "row" }, first ? row.function : h("span", { class: "ditto" }, row.function)), several ? h("td", {}, row.sensor) : null,
+      h("td", {}, row.character === "all" ? "all together" : row.character),
+      h("td", { class: "right" }, h("strong", {}, percent(row.pacc_mean)), h("div", { class: "small soft" }, interval(row.pacc_mean_interval))),
+      h("td", { class: "right" }, percent(row.pacc_min)), h("td", { class: "right" }, percent(row.pacc_max)), h("td", { class: "right" }, percent(row.pacc_pooled)),
+      h("td", { class: "right" }, percent(row.precision_mean)), h("td", { class: "right" }, percent(row.iou_mean)),
+      h("td", { class: "right" }, percent(row.detection_rate), h("div", { class: "small soft" }, interval(row.detection_interval))),
+      h("td", { class: "right" }, count(row.frames)),
+      h("td", { class: "small soft" }, undefinedText(row.undefined) || "none"));
+  });
+  const occluded = summary.occlusion.find((one) => one.character === "all") ?? summary.occlusion[0];
+  return h("section", { class: "card" }, h("h2", {}, "Summary"),
+    table(head, rows, { caption: "Summary per function and pedestrian" }),
+    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person; painting everything “person” would score 100 %, so read precision and IoU beside it. Small figures: 95 % intervals.",
+      occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
+    findings.items.length ? h("div", { class: "findings" }, h("h3", {}, "Findings"), h("ul", {}, findings.items.map((one) => h("li", {}, one.sentence)))) : null);
+}
