@@ -1,7 +1,7 @@
 """The daylight sky: colour of the sun at the ground, radiance of the sky, air light. Computed on the CPU, once per sun.
 
 Single scattering in a spherical atmosphere after Nishita et al. 1993, "Display of the Earth taking into account
-atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the second order. Rayleigh
+atmospheric scattering" (doi:10.1145/166117.166140), with an isotropic estimate of the higher orders. Rayleigh
 coefficients and scale heights are those of Bruneton and Neyret 2008 (doi:10.1111/j.1467-8659.2008.01245.x). Haze
 follows turbidity by its definition, the ratio of the vertical optical thickness of haze and air to that of air (at 550
 nm).
@@ -154,7 +154,10 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     weight = (np.cos(_elevations()) * np.gradient(_elevations()))[:, None, None]
     mean_sky = (first.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
     mean = 0.5 * mean_sky + 0.5 * _GROUND_ALBEDO * (transmitted * toward_sun[2] / np.pi + mean_sky)
-    table = ((first + scattering * mean) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
+    # Each order is taken for isotropic light of the mean radiance of the one before: a geometric series.
+    returned = 0.5 * (scattering.reshape(ELEVATIONS, AZIMUTHS, 3) * weight).sum(axis=(0, 1)) / (weight.sum() * AZIMUTHS)
+    higher = scattering * mean / (1 - np.minimum(returned, 0.9))
+    table = ((first + higher) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
     table = table * _bounded(float(_horizontal(table) @ _LUMINANCE))
     dusk = float(np.clip(np.rad2deg(elevation) / 6 + 1, 0, 1)) ** 2
     risen = float(np.clip(np.rad2deg(elevation) / 0.5 + 0.5, 0, 1))

@@ -11,7 +11,7 @@ from typing import Final
 
 import moderngl
 
-from valerie.errors import MissingDependency
+from valerie.errors import MissingDependency, RenderingError
 from valerie.rendering.numeric import numeric_class
 from valerie.rendering.raster.scenes import SceneStore
 
@@ -57,9 +57,16 @@ class GraphicsContext:
 
     @contextmanager
     def current(self) -> Iterator[moderngl.Context]:
-        """Make this context the current one of the thread, and give the previous one back afterwards."""
+        """Make this context the current one of the thread, and give the previous one back afterwards.
+
+        Raises:
+            RenderingError: the driver refused something (out of memory, say).
+        """
         with self.gl:
-            yield self.gl
+            try:
+                yield self.gl
+            except moderngl.Error as error:
+                raise RenderingError(f"OpenGL ({self.numeric_class}): {error}") from error
 
     def program(self, vertex: str, fragment: str, **defines: int) -> moderngl.Program:
         """The program of two shader files; compiled at the first call."""
