@@ -66,7 +66,7 @@ BENCHES := $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
 bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Every benchmark; results go to var/bench/
 
 bench-%: setup-dev ## One benchmark, e.g. make bench-renderers
-	@exec $(PYTHON_BIN) benchmarks/bench_$(subst -,_,$*).py
+	@exec $(PYTHON_BIN) -m benchmarks.bench_$(subst -,_,$*)
 
 .PHONY: clean
 clean: ## Remove what tools left; data (var/) and the environment stay

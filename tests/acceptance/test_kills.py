@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import psutil
 import pytest
+from sqlalchemy import select
 
 from tests.acceptance.system import System, spec
 from valerie.broker import Broker, create_app
@@ -83,7 +84,7 @@ def test_messages_delivered_twice_change_nothing(undisturbed: Outcome, start: Ca
         engine = open_engine(system.settings.database_url)
         with reading(engine) as connection:
             columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
-            everything: list[Ready] = [tuple(row) for row in connection.execute(Product.__table__.select().with_only_columns(*columns))]
+            everything: list[Ready] = [tuple(row) for row in connection.execute(select(*columns))]
         engine.dispose()
         Broker(create_app(system.supervisor.settings)).send_products(everything)
         assert outcome(system, run) == undisturbed
@@ -95,6 +96,6 @@ def test_every_product_was_made_once_when_nothing_died(start: Callable[..., Syst
         assert system.wait(run) == "completed"
         engine = open_engine(system.settings.database_url)
         with reading(engine) as connection:
-            attempts = set(connection.execute(Product.__table__.select().with_only_columns(Product.attempts)).scalars())
+            attempts = set(connection.scalars(select(Product.attempts)))
         engine.dispose()
         assert attempts == {1}
