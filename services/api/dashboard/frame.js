@@ -28,7 +28,7 @@ export async function frameView({ main, key, parameters, signal }) {
   const step = (text, target, label) => (target
     ? h("a", { class: "button", href: `#/frames/${target}`, "aria-label": label }, text)
     : h("button", { type: "button", disabled: true, "aria-label": label }, text));
-  main.replaceChildren(
+  main.replaceChildren(...[
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("a", { href: `#/runs/${frame.run_id}` }, run.name), " / ", h("span", { class: "mono" }, `${frame.variant_index}.${frame.id.split(".").slice(2).join(".")}`)),
       h("div", { class: "spread" },
@@ -37,7 +37,8 @@ export async function frameView({ main, key, parameters, signal }) {
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}: pictures appear as they are made.`),
     h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
-    variantSection(frame));
+    variantSection(frame),
+  ].filter(Boolean));
 
   const shownPanes = new Map();
   const update = () => {
@@ -97,13 +98,17 @@ function pane(frame, evaluation) {
 
   const load = async (image, path, mine) => {
     if (image.dataset.path === path) return;
+    window_.classList.add("waiting");
     try {
       const url = await picture(path);
       if (mine !== latest) return;
       image.src = url;
       image.dataset.path = path;
+      await image.decode().catch(() => {});
+      if (mine === latest) window_.classList.remove("waiting");
     } catch (error) {
       if (mine !== latest) return;
+      window_.classList.remove("waiting");
       trouble.textContent = error.message;
       trouble.hidden = false;
     }
@@ -123,6 +128,7 @@ function pane(frame, evaluation) {
     rectangles.replaceChildren(...(boxes ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
     const zoom = near ? zoomOf(frame) : null;
     world.classList.toggle("near", Boolean(zoom));
+    world.style.setProperty("--scale", zoom ? zoom.scale : 1);
     world.style.setProperty("transform", zoom ? `scale(${zoom.scale}) translate(${-100 * zoom.x}%, ${-100 * zoom.y}%)` : "none");
   };
   return { element, show };

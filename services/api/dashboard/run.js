@@ -24,7 +24,7 @@ export async function runView({ main, key, parameters, signal }) {
 
   const chip = h("span", {});
   const actions = h("div", { class: "row" });
-  const reason = h("div", {});
+  const reason = h("div", { class: "slot" });
   const stages = h("div", { class: "stages" });
   const facts = h("p", { class: "soft small" });
   const failures = h("div", {});
@@ -127,7 +127,7 @@ function failureList(key, list, failed) {
   const roots = list.filter((one) => !one.error?.cause);
   return h("details", { class: "more", open: true }, h("summary", {}, `${plural(roots.length, "product")} failed for good`, failed > roots.length ? h("span", { class: "soft" }, "; what needed them failed with them") : null),
     table(["Frame", "Product", "Error", { text: "Attempts", class: "right" }], roots.map((one) => h("tr", {},
-      h("td", {}, h("a", { href: `#/frames/${key}.${one.variant_index}.${one.camera_index}.${one.time_index}` }, `variant ${one.variant_index}, camera ${one.camera_index + 1}`)),
+      h("td", {}, h("a", { href: `#/frames/${key}.${one.variant_index}.${one.camera_index}.${one.time_index}` }, h("span", { class: "mono" }, `${one.variant_index}.${one.camera_index}.${one.time_index}`))),
       h("td", {}, one.kind),
       h("td", {}, h("strong", {}, one.error?.type ?? ""), " ", one.error?.message ?? ""),
       h("td", { class: "right" }, count(one.error?.attempts)))), { caption: "Failures" }));

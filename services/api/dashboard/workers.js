@@ -1,7 +1,7 @@
 // Who is at work, and what waits for whom.
 import { get } from "./api.js";
 import { command, h, put, table } from "./dom.js";
-import { NONE, count, duration, plural } from "./format.js";
+import { NONE, count, duration } from "./format.js";
 import { poll } from "./poll.js";
 
 const STAGES = { render: "Render", infer: "Infer", eval: "Evaluate" };
@@ -50,5 +50,5 @@ function queueTable(routes) {
   return h("section", { class: "card" }, h("h2", {}, "Queues"),
     silent ? h("p", { class: "note bad" }, "The broker does not answer: messages cannot be counted, and nothing is sent until it does. No work is lost.") : null,
     table(head, rows, { caption: "Queues" }),
-    h("p", { class: "small soft under" }, "A product waits until its inputs are done, is ready until a worker claims it, and is in work under a lease. A message is a list of several products. ", plural(routes.length, "queue"), "."));
+    h("p", { class: "small soft under" }, "A product waits until its inputs are done, is ready until a worker claims it, and is in work under a lease. One message names several products."));
 }
