@@ -16,7 +16,8 @@ from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, Transi
 #: A writer waits this long for its turn; with eight writing processes SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
 #: Documents are written by the thousand; orjson is several times faster than the standard library.
-_JSON: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
+    "hide_parameters": True,  # thousands of rows do not belong into a log
     "json_serializer": lambda value: orjson.dumps(value).decode(),
     "json_deserializer": orjson.loads,
 }
@@ -34,14 +35,12 @@ def open_engine(url: str) -> Engine:
     parsed = make_url(url)
     backend = parsed.get_backend_name()
     if backend == "sqlite":
-        engine = create_engine(parsed, connect_args={"timeout": _BUSY_TIMEOUT_MS / 1000}, **_JSON)
+        engine = create_engine(parsed, connect_args={"timeout": _BUSY_TIMEOUT_MS / 1000}, **_OPTIONS)
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", _begin_immediate)
         return engine
     if backend == "postgresql":
-        return create_engine(
-            parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_JSON
-        )
+        return create_engine(parsed.set(drivername="postgresql+psycopg"), pool_pre_ping=True, pool_size=4, **_OPTIONS)
     raise InvalidInput("unknown kind of database", field="database_url", value=backend, limit="sqlite or postgresql")
 
 

@@ -10,7 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, bindparam, case, func, literal, select, text, update
+import orjson
+from sqlalchemy import ARRAY, Connection, String, any_, bindparam, case, func, literal, select, text, update
+from sqlalchemy import delete as sql_delete
 from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
@@ -20,38 +22,50 @@ Ready = tuple[str, str, str, str]
 
 _READY_COLUMNS = (Product.digest, Product.kind, Product.route, Product.cache_group)
 _UNFINISHED = ("waiting", "ready", "running")
-#: SQLite allows 32,766 bound values in a statement; stay far below.
-_MANY = 500
 
-_INPUTS_NOT_DONE = text(
+#: What a product that is to be tried again begins with.
+_TRY_AGAIN: dict[str, Any] = {
+    "state": "waiting",
+    "attempts": 0,
+    "error": None,
+    "lease_owner": None,
+    "lease_until": None,
+    "sent_at": None,
+}
+_INPUTS_DONE = text(
     "NOT EXISTS (SELECT 1 FROM products AS i WHERE i.digest IN (products.input_a, products.input_b) AND i.state <> 'done')"
 )
+
+
+def insert_wanted(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert products that a run links to; what is there already stays, but what failed for good or was parked is tried again."""
+    if not rows:
+        return
+    build = _insert_of(connection)(Product.__table__)
+    statement = build.on_conflict_do_update(
+        index_elements=["digest"],
+        set_=_TRY_AGAIN,
+        where=text("products.state IN ('failed', 'parked')"),
+    )
+    connection.execute(statement, list(rows))
 
 
 def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> None:
     """Insert rows; those whose primary key is there already are left as they are."""
     if not rows:
         return
-    build = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    connection.execute(build(model.__table__).on_conflict_do_nothing(), list(rows))
+    connection.execute(_insert_of(connection)(model.__table__).on_conflict_do_nothing(), list(rows))
 
 
 def revive(connection: Connection, digests: Iterable[str]) -> None:
-    """Let what failed for good or was parked be tried again (a new run or a retry asks for it)."""
-    for some in _slices(digests):
-        connection.execute(
-            update(Product)
-            .where(Product.digest.in_(some), Product.state.in_(("failed", "parked")))
-            .values(state="waiting", attempts=0, error=None, lease_owner=None, lease_until=None, sent_at=None)
-        )
+    """Let what failed for good or was parked be tried again (a retry asks for it)."""
+    among = _among(connection, Product.digest, digests)
+    connection.execute(update(Product).where(among, Product.state.in_(("failed", "parked"))).values(**_TRY_AGAIN))
 
 
 def promote(connection: Connection, digests: Iterable[str], now: float) -> list[Ready]:
     """Those of ``digests`` that wait for nothing more become ready; returns them."""
-    ready: list[Ready] = []
-    for some in _slices(digests):
-        ready += _promote(connection, Product.digest.in_(some), now)
-    return ready
+    return _promote(connection, _among(connection, Product.digest, digests), now)
 
 
 def promote_dependents(connection: Connection, inputs: Iterable[str], now: float) -> list[Ready]:
@@ -60,10 +74,9 @@ def promote_dependents(connection: Connection, inputs: Iterable[str], now: float
     Call it in a transaction of its own, after the one that finished the inputs: of two workers that finish the two inputs of
     one product at the same time, the later then sees both.
     """
-    ready: list[Ready] = []
-    for some in _slices(inputs):
-        ready += _promote(connection, Product.input_a.in_(some) | Product.input_b.in_(some), now)
-    return ready
+    done = list(inputs)
+    condition = _among(connection, Product.input_a, done) | _among(connection, Product.input_b, done)
+    return _promote(connection, condition, now)
 
 
 def promote_all(connection: Connection, now: float) -> list[Ready]:
@@ -74,7 +87,7 @@ def promote_all(connection: Connection, now: float) -> list[Ready]:
 def _promote(connection: Connection, condition: Any, now: float) -> list[Ready]:
     statement = (
         update(Product)
-        .where(Product.state == "waiting", condition, _INPUTS_NOT_DONE)
+        .where(Product.state == "waiting", condition, _INPUTS_DONE)
         .values(state="ready", sent_at=now)
         .returning(*_READY_COLUMNS)
     )
@@ -333,10 +346,8 @@ def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Re
 
 def mark_sent(connection: Connection, digests: Iterable[str], now: float) -> None:
     """Remember when products were rung for."""
-    for some in _slices(digests):
-        connection.execute(
-            update(Product).where(Product.digest.in_(some), Product.state == "ready").values(sent_at=now)
-        )
+    among = _among(connection, Product.digest, digests)
+    connection.execute(update(Product).where(among, Product.state == "ready").values(sent_at=now))
 
 
 def fail_orphaned_dependents(connection: Connection, now: float) -> None:
@@ -383,20 +394,13 @@ def totals(connection: Connection) -> list[tuple[str, int, int, float]]:
 
 def done_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
     """Those of ``digests`` that are there already."""
-    found: set[str] = set()
-    for some in _slices(digests):
-        found.update(
-            connection.scalars(select(Product.digest).where(Product.digest.in_(some), Product.state == "done"))
-        )
-    return found
+    among = _among(connection, Product.digest, digests)
+    return set(connection.scalars(select(Product.digest).where(among, Product.state == "done")))
 
 
 def known_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
     """Those of ``digests`` that have a row, in whatever state."""
-    found: set[str] = set()
-    for some in _slices(digests):
-        found.update(connection.scalars(select(Product.digest).where(Product.digest.in_(some))))
-    return found
+    return set(connection.scalars(select(Product.digest).where(_among(connection, Product.digest, digests))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -453,15 +457,22 @@ def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
 
 def delete(connection: Connection, digests: Iterable[str]) -> None:
     """Remove product rows; what hangs on them goes with them."""
-    for some in _slices(digests):
-        connection.execute(Product.__table__.delete().where(Product.__table__.c.digest.in_(some)))  # type: ignore[attr-defined]
+    connection.execute(sql_delete(Product).where(_among(connection, Product.digest, digests)))
 
 
 def _ready(row: Any) -> Ready:
     return row.digest, row.kind, row.route, row.cache_group
 
 
-def _slices(digests: Iterable[str]) -> Iterable[list[str]]:
-    everything = list(digests)
-    for start in range(0, len(everything), _MANY):
-        yield everything[start : start + _MANY]
+def _insert_of(connection: Connection) -> Any:
+    """The dialect's INSERT, which knows ON CONFLICT."""
+    return postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+
+
+def _among(connection: Connection, column: Any, digests: Iterable[str]) -> Any:
+    """``column`` is one of ``digests``: one bound value however many they are, so that the statement is compiled once."""
+    values = list(digests)
+    if connection.dialect.name == "postgresql":
+        return column == any_(literal(values, ARRAY(String)))
+    each = func.json_each(orjson.dumps(values).decode()).table_valued("value")
+    return column.in_(select(each.c.value))

@@ -8,7 +8,7 @@ from sqlalchemy import Engine
 
 from valerie.db import products, runs
 from valerie.db.engine import writing
-from valerie.db.models import Block, Evaluation, Frame, Product, Variant
+from valerie.db.models import Block, Evaluation, Frame, Variant
 from valerie.db.products import Ready
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
@@ -44,7 +44,7 @@ class Feeder:
             if run.next_index != first or run.state != "running":
                 return [], 0  # another process was faster, or the run was stopped
             connection.execute(Variant.__table__.insert(), variants)  # type: ignore[attr-defined]
-            products.insert_ignoring(connection, Product, list(wanted.values()))
+            products.insert_wanted(connection, list(wanted.values()))
             if frames:
                 connection.execute(Frame.__table__.insert(), frames)  # type: ignore[attr-defined]
             if evaluations:
@@ -60,7 +60,6 @@ class Feeder:
                     "counts": {},
                 },
             )
-            products.revive(connection, wanted)
             ready = products.promote(connection, wanted, now)
             runs.set_values(connection, self._run_id, next_index=last + 1, rejected_count=run.rejected_count + rejected)
         return ready, len(wanted)

@@ -35,7 +35,15 @@ def probe_function(name: str) -> list[dict[str, Any]]:
     function = plugins.create_function(name, threads=load_settings().inference_threads)
     try:
         card = function.card
-        return [{"name": name, "digest": card.digest, "revision": function.revision, "numeric_class": function.numeric_class, "card": asdict(card)}]
+        return [
+            {
+                "name": name,
+                "digest": card.digest,
+                "revision": function.revision,
+                "numeric_class": function.numeric_class,
+                "card": asdict(card),
+            }
+        ]
     finally:
         function.close()
 
