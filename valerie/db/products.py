@@ -15,6 +15,7 @@ from sqlalchemy import ARRAY, Connection, String, any_, bindparam, case, func, l
 from sqlalchemy import delete as sql_delete
 from sqlalchemy.dialects import postgresql, sqlite
 
+from valerie.db.bulk import insert_rows
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
 
 #: (digest, kind, route, cache group): what the broker needs to ring for a product.
@@ -37,17 +38,22 @@ _INPUTS_DONE = text(
 )
 
 
-def insert_wanted(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> None:
+#: (digest, kind, route, cache group, input a, input b) of a product that a run links to.
+Wanted = tuple[str, str, str, str, str | None, str | None]
+
+
+def insert_wanted(connection: Connection, rows: Sequence[Wanted]) -> None:
     """Insert products that a run links to; what is there already stays, but what failed for good or was parked is tried again."""
-    if not rows:
-        return
-    build = _insert_of(connection)(Product.__table__)
-    statement = build.on_conflict_do_update(
-        index_elements=["digest"],
-        set_=_TRY_AGAIN,
-        where=text("products.state IN ('failed', 'parked')"),
+    insert_rows(
+        connection,
+        Product,
+        ("digest", "kind", "route", "cache_group", "input_a", "input_b", "state", "attempts"),
+        [(*row, "waiting", 0) for row in rows],
+        on_conflict=(
+            "(digest) DO UPDATE SET state = 'waiting', attempts = 0, error = NULL, lease_owner = NULL, lease_until = NULL,"
+            " sent_at = NULL WHERE products.state IN ('failed', 'parked')"
+        ),
     )
-    connection.execute(statement, list(rows))
 
 
 def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Final
 
+import orjson
 from sqlalchemy import Engine
 
+from valerie.broker import EVAL_QUEUE
 from valerie.db import products, runs
+from valerie.db.bulk import insert_rows
 from valerie.db.engine import writing
 from valerie.db.models import Block, Evaluation, Frame, Variant
-from valerie.db.products import Ready
+from valerie.db.products import Ready, Wanted
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
 from valerie.scene.legality import rejection_reason
@@ -37,18 +41,15 @@ class Feeder:
             what became ready, and how many products the block links to.
         """
         last = min(first + BLOCK, self._count) - 1
-        variants, frames, evaluations, wanted = self._rows(first, last)
-        rejected = sum(1 for variant in variants if variant["rejection"] is not None)
+        rows = self._rows(first, last)
         with writing(engine) as connection:
             run = runs.get(connection, self._run_id)
             if run.next_index != first or run.state != "running":
                 return [], 0  # another process was faster, or the run was stopped
-            connection.execute(Variant.__table__.insert(), variants)  # type: ignore[attr-defined]
-            products.insert_wanted(connection, list(wanted.values()))
-            if frames:
-                connection.execute(Frame.__table__.insert(), frames)  # type: ignore[attr-defined]
-            if evaluations:
-                connection.execute(Evaluation.__table__.insert(), evaluations)  # type: ignore[attr-defined]
+            insert_rows(connection, Variant, _VARIANT, rows.variants)
+            products.insert_wanted(connection, list(rows.wanted.values()))
+            insert_rows(connection, Frame, _FRAME, rows.frames)
+            insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
             connection.execute(
                 Block.__table__.insert(),  # type: ignore[attr-defined]
                 {
@@ -60,85 +61,51 @@ class Feeder:
                     "counts": {},
                 },
             )
-            ready = products.promote(connection, wanted, now)
-            runs.set_values(connection, self._run_id, next_index=last + 1, rejected_count=run.rejected_count + rejected)
-        return ready, len(wanted)
+            ready = products.promote(connection, rows.wanted, now)
+            rejected = run.rejected_count + rows.rejected
+            runs.set_values(connection, self._run_id, next_index=last + 1, rejected_count=rejected)
+        return ready, len(rows.wanted)
 
-    def _rows(
-        self, first: int, last: int
-    ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]], dict[str, dict[str, Any]]]:
-        manifest = self._resolved.manifest
-        run_id = self._run_id
-        variants: list[dict[str, Any]] = []
-        frames: list[dict[str, Any]] = []
-        evaluations: list[dict[str, Any]] = []
-        wanted: dict[str, dict[str, Any]] = {}
+    def _rows(self, first: int, last: int) -> _Rows:
+        run_id, space, manifest = self._run_id, self._resolved.space, self._resolved.manifest
+        cameras = range(len(self._resolved.cameras))
         engine_route, truth_route = self._pins["engine"]["route"], self._pins["truth"]["route"]
         functions = [self._pins["functions"][name] for name in self._resolved.spec.functions]
-        for index, (block, assignment) in enumerate(self._resolved.space.values(first, last + 1), start=first):
-            reason = self._resolved.space.violated(assignment) or rejection_reason(assignment, manifest)
-            variants.append(
-                {"run_id": run_id, "index": index, "block": block, "assignment": assignment, "rejection": reason}
-            )
+        targets = [(function["route"], function["digest"][:32]) for function in functions]
+        rows = _Rows()
+        want = rows.wanted.setdefault
+        for index, (block, assignment) in enumerate(space.values(first, last + 1), start=first):
+            reason = space.violated(assignment) or rejection_reason(assignment, manifest)
+            rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
             if reason is not None:
+                rows.rejected += 1
                 continue
-            for camera in range(len(self._resolved.cameras)):
-                digests = self._inputs.frame(assignment, camera)
-                background = digests.background
-                _want(wanted, background, "background", engine_route, background)
-                _want(wanted, digests.layer, "layer", engine_route, background)
-                _want(wanted, digests.truth, "truth", truth_route, background)
-                key = {"run_id": run_id, "variant_index": index, "camera_index": camera, "time_index": 0}
-                frames.append({**key, "background": background, "layer": digests.layer, "truth": digests.truth})
-                for evaluation in digests.evaluations:
-                    function = functions[evaluation.function_index]
-                    _want(
-                        wanted,
-                        evaluation.prediction,
-                        "prediction",
-                        function["route"],
-                        function["digest"][:32],
-                        digests.layer,
-                        background,
-                    )
-                    _want(
-                        wanted,
-                        evaluation.scores,
-                        "evaluation",
-                        "eval",
-                        "",
-                        evaluation.prediction,
-                        digests.truth,
-                    )
-                    evaluations.append(
-                        {
-                            **key,
-                            "sensor_index": evaluation.sensor_index,
-                            "function_index": evaluation.function_index,
-                            "prediction": evaluation.prediction,
-                            "scores": evaluation.scores,
-                        }
-                    )
-        return variants, frames, evaluations, wanted
+            for camera in cameras:
+                background, layer, truth, evaluations = self._inputs.frame(assignment, camera)
+                want(background, (background, "background", engine_route, background, None, None))
+                want(layer, (layer, "layer", engine_route, background, None, None))
+                want(truth, (truth, "truth", truth_route, background, None, None))
+                rows.frames.append((run_id, index, camera, 0, background, layer, truth))
+                for sensor, function, prediction, scores in evaluations:
+                    route, group = targets[function]
+                    want(prediction, (prediction, "prediction", route, group, layer, background))
+                    want(scores, (scores, "evaluation", EVAL_QUEUE, "", prediction, truth))
+                    rows.evaluations.append((run_id, index, camera, 0, sensor, function, prediction, scores))
+        return rows
 
 
-def _want(
-    wanted: dict[str, dict[str, Any]],
-    digest: str,
-    kind: str,
-    route: str,
-    group: str,
-    input_a: str | None = None,
-    input_b: str | None = None,
-) -> None:
-    if digest not in wanted:
-        wanted[digest] = {
-            "digest": digest,
-            "kind": kind,
-            "state": "waiting",
-            "route": route,
-            "cache_group": group,
-            "input_a": input_a,
-            "input_b": input_b,
-            "attempts": 0,
-        }
+@dataclass(slots=True)
+class _Rows:
+    """What a block writes, as tuples in the order of the columns below; ``wanted`` holds each product once."""
+
+    variants: list[tuple[Any, ...]] = field(default_factory=list)
+    frames: list[tuple[Any, ...]] = field(default_factory=list)
+    evaluations: list[tuple[Any, ...]] = field(default_factory=list)
+    wanted: dict[str, Wanted] = field(default_factory=dict)
+    rejected: int = 0
+
+
+_VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
+_KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
+_FRAME: Final = (*_KEY, "background", "layer", "truth")
+_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores")

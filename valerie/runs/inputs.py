@@ -16,7 +16,6 @@ digests.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -49,8 +48,7 @@ class EvaluationDigests(NamedTuple):
     scores: str
 
 
-@dataclass(frozen=True, slots=True)
-class FrameDigests:
+class FrameDigests(NamedTuple):
     """All products of one frame."""
 
     background: str
