@@ -49,7 +49,11 @@ def main() -> None:
         total = max(done for done, _ in values)
         early = median(mb for done, mb in values if 0.2 * total <= done < 0.4 * total)
         late = median(mb for done, mb in values if done >= 0.8 * total)
-        figures[name] = {"early_mb": round(early), "late_mb": round(late), "growth_percent": round(100 * (late / early - 1), 1)}
+        figures[name] = {
+            "early_mb": round(early),
+            "late_mb": round(late),
+            "growth_percent": round(100 * (late / early - 1), 1),
+        }
         print(f"{name:8} {early:7.0f} MB → {late:7.0f} MB")
     results.write("memory", figures)
 

@@ -62,7 +62,9 @@ class Settings(BaseSettings):
     max_variants: int = Field(1_000_000, ge=1, description="largest run that is accepted")
     feed_window: int = Field(4_000, ge=1, description="unfinished products that are written ahead of the workers")
     sweep_seconds: Seconds = Field(2.0, description="pause between two turns of the control loop")
-    resend_seconds: Seconds = Field(20.0, description="a product that is ready and unanswered for so long is rung for again")
+    resend_seconds: Seconds = Field(
+        20.0, description="a product that is ready and unanswered for so long is rung for again"
+    )
     max_attempts: int = Field(4, ge=1, le=100, description="tries of one product before it has failed for good")
 
     # Workers

@@ -72,7 +72,9 @@ def test_a_run_survives_kill_9_of_the_child_that_computes(
     with start(service) as system:
         run = system.submit(DOCUMENT)
         system.wait(run, until=under_way)
-        worker = [p for p in system.processes(service) if p.children() and "multiprocessing" not in " ".join(p.cmdline())]
+        worker = [
+            p for p in system.processes(service) if p.children() and "multiprocessing" not in " ".join(p.cmdline())
+        ]
         kill(worker[0].children() if worker else system.processes(service)[:1])
         assert outcome(system, run) == undisturbed
 

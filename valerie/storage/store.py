@@ -242,7 +242,7 @@ def _open_bucket(url: str, bucket: str, prefix: str, endpoint: str | None) -> Ar
     return ArtifactStore(store, url=url)
 
 
-class _Exists(Exception):  # noqa: N818  # a signal inside this module
+class _Exists(Exception):  # a signal inside this module
     """A conditional put found an object."""
 
 
