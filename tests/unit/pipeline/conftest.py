@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.acceptance.system import write_box_street
+from tests.unit.pipeline.harness import Pipeline
+
+
+@pytest.fixture(scope="session")
+def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("assets")
+    write_box_street(folder / "box-street")
+    return folder
+
+
+@pytest.fixture
+def pipelines(tmp_path: Path, assets: Path) -> Callable[..., Pipeline]:
+    """Makes pipelines with a data folder of their own."""
+    return lambda name="one", **settings: Pipeline(tmp_path / name, assets, **settings)
+
+
+@pytest.fixture
+def pipeline(pipelines: Callable[..., Pipeline]) -> Pipeline:
+    return pipelines()

@@ -1,0 +1,150 @@
+"""The whole pipeline in one process, step by step: the real database, store, control loop and makers; a broker that records."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+
+from tests.acceptance.system import spec
+from valerie.broker import route_of
+from valerie.db import processes, runs
+from valerie.db.engine import reading, writing
+from valerie.db.migrate import migrate
+from valerie.db.models import Product
+from valerie.db.products import Finished, Job, Ready
+from valerie.errors import TransientError
+from valerie.pipeline.context import Context, open_context
+from valerie.pipeline.control import ControlLoop
+from valerie.pipeline.finish import finish_run
+from valerie.pipeline.makers.evaluation import EvaluateMaker
+from valerie.pipeline.makers.inference import InferMaker
+from valerie.pipeline.makers.rendering import RenderMaker
+from valerie.pipeline.probe import probe_engine, probe_function
+from valerie.pipeline.stages import run_stage
+from valerie.pipeline.submit import submit
+from valerie.runs.spec import parse
+from valerie.settings import load_settings
+
+#: 12 places, two cameras: 24 frames.
+SMALL = spec(xs=4, ys=3)
+
+
+class RecordingBroker:
+    """Keeps messages in lists; ``down`` refuses them as a stopped Redis does."""
+
+    def __init__(self) -> None:
+        self.ready: list[Ready] = []
+        self.finish: list[str] = []
+        self.down = False
+
+    def send_products(self, ready: Sequence[Ready]) -> None:
+        if self.down:
+            raise TransientError("the broker does not answer")
+        self.ready += ready
+
+    def send_finish(self, run_id: str) -> None:
+        if self.down:
+            raise TransientError("the broker does not answer")
+        self.finish.append(run_id)
+
+    def queue_length(self, route: str) -> int:
+        return sum(1 for item in self.ready if item[2] == route)
+
+
+class Watched:
+    """A maker that counts, and fails as it is told."""
+
+    def __init__(self, maker: Any) -> None:
+        self._maker = maker
+        self.made: list[tuple[str, str]] = []
+        self.before: Callable[[Job], None] = lambda _job: None
+
+    def make(self, job: Job) -> Finished:
+        self.before(job)
+        finished = self._maker.make(job)
+        self.made.append((job.kind, job.digest))
+        return finished
+
+
+class Pipeline:
+    """One process that is everything."""
+
+    def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
+        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0, **settings}
+        self.settings = load_settings(
+            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **given
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        self.broker = RecordingBroker()
+        self.context: Context = dataclasses.replace(open_context(self.settings), broker=self.broker)  # type: ignore[arg-type]
+        migrate(self.context.engine)
+        self.makers = {
+            "render": Watched(RenderMaker(self.context)),
+            "infer": Watched(InferMaker(self.context)),
+            "eval": Watched(EvaluateMaker(self.context)),
+        }
+        self.loop = ControlLoop(self.context)
+        if workers:
+            self.add_worker()
+
+    def add_worker(self) -> None:
+        offers = [
+            {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
+            for o in probe_engine("blank")
+        ]
+        offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
+        now = time.time()
+        row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": now}
+        with writing(self.context.engine) as connection:
+            processes.register_worker(connection, {**row, "seen_at": now + 1e6})
+
+    def submit(self, document: dict[str, Any] = SMALL, **keywords: Any) -> str:
+        return submit(self.context, parse(document), **keywords)
+
+    def step(self) -> None:
+        """One round of the control loop, then all messages of the moment."""
+        self.loop._next_count = self.loop._next_probe = self.loop._next_sweep = 0.0
+        self.loop.tick()
+        batch, self.broker.ready = self.broker.ready, []
+        for stage, maker in self.makers.items():
+            digests = [digest for digest, _, route, _ in batch if route.partition(".")[0] == stage]
+            if digests:
+                run_stage(self.context, maker, digests)
+        finishing, self.broker.finish = self.broker.finish, []
+        for run_id in finishing:
+            finish_run(self.context, run_id)
+
+    def run(self, run_id: str, *, until: Sequence[str] = (), rounds: int = 60) -> str:
+        """Step until the run ended, or is in one of ``until``; its state."""
+        for _ in range(rounds):
+            self.step()
+            state = self.state(run_id)
+            if state in (*until, "completed", "completed-with-failures", "cancelled", "failed"):
+                return state
+            time.sleep(0.01)
+        raise AssertionError(f"still {self.state(run_id)}: {self.row(run_id).progress}")
+
+    def row(self, run_id: str) -> Any:
+        with reading(self.context.engine) as connection:
+            return runs.get(connection, run_id)
+
+    def state(self, run_id: str) -> str:
+        return str(self.row(run_id).state)
+
+    def products(self) -> list[Any]:
+        with reading(self.context.engine) as connection:
+            return list(connection.execute(select(*Product.__table__.columns).order_by(Product.digest)))
+
+    def made(self) -> dict[str, int]:
+        """Number of products made so far, by kind; resets the count."""
+        counts: dict[str, int] = {}
+        for maker in self.makers.values():
+            for kind, _ in maker.made:
+                counts[kind] = counts.get(kind, 0) + 1
+            maker.made.clear()
+        return counts

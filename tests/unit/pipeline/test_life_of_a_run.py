@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import SMALL, Pipeline
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
+from valerie.pipeline import gc, lifecycle
+from valerie.pipeline.control import ControlLoop
+from valerie.pipeline.plan import plan_run
+from valerie.pipeline.replay import replay_frame
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.tables import read_table
+from valerie.runs.spec import parse
+
+FRAMES = 24
+ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
+
+
+def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
+    table = read_table(pipeline.context.engine, run_id, resolved).arrow.to_pylist()
+    return [{k: v for k, v in row.items() if k not in ("run_id", "frame_id")} for row in table]
+
+
+class TestAnUndisturbedRun:
+    def test_makes_every_product_once_and_ends_with_results(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        assert pipeline.run(run) == "completed"
+        assert pipeline.made() == ALL
+        assert len(rows(pipeline, run)) == 2 * FRAMES
+        names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(f"runs/{run}")}
+        assert names == {"report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
+        progress = pipeline.row(run).progress
+        assert {name: stage["done"] for name, stage in progress["stages"].items()} == dict.fromkeys(
+            ("render", "infer", "eval"), FRAMES
+        )
+
+    def test_a_small_window_feeds_a_run_piece_by_piece(self, pipelines: Callable[..., Pipeline]) -> None:
+        pipeline = pipelines(feed_window=1)
+        run = pipeline.submit(spec(xs=30, ys=20))
+        pipeline.step()
+        assert pipeline.row(run).next_index == 250
+        assert pipeline.run(run) == "completed"
+        assert pipeline.row(run).next_index == 600
+
+    def test_a_replayed_frame_is_equal_byte_for_byte(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        pipeline.run(run)
+        assert [one.verdict for one in replay_frame(pipeline.context, run, 0, 1)] == ["equal"] * 5
+
+
+class TestReuse:
+    def test_the_same_spec_again_makes_nothing(self, pipeline: Pipeline) -> None:
+        first = pipeline.submit()
+        pipeline.run(first)
+        pipeline.made()
+        second = pipeline.submit()
+        assert pipeline.run(second) == "completed"
+        assert pipeline.made() == {}
+        assert rows(pipeline, first) == rows(pipeline, second)
+
+    def test_another_sensor_renders_nothing(self, pipeline: Pipeline) -> None:
+        pipeline.run(pipeline.submit())
+        pipeline.made()
+        pipeline.run(pipeline.submit(spec(xs=4, ys=3, sensors=[{"name": "dark", "exposure_ev": -2.0}])))
+        assert pipeline.made() == {"prediction": FRAMES, "evaluation": FRAMES}
+
+    def test_another_sun_keeps_the_truth(self, pipeline: Pipeline) -> None:
+        pipeline.run(pipeline.submit())
+        pipeline.made()
+        pipeline.run(pipeline.submit(spec(xs=4, ys=3, constants={"sun-1.azimuth": 77.0})))
+        assert "truth" not in pipeline.made()
+
+    def test_two_runs_wait_for_the_same_products(self, pipeline: Pipeline) -> None:
+        first, second = pipeline.submit(), pipeline.submit()
+        pipeline.run(first)
+        assert pipeline.run(second) == "completed"
+        assert pipeline.made() == ALL
+
+    def test_a_plan_knows_what_is_there(self, pipeline: Pipeline) -> None:
+        before = plan_run(pipeline.context, parse(SMALL))
+        pipeline.run(pipeline.submit())
+        after = plan_run(pipeline.context, parse(SMALL))
+        assert (before.renders, before.inferences) == (2 + 2 * FRAMES, FRAMES)
+        assert (after.renders, after.inferences, after.cpu_seconds) == (0, 0, 0.0)
+
+
+class TestFailures:
+    def test_what_fails_for_good_is_recorded_and_the_rest_completes(self, pipeline: Pipeline) -> None:
+        broken: list[str] = []
+
+        def refuse_first_layer(job: Any) -> None:
+            if job.kind == "layer" and (not broken or job.digest in broken):
+                broken[:] = [job.digest]
+                raise RenderingError("the image is constant")
+
+        pipeline.makers["render"].before = refuse_first_layer
+        run = pipeline.submit()
+        assert pipeline.run(run) == "completed-with-failures"
+        assert len(rows(pipeline, run)) == 2 * (FRAMES - 1)
+        with reading(pipeline.context.engine) as connection:
+            failures = {one["kind"]: one["error"] for one in results.failures(connection, run)}
+        assert failures["layer"] == {
+            "stage": "layer",
+            "type": "RenderingError",
+            "message": "the image is constant",
+            "attempts": 1,
+        }
+        assert failures["prediction"] == {"cause": broken[0]}
+        assert set(failures) == {"layer", "prediction", "evaluation"}
+
+        pipeline.makers["render"].before = lambda _job: None
+        lifecycle.retry(pipeline.context, run)
+        assert pipeline.run(run) == "completed"
+        assert len(rows(pipeline, run)) == 2 * FRAMES
+
+    def test_a_transient_fault_is_tried_again_up_to_the_limit(self, pipeline: Pipeline) -> None:
+        attempts: dict[str, int] = {}
+
+        def stumble(job: Any) -> None:
+            attempts[job.digest] = attempts.get(job.digest, 0) + 1
+            if job.kind == "prediction" and attempts[job.digest] < 2:
+                raise TransientError("try again")
+
+        pipeline.makers["infer"].before = stumble
+        assert pipeline.run(pipeline.submit(), rounds=600) == "completed"
+        predictions = [product for product in pipeline.products() if product.kind == "prediction"]
+        assert {product.attempts for product in predictions} == {2}
+
+    def test_a_defect_of_an_engine_is_a_recorded_failure(self, pipeline: Pipeline) -> None:
+        def crash(_job: Any) -> None:
+            raise ZeroDivisionError("oops")
+
+        pipeline.makers["eval"].before = crash
+        run = pipeline.submit()
+        assert pipeline.run(run) == "completed-with-failures"
+        with reading(pipeline.context.engine) as connection:
+            errors = {one["error"]["type"] for one in results.failures(connection, run)}
+        assert errors == {"ZeroDivisionError"}
+
+    def test_a_lost_object_is_made_again(self, pipeline: Pipeline) -> None:
+        lost: list[str] = []
+
+        def lose_a_layer(job: Any) -> None:
+            if not lost:
+                lost.append(job.layer)
+                pipeline.context.store.delete(f"products/layer/{job.layer[:2]}/{job.layer}.zst")
+
+        pipeline.makers["infer"].before = lose_a_layer
+        assert pipeline.run(pipeline.submit()) == "completed"
+        assert pipeline.made() == {**ALL, "layer": FRAMES + 1}
+
+    def test_a_damaged_object_is_made_again(self, pipeline: Pipeline) -> None:
+        spoilt: list[str] = []
+
+        def spoil_a_truth(job: Any) -> None:
+            if not spoilt:
+                spoilt.append(job.truth)
+                key = f"products/truth/{job.truth[:2]}/{job.truth}.zst"
+                pipeline.context.store.put(key, b"not a truth", replace=True)
+
+        pipeline.makers["eval"].before = spoil_a_truth
+        assert pipeline.run(pipeline.submit()) == "completed"
+        assert pipeline.made() == {**ALL, "truth": FRAMES + 1}
+
+
+class TestStorage:
+    def test_a_full_disk_pauses_the_run_with_the_reason_and_it_resumes(self, pipeline: Pipeline) -> None:
+        full = [True]
+
+        def refuse(_job: Any) -> None:
+            if full[0]:
+                raise StorageFull("no space left on the device")
+
+        pipeline.makers["infer"].before = refuse
+        store_check = type(pipeline.context.store).check
+
+        def check(store: Any) -> None:
+            if full[0]:
+                raise StorageFull("no space left on the device")
+            store_check(store)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(type(pipeline.context.store), "check", check)
+            run = pipeline.submit()
+            assert pipeline.run(run, until=["paused"]) == "paused"
+            assert pipeline.row(run).reason == "storage: no space left on the device"
+            pipeline.step()
+            assert pipeline.state(run) == "paused"
+            full[0] = False
+            assert pipeline.run(run) == "completed"
+        assert {product.attempts for product in pipeline.products()} == {1}
+
+    def test_a_run_pauses_before_the_last_megabytes(self, pipelines: Callable[..., Pipeline]) -> None:
+        pipeline = pipelines(min_free_mb=10**9)
+        run = pipeline.submit()
+        assert pipeline.run(run, until=["paused"]) == "paused"
+        assert "VALERIE_MIN_FREE_MB" in pipeline.row(run).reason
+
+
+class TestSteering:
+    def test_a_cancelled_run_computes_nothing_more_and_resumes_where_it_was(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        pipeline.loop.tick()
+        lifecycle.cancel(pipeline.context, run)
+        pipeline.step()
+        assert pipeline.made() == {}
+        assert {product.state for product in pipeline.products()} <= {"parked", "waiting"}
+        lifecycle.resume(pipeline.context, run)
+        assert pipeline.run(run) == "completed"
+        assert pipeline.made() == ALL
+
+    def test_an_ended_run_cannot_be_cancelled_and_an_active_one_not_deleted(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        with pytest.raises(Conflict, match="cancel it before"):
+            lifecycle.delete(pipeline.context, run)
+        pipeline.run(run)
+        with pytest.raises(Conflict, match="is completed"):
+            lifecycle.cancel(pipeline.context, run)
+
+    def test_deleting_a_run_frees_what_nobody_else_links(self, pipeline: Pipeline) -> None:
+        first = pipeline.submit()
+        second = pipeline.submit(spec(xs=4, ys=2))
+        pipeline.run(first)
+        pipeline.run(second)
+        lifecycle.delete(pipeline.context, first)
+        assert gc.collect(pipeline.context, dry_run=True).products == 4 * 8
+        assert gc.collect(pipeline.context).products == 4 * 8
+        assert len(pipeline.products()) == 2 + 4 * 16
+        assert len(list(pipeline.context.store.list("products"))) == 2 + 3 * 16
+        assert len(rows(pipeline, second)) == 2 * 16
+        with reading(pipeline.context.engine) as connection, pytest.raises(NotFound):
+            runs.get(connection, first)
+
+
+class TestTheControlLoop:
+    def test_another_loop_goes_on_where_a_killed_one_stopped(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit(spec(xs=30, ys=20))
+        pipeline.step()
+        killed = pipeline.loop
+        pipeline.loop = ControlLoop(pipeline.context)
+        assert pipeline.run(run) == "completed"
+        assert killed is not pipeline.loop
+        assert len(rows(pipeline, run)) == 2 * 1200
+
+    def test_messages_that_a_stopped_broker_refused_are_rung_again(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        pipeline.broker.down = True
+        pipeline.step()
+        assert pipeline.made() == {}
+        pipeline.broker.down = False
+        assert pipeline.run(run, rounds=300) == "completed"
+
+    def test_a_run_waits_with_a_reason_until_workers_offer_what_it_needs(
+        self, pipelines: Callable[..., Pipeline]
+    ) -> None:
+        pipeline = pipelines(workers=False)
+        run = pipeline.submit()
+        pipeline.step()
+        assert pipeline.state(run) == "submitted"
+        assert "render worker with the engine 'blank'" in pipeline.row(run).reason
+        pipeline.add_worker()
+        assert pipeline.run(run) == "completed"
+
+
+class TestSubmitting:
+    def test_a_repeated_idempotency_key_makes_no_second_run(self, pipeline: Pipeline) -> None:
+        first = pipeline.submit(idempotency_key="k")
+        assert pipeline.submit(idempotency_key="k") == first
+        with pytest.raises(Conflict, match="another spec"):
+            pipeline.submit(spec(xs=5, ys=3), idempotency_key="k")
+
+    def test_testing_engines_are_refused_where_the_settings_do_not_allow_them(
+        self, pipelines: Callable[..., Pipeline]
+    ) -> None:
+        pipeline = pipelines()
+        pipeline.context = type(pipeline.context)(
+            settings=pipeline.settings.model_copy(update={"testing_engines": False}),
+            engine=pipeline.context.engine,
+            store=pipeline.context.store,
+            broker=pipeline.context.broker,
+            owner="o",
+        )
+        with pytest.raises(InvalidInput, match="unknown renderer 'blank'"):
+            pipeline.submit()
+
+    def test_an_unknown_parent_run_is_refused(self, pipeline: Pipeline) -> None:
+        with pytest.raises(NotFound, match="parent run"):
+            pipeline.submit(spec(xs=2, ys=2, parent_run="r000000000000"))
