@@ -1,91 +1,118 @@
 """What can be named in a spec, and the class behind each name, imported only when it is asked for.
 
-Render engines: a built-in table, and entry points of the group ``valerie.renderers`` that installed packages declare. Names
-come from here and from nowhere else: nothing in a message or a spec is ever imported.
+Three kinds: render engines, functions under test, samplers. Each has what is built in, and what installed packages declare as
+entry points. Names come from here and from nowhere else: nothing in a message or a spec is ever imported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from valerie.errors import MissingDependency, UnknownName
+from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, load_function
 
 if TYPE_CHECKING:
     from valerie.rendering.base import Renderer
 
-#: Engine name to ``module:class``.
-RENDERERS: Final[Mapping[str, str]] = {
-    "raster": "valerie.rendering.raster.renderer:RasterRenderer",
-    "pyrender": "valerie.rendering.pyrender_engine:PyrenderRenderer",
-}
 #: Accepted in specs only where the settings say so.
 TESTING_ENGINE: Final = "blank"
-ENTRY_POINT_GROUP: Final = "valerie.renderers"
-_TRUTH: Final = "valerie.rendering.ground_truth:TruthPass"
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """One kind of plugin: built-in names to ``module:attribute``, and a group of entry points."""
+
+    word: str
+    group: str
+    built_in: Mapping[str, str]
+
+    def declared(self) -> dict[str, str]:
+        """Name to ``module:attribute`` of what installed packages declare; built-in names cannot be taken over."""
+        return {p.name: p.value for p in entry_points(group=self.group) if p.name not in self.built_in}
+
+    def load(self, name: str) -> Any:
+        """The attribute behind a name.
+
+        Raises:
+            UnknownName: no such name.
+            MissingDependency: a library of it is not installed.
+        """
+        table = {**self.declared(), **self.built_in}
+        if name not in table:
+            raise UnknownName(self.word, name, table, field=self.word)
+        module, _, attribute = table[name].partition(":")
+        try:
+            return getattr(import_module(module), attribute)
+        except ImportError as error:
+            raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
+
+
+RENDERERS: Final = MappingProxyType(
+    {
+        "raster": "valerie.rendering.raster.renderer:RasterRenderer",
+        "pyrender": "valerie.rendering.pyrender_engine:PyrenderRenderer",
+    }
+)
+_RENDERERS: Final = _Kind(
+    "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
+)
+_TRUTH_PASSES: Final = _Kind(
+    "truth pass",
+    "valerie.truth_passes",
+    {"raster": "valerie.rendering.ground_truth:TruthPass", TESTING_ENGINE: "valerie.testing.blank:BlankTruthPass"},
+)
+_FUNCTIONS: Final = _Kind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
+_SAMPLERS: Final = _Kind("design", "valerie.samplers", {})
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
     """All engines that a spec may name; none is imported."""
-    extra = (TESTING_ENGINE,) if testing else ()
-    return (
-        *RENDERERS,
-        *extra,
-        *sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(RENDERERS)),
-    )
+    return (*RENDERERS, *sorted(_RENDERERS.declared()), *((TESTING_ENGINE,) if testing else ()))
 
 
 def create_renderer(name: str) -> Renderer:
     """Open an engine.
 
     Raises:
-        UnknownName: no such engine.
-        MissingDependency: a library of it is not installed.
+        UnknownName, MissingDependency: see `_Kind.load`.
     """
-    target = "valerie.testing.blank:BlankRenderer" if name == TESTING_ENGINE else RENDERERS.get(name)
-    if target is None:
-        points = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
-        if name not in points:
-            raise UnknownName("renderer", name, renderer_names(), field="renderer")
-        target = points[name]
-    renderer: Renderer = _load(target, f"the engine {name!r}")()
+    renderer: Renderer = _RENDERERS.load(name)()
     return renderer
 
 
 def create_truth_pass(numeric_class: str) -> Any:
-    """Open the truth pass, which serves all engines (that of the blank engine for the numeric class ``blank``)."""
-    testing = numeric_class == TESTING_ENGINE
-    return _load("valerie.testing.blank:BlankTruthPass" if testing else _TRUTH, "the truth pass")()
+    """Open the truth pass: one for all engines, but for the numeric class of the testing engine."""
+    return _TRUTH_PASSES.load(TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster")()
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
     """All functions under test that a spec may name; neither torch nor a network is loaded."""
-    return (*FUNCTIONS, TESTING_ENGINE) if testing else FUNCTIONS
+    return (*FUNCTIONS, *sorted(_FUNCTIONS.declared()), *((TESTING_ENGINE,) if testing else ()))
 
 
 def create_function(name: str, *, threads: int = 1) -> PerceptionFunction:
-    """Load a function under test.
+    """Load a function under test; one of an installed package is made by calling its entry point without arguments.
 
     Raises:
-        UnknownName: no such function.
+        UnknownName, MissingDependency: see `_Kind.load`.
         NotFound, InvalidInput: its file is missing or damaged.
-        MissingDependency: torch is not installed.
     """
-    if name == TESTING_ENGINE:
-        function: PerceptionFunction = _load("valerie.testing.blank:BlankFunction", "the blank function")()
-        return function
-    return load_function(name, threads=threads)
+    if name in FUNCTIONS:
+        return load_function(name, threads=threads)
+    function: PerceptionFunction = _FUNCTIONS.load(name)()
+    return function
 
 
-def _load(target: str, what: str) -> Any:
-    module, _, attribute = target.partition(":")
-    try:
-        return getattr(import_module(module), attribute)
-    except ImportError as error:
-        raise MissingDependency(
-            f"{what} needs a library that is not installed: {error} (install valerie[render])"
-        ) from error
+@lru_cache(maxsize=1)
+def samplers() -> Mapping[str, SamplerFactory]:
+    """Name to sampler of all designs that draw variants."""
+    plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in sorted(_SAMPLERS.declared())}
+    return MappingProxyType({**plugged, **SAMPLERS})

@@ -59,11 +59,14 @@ def functions(context: Context) -> list[dict[str, Any]]:
     """
     offers = _offers(context, "infer")
     found = []
-    for name in FUNCTIONS:
-        try:
-            card, problem = function_card(name), None
-        except ValerieError as error:
-            card, problem = FunctionCard(name, "", "", "", "", {}), str(error)
+    for name in plugins.function_names():
+        offered = next((FunctionCard(**o["card"]) for o in offers if o["name"] == name), None)
+        card, problem = offered or FunctionCard(name, "", "", "", "", {}), None
+        if name in FUNCTIONS:
+            try:
+                card = function_card(name)
+            except ValerieError as error:
+                problem = str(error)
         classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
         found.append({**asdict(card), "numeric_classes": classes, "problem": problem})
     return found

@@ -35,6 +35,7 @@ def resolve_new(spec: RunSpec, settings: Settings) -> ResolvedRun:
         engines=plugins.renderer_names(testing=settings.testing_engines),
         functions=plugins.function_names(testing=settings.testing_engines),
         max_variants=settings.max_variants,
+        samplers=plugins.samplers(),
     )
 
 
@@ -53,7 +54,7 @@ def resolve_stored(run: Any, settings: Settings) -> ResolvedRun:
                 f"the asset {manifest.name!r} changed since run {run.id} was submitted "
                 f"({run.asset_digest[:8]} → {digest[:8]}): submit the spec again"
             )
-        _stored[key] = resolve(spec, manifest, asset_digest=digest, max_variants=None)
+        _stored[key] = resolve(spec, manifest, asset_digest=digest, max_variants=None, samplers=plugins.samplers())
         while len(_stored) > _KEPT:
             _stored.popitem(last=False)
     _stored.move_to_end(key)
