@@ -1,0 +1,252 @@
+"""What the documents say is so: links lead somewhere, settings, commands and targets exist, examples can be used."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+import typer.main
+import yaml
+
+from valerie import plugins
+from valerie.cli.main import app
+from valerie.cli.shell import Exit
+from valerie.perception.base import PerceptionFunction
+from valerie.rendering.base import Renderer, View
+from valerie.runs.loading import load_document
+from valerie.runs.spec import parse, resolve
+from valerie.scene.asset import asset_manifest
+from valerie.scene.manifest import parse_manifest
+from valerie.settings import PREFIX, Settings
+from valerie.testing.assets import simple_asset
+from valerie.testing.perception import PerceptionContract
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EVERY = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+
+#: Tables of the documents that must be complete.
+OPERATIONS = (ROOT / "docs" / "operations.md").read_text("utf-8")
+EXTENDING = (ROOT / "docs" / "extending.md").read_text("utf-8")
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The fenced blocks of a language."""
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def prose(text: str) -> str:
+    """The text without fenced blocks."""
+    return re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+
+
+def anchor(heading: str) -> str:
+    """The fragment that a heading gets."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def names_in(text: str, pattern: str) -> set[str]:
+    """Every first group of ``pattern`` in code spans and fenced blocks."""
+    code = [*re.findall(r"`([^`\n]+)`", prose(text)), *re.findall(r"```\w*\n(.*?)```", text, re.DOTALL)]
+    return {match for piece in code for match in re.findall(pattern, piece, re.MULTILINE)}
+
+
+@EVERY
+def test_relative_links_lead_to_files_and_headings(document: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(document.read_text("utf-8"))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, fragment = unquote(target).partition("#")
+        found = document.parent / path if path else document
+        assert found.exists(), f"{target} leads nowhere"
+        if fragment:
+            headings = re.findall(r"^#+ (.+)$", found.read_text("utf-8"), re.MULTILINE)
+            assert fragment in {anchor(heading) for heading in headings}, f"{target} has no such heading"
+
+
+@EVERY
+def test_named_variables_are_settings(document: Path) -> None:
+    settings = {PREFIX + name.upper() for name in Settings.model_fields}
+    of_set_up = set(re.findall(r"VALERIE_SETUP_[A-Z_]+", (ROOT / "bin" / "setup").read_text("utf-8")))
+    named = set(re.findall(r"VALERIE_[A-Z0-9_]+", document.read_text("utf-8")))
+    assert named - {"VALERIE_"} <= settings | of_set_up
+
+
+def test_the_table_of_settings_is_complete() -> None:
+    rows = set(re.findall(r"^\| `(VALERIE_[A-Z0-9_]+)`", OPERATIONS, re.MULTILINE))
+    assert rows == {PREFIX + name.upper() for name in Settings.model_fields}
+
+
+def test_the_table_of_settings_has_the_defaults() -> None:
+    given = dict(re.findall(r"^\| `VALERIE_([A-Z0-9_]+)` \| `?([^|`]+?)`? \|", OPERATIONS, re.MULTILINE))
+    for name, field in Settings.model_fields.items():
+        default = field.default
+        if isinstance(default, bool) or default in (None, ""):
+            continue  # told in words
+        assert given[name.upper()].replace(",", "") == re.sub(r"\.0$", "", str(default)).replace(",", ""), name
+
+
+def test_the_table_of_exit_codes_is_complete() -> None:
+    section = OPERATIONS.partition("## Exit codes")[2].partition("\n## ")[0]
+    codes = {int(code) for code in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)}
+    assert codes == {int(code) for code in Exit}
+
+
+def commands() -> dict[tuple[str, ...], Any]:
+    """Every command and subcommand by its words."""
+    found: dict[tuple[str, ...], Any] = {}
+    group: Any = typer.main.get_command(app)
+    for name, command in group.commands.items():
+        found[name,] = command
+        found |= {(name, inner): command for inner, command in getattr(command, "commands", {}).items()}
+    return found
+
+
+@EVERY
+def test_named_commands_exist(document: Path) -> None:
+    known = set(commands())
+    groups = {command[0] for command in known if len(command) == 2}
+    text = document.read_text("utf-8")
+    # Where a command stands: at the beginning of a code span or a line, or behind a variable's value.
+    for first, second in names_in(text, r"^(?:[A-Z_]+=\S+ )*valerie ([a-z]+)(?: ([a-z]+))?"):
+        assert (first,) in known, f"valerie {first}"
+        if first in groups and second:
+            assert (first, second) in known, f"valerie {first} {second}"
+
+
+@EVERY
+def test_named_options_of_commands_exist(document: Path) -> None:
+    known = commands()
+    for line in names_in(document.read_text("utf-8"), r"^valerie ([a-z][^\n#]*)"):
+        words = line.split()
+        if words[0] == "train":
+            continue  # its options are of another parser
+        command = known.get(tuple(words[:2]), known.get(tuple(words[:1])))
+        assert command is not None, line
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("-")} - {"-"} <= options | {"--help"}, line
+
+
+@EVERY
+def test_named_targets_exist(document: Path) -> None:
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    targets = set(re.findall(r"^([a-z][a-z0-9-]*):", makefile, re.MULTILINE))
+    named = names_in(document.read_text("utf-8"), r"(?:^|\s|> )make ([a-z][a-z0-9-]*)")
+    assert named <= targets
+
+
+def specs() -> Iterator[Any]:
+    """The YAML of README and docs/spec.md; a part of a spec is completed with a name and an asset."""
+    for document in (ROOT / "README.md", ROOT / "docs" / "spec.md"):
+        for i, block in enumerate(blocks(document.read_text("utf-8"), "yaml")):
+            if not block.startswith("# manifest.yaml"):
+                yield pytest.param(block, id=f"{document.name}-{i}")
+
+
+@pytest.mark.parametrize("text", list(specs()))
+def test_examples_of_specs_can_be_run(text: str) -> None:
+    spec = parse({"name": "part", "asset": "urban-street", **load_document(text)})
+    manifest, digest = asset_manifest(spec.asset)
+    run = resolve(
+        spec,
+        manifest,
+        asset_digest=digest,
+        engines=("raster", "pyrender"),
+        functions=("deeplabv3plus-small", "semantic-fpn-small"),
+    )
+    assert len(run.space) >= 1
+    assert all("no function under test" in warning for warning in run.warnings)
+
+
+def test_the_two_notations_of_a_parameter_mean_the_same() -> None:
+    first, second = (
+        parse({"name": "part", "asset": "urban-street", **load_document(block)}).parameters
+        for block in blocks((ROOT / "docs" / "spec.md").read_text("utf-8"), "yaml")[1:3]
+    )
+    manifest, _ = asset_manifest("urban-street")
+    ranges = []
+    for parameters in (first, second):
+        spec = parse({"name": "part", "asset": "urban-street", "parameters": [parameters[0].model_dump()]})
+        resolved = resolve(spec, manifest)
+        ranges.append(next((d.minimum, d.maximum) for d in resolved.definitions if d.name == "p1"))
+    assert ranges == [(0.0, 5.0), (0.0, 5.0)]
+
+
+def test_the_example_of_a_manifest_is_one() -> None:
+    text = next(
+        block for block in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if "# manifest.yaml" in block
+    )
+    manifest = parse_manifest({"name": "crossing", **yaml.safe_load(text)})
+    assert manifest.persons == ("scene.person-1",)
+
+
+def test_the_errors_of_specs_read_as_they_are_shown() -> None:
+    given = [
+        "vary: {person-1.posx: {choice: [1]}}",
+        "vary: {person-1.pos.x: {homogeneous: {from: 0, to: 5, step: 1e-7}}}",
+        "vary: {person-1.pos.x: {homogeneous: {from: 0 deg, to: 5, step: 1}}}",
+        "parameters: [[p1, scene.person-1.pos.x, FLOAT, 0, 30]]",
+    ]
+    (shown,) = blocks((ROOT / "docs" / "spec.md").read_text("utf-8"), "text")
+    manifest, _ = asset_manifest("urban-street")
+    for text, expected in zip(given, shown.splitlines(), strict=True):
+        with pytest.raises(Exception, match=r".") as caught:
+            resolve(parse({"name": "part", "asset": "urban-street", **load_document(text)}), manifest)
+        assert str(caught.value) == expected
+
+
+def python_example(name: str) -> Any:
+    """A class of docs/extending.md."""
+    found: dict[str, Any] = {}
+    exec(next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block), found)
+    return found[name]
+
+
+class TestTheExampleOfAFunction(PerceptionContract):
+    @pytest.fixture
+    def function(self) -> PerceptionFunction:  # type: ignore[override]
+        function: PerceptionFunction = python_example("DarkIsPerson")()
+        return function
+
+
+def test_the_example_of_a_sampler_draws_from_seed_and_index_alone() -> None:
+    sampler = python_example("Golden")
+    points = sampler(dimensions=3, count=200, seed=2**127).points(0, 200)
+    assert points.shape == (200, 3)
+    assert ((points >= 0) & (points < 1)).all()
+    np.testing.assert_array_equal(sampler(dimensions=3, count=200, seed=2**127).points(60, 90), points[60:90])
+    # Evenly spread: each of eight equal parts of each axis has about an eighth.
+    for axis in range(3):
+        assert np.bincount((points[:, axis] * 8).astype(int), minlength=8).min() >= 20
+
+
+@pytest.mark.gl
+def test_the_example_of_an_engine_puts_its_filter_before_the_frame() -> None:
+    engine: Renderer = python_example("WarmRenderer")()
+    plain: Renderer = python_example("WarmRenderer").__mro__[1]()
+    view, scene = View("camera-1", 96, 54), simple_asset().base
+    try:
+        warm, cold = engine.full(scene, view).pixels, plain.full(scene, view).pixels
+        np.testing.assert_array_equal(warm, cold * np.array([1.0, 0.875, 0.75], np.float16))
+        frame = engine.layer(scene, view).over(engine.background(scene, view))
+        np.testing.assert_array_equal(frame.pixels, warm)
+    finally:
+        engine.close()
+        plain.close()
+
+
+def test_the_examples_of_entry_points_are_in_the_groups_that_are_looked_at() -> None:
+    (text,) = blocks(EXTENDING, "toml")
+    source = Path(plugins.__file__).read_text("utf-8")
+    groups = tomllib.loads(text)["project"]["entry-points"]
+    assert len(groups) == 3
+    for group, declared in groups.items():
+        assert f'"{group}"' in source
+        for target in declared.values():
+            assert f"class {target.partition(':')[2]}" in EXTENDING
