@@ -17,6 +17,7 @@ import yaml
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
+from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.rendering.base import Renderer, View
 from valerie.runs.loading import load_document
@@ -26,6 +27,7 @@ from valerie.scene.manifest import parse_manifest
 from valerie.settings import PREFIX, Settings
 from valerie.testing.assets import simple_asset
 from valerie.testing.perception import PerceptionContract
+from valerie.testing.samplers import SamplerContract
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -215,15 +217,11 @@ class TestTheExampleOfAFunction(PerceptionContract):
         return function
 
 
-def test_the_example_of_a_sampler_draws_from_seed_and_index_alone() -> None:
-    sampler = python_example("Golden")
-    points = sampler(dimensions=3, count=200, seed=2**127).points(0, 200)
-    assert points.shape == (200, 3)
-    assert ((points >= 0) & (points < 1)).all()
-    np.testing.assert_array_equal(sampler(dimensions=3, count=200, seed=2**127).points(60, 90), points[60:90])
-    # Evenly spread: each of eight equal parts of each axis has about an eighth.
-    for axis in range(3):
-        assert np.bincount((points[:, axis] * 8).astype(int), minlength=8).min() >= 20
+class TestTheExampleOfASampler(SamplerContract):
+    @pytest.fixture
+    def factory(self) -> SamplerFactory:
+        factory: SamplerFactory = python_example("Golden")
+        return factory
 
 
 @pytest.mark.gl
