@@ -36,7 +36,9 @@ class Settings(BaseSettings):
         "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"
     )
     s3_endpoint: str | None = Field(None, description="URL of an S3-compatible server other than AWS")
-    asset_dir: Path | None = Field(None, description="folder of the user's own assets; empty: built-in assets only")
+    asset_dir: Path = Field(
+        Path(), description="folder of the user's own assets; empty: the folder assets in data_dir"
+    )
     min_free_mb: int = Field(200, ge=0, description="runs pause when the artifact folder has less space than this")
 
     # Broker
@@ -94,8 +96,7 @@ class Settings(BaseSettings):
             values["database_url"] = f"sqlite:///{data_dir / 'valerie.sqlite3'}"
         if not values.get("artifacts_url"):
             values["artifacts_url"] = str(data_dir / "artifacts")
-        if values.get("asset_dir"):
-            values["asset_dir"] = Path(values["asset_dir"]).expanduser().absolute()
+        values["asset_dir"] = Path(values.get("asset_dir") or data_dir / "assets").expanduser().absolute()
         return values
 
     @model_validator(mode="after")

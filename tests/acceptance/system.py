@@ -90,7 +90,7 @@ class System:
     def progress(self, run_id: str) -> dict[str, Any]:
         return dict(self._answer(f"/v1/runs/{run_id}/progress").json())
 
-    def wait(self, run_id: str, *, until: Callable[[dict[str, Any]], bool] | None = None, seconds: float = 90) -> str:
+    def wait(self, run_id: str, *, until: Callable[[dict[str, Any]], bool] | None = None, seconds: float = 240) -> str:
         """Poll until ``until`` holds (default: the run ended); its state."""
         deadline = time.monotonic() + seconds
         while True:

@@ -15,10 +15,11 @@ from valerie.db.engine import open_engine, reading
 from valerie.db.models import Product
 from valerie.db.products import Ready
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(480)]
 
 Outcome = tuple[list[dict[str, object]], dict[str, str]]
-DOCUMENT = spec(xs=30, ys=20)
+DOCUMENT = spec(xs=16, ys=12)
+FRAMES = 16 * 12 * 2
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +50,8 @@ def kill(processes: list[psutil.Process]) -> None:
 
 def test_the_undisturbed_run_has_results(undisturbed: Outcome) -> None:
     rows, objects = undisturbed
-    assert len(rows) == 2 * 1200  # person-2 is absent and says so
-    assert len(objects) == 2 + 3 * 1200
+    assert len(rows) == 2 * FRAMES  # person-2 is absent and says so
+    assert len(objects) == 2 + 3 * FRAMES
     assert {row["pacc"] for row in rows if row["undefined_reason"] is None} == {0.0, 1.0}
 
 

@@ -81,6 +81,12 @@ def show(
 @app.command()
 def check(asset: Asset, arguments: Argument = None) -> None:
     """Read a whole asset and say what it holds, or what is wrong with it."""
+    folder = Path(asset) if "/" in asset else settings_of().asset_dir / asset
+    if (folder / "manifest.yaml").is_file():
+        from valerie.scene.check import asset_problems
+
+        for problem in asset_problems(folder):  # all of them, also what does not keep the asset from being used
+            say(problem)
     loaded = _load(asset, arguments)
     nodes = loaded.base.nodes.values()
     triangles = sum(len(mesh.faces) for node in nodes for mesh in node.meshes)
@@ -111,9 +117,9 @@ def export(
 
 def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str, Any], Path | None]:
     """What `load_asset` takes: a folder given by its path is read where it is."""
-    folder = settings_of().asset_dir
-    if Path(asset).is_dir() and ("/" in asset or folder is None):
-        folder = None
+    folder: Path | None = settings_of().asset_dir
+    if "/" in asset and Path(asset).is_dir():
+        return asset, None
     if not arguments:
         return asset, folder
     from valerie.runs.loading import load_document

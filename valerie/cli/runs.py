@@ -87,7 +87,7 @@ def up(data_dir: DataDir = None, end_with_parent: EndWithParent = False) -> None
     _bind_to_parent(end_with_parent)
     with system_of(settings_of(data_dir)) as system:
         url = system.client.url
-        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/docs\nSubmit     {command_name()} submit SPEC")
+        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/openapi.json\nSubmit     {command_name()} submit SPEC")
         if not system.owned:
             return
         say("\nCtrl-C ends it; unfinished runs go on with the next start.")

@@ -446,7 +446,13 @@ def recorded_costs(connection: Connection, *, sample: int = 400) -> list[Recorde
 
 
 def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
-    """(digest, kind) of products that no frame and no evaluation links to, and nobody makes at present."""
+    """(digest, kind) of products that no frame and no evaluation links to, and nobody makes at present.
+
+    Until the transaction ends nobody else writes products, so that none of them is linked meanwhile (on SQLite no two
+    transactions write at the same time anyway).
+    """
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("LOCK TABLE products IN SHARE ROW EXCLUSIVE MODE"))
     rows = connection.execute(
         text(
             "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"

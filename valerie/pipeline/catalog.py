@@ -13,7 +13,6 @@ from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.perception.catalog import FUNCTIONS, function_card
 from valerie.pipeline.context import Context
-from valerie.pipeline.resolution import asset_folder
 from valerie.scene.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
@@ -21,9 +20,9 @@ from valerie.settings import Settings
 def assets(settings: Settings) -> list[dict[str, Any]]:
     """Name, title, digest and cameras of every asset; one that cannot be read says why in ``problem``."""
     found: list[dict[str, Any]] = []
-    for name in asset_names(asset_folder(settings)):
+    for name in asset_names(settings.asset_dir):
         try:
-            manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
+            manifest, digest = asset_manifest(name, asset_dir=settings.asset_dir)
         except ValerieError as error:
             found.append({"name": name, "title": "", "digest": "", "cameras": [], "problem": str(error)})
             continue
@@ -38,7 +37,7 @@ def asset(settings: Settings, name: str) -> dict[str, Any]:
     Raises:
         UnknownName: no such asset.
     """
-    manifest, digest = asset_manifest(name, asset_dir=asset_folder(settings))
+    manifest, digest = asset_manifest(name, asset_dir=settings.asset_dir)
     document = manifest.model_dump(mode="json", exclude={"obstacles", "ground"})
     return {"digest": digest, **document}
 

@@ -118,7 +118,8 @@ def _blend(
 def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
     """Every instance in a colour of its own over a darkened class map."""
     painted = colorize(truth.class_map) // 3
-    for number in np.unique(truth.instance_map[truth.instance_map > 0]):
+    # Python integers: the products below do not fit into those of the map.
+    for number in np.unique(truth.instance_map[truth.instance_map > 0]).tolist():
         shade = np.array([(number * 67) % 156 + 100, (number * 131) % 156 + 100, (number * 29) % 156 + 100], np.uint8)
         painted[truth.instance_map == number] = shade
     return painted

@@ -16,18 +16,13 @@ _KEPT = 32
 _stored: OrderedDict[tuple[str, str, Path], ResolvedRun] = OrderedDict()
 
 
-def asset_folder(settings: Settings) -> Path:
-    """Where users' assets lie; nothing outside is ever opened."""
-    return settings.asset_dir or settings.data_dir / "assets"
-
-
 def resolve_new(spec: RunSpec, settings: Settings) -> ResolvedRun:
     """Check everything that a new run names.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
-    manifest, digest = asset_manifest(spec.asset, asset_dir=asset_folder(settings))
+    manifest, digest = asset_manifest(spec.asset, asset_dir=settings.asset_dir)
     return resolve(
         spec,
         manifest,
@@ -45,10 +40,10 @@ def resolve_stored(run: Any, settings: Settings) -> ResolvedRun:
     Raises:
         Conflict, UnknownName: its asset changed or is gone.
     """
-    key = (run.id, run.spec_digest, asset_folder(settings))
+    key = (run.id, run.spec_digest, settings.asset_dir)
     if key not in _stored:
         spec = RunSpec.model_validate(run.spec)
-        manifest, digest = asset_manifest(spec.asset, asset_dir=asset_folder(settings))
+        manifest, digest = asset_manifest(spec.asset, asset_dir=settings.asset_dir)
         if digest != run.asset_digest:
             raise Conflict(
                 f"the asset {manifest.name!r} changed since run {run.id} was submitted "

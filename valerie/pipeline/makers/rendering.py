@@ -88,10 +88,15 @@ def _view_row(truth: str, view: Any) -> dict[str, Any]:
         "truncation_rate": view.truncation_rate,
         "distance_m": view.distance_m,
         "depth_m": view.depth_m,
-        "box": None if view.box is None else list(view.box),
-        "amodal_box": None if view.amodal_box is None else list(view.amodal_box),
+        "box": _corners(view.box),
+        "amodal_box": _corners(view.amodal_box),
         "undefined_reason": view.undefined_reason,
     }
+
+
+def _corners(box: tuple[int, int, int, int] | None) -> list[int] | None:
+    """(x, y, width, height) to [x0, y0, x1, y1], end exclusive."""
+    return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
 
 
 def _no_person(truth: str) -> dict[str, Any]:

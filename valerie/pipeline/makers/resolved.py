@@ -9,7 +9,7 @@ from typing import Any
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.pipeline.context import Context
-from valerie.pipeline.resolution import asset_folder, resolve_stored
+from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.asset import SceneAsset, load_asset
 
@@ -56,7 +56,7 @@ class RunCache:
         """The asset of a run, with its meshes."""
         digest = run.resolved.asset_digest
         if digest not in self._assets:
-            self._assets[digest] = load_asset(run.resolved.spec.asset, asset_dir=asset_folder(self._context.settings))
+            self._assets[digest] = load_asset(run.resolved.spec.asset, asset_dir=self._context.settings.asset_dir)
             while len(self._assets) > _KEPT_ASSETS:
                 self._assets.popitem(last=False)
         self._assets.move_to_end(digest)
