@@ -13,6 +13,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from valerie.errors import InvalidInput, ValerieError
+from valerie.perception.function_file import read_header
 from valerie.perception.training.frames import FrameFolder, Shard
 
 
@@ -76,7 +77,9 @@ def _fit(options: argparse.Namespace) -> None:
         if now.figures is not None:
             _say(f"  held out: {now.figures.as_text()}")
 
-    model = train(settings, frames, held_out=held_out, progress=tell, checkpoint=options.checkpoint)
+    model = train(
+        settings, frames, held_out=held_out, progress=tell, checkpoint=options.checkpoint, start_from=options.start_from
+    )
     provenance = {f"frames-{name}": text for name, text in frames.listing.provenance.items()}
     provenance |= {
         "frames": str(len(frames)),
@@ -86,6 +89,12 @@ def _fit(options: argparse.Namespace) -> None:
         "licence": "Apache-2.0",
         "trained-by": "python -m valerie.perception.training fit",
     }
+    if options.start_from is not None:
+        before = read_header(options.start_from)
+        provenance["started-from"] = before.digest
+        provenance["steps-before"] = str(
+            int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
+        )
     data = model.to_bytes(provenance)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_bytes(data)
@@ -112,6 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--frames", type=Path, required=True, help="folder to train from")
     fit.add_argument("--held-out", type=Path, required=True, help="folder to validate on")
     fit.add_argument("--out", type=Path, required=True, help="function file to write")
+    fit.add_argument("--start-from", type=Path, help="function file whose weights are the beginning")
     fit.add_argument("--checkpoint", type=Path, help="file to write on the way, and to go on from if it exists")
     fit.add_argument("--steps", type=int)
     fit.add_argument("--time-budget", dest="time_budget_s", type=float, metavar="SECONDS")

@@ -16,6 +16,7 @@ from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
 from valerie.perception.function_file import function_file_bytes
 from valerie.perception.labelling import in_channels_last, normalised
+from valerie.perception.loaders import load_network
 from valerie.perception.networks.architectures import Network, build_network
 from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
 from valerie.perception.training.frames import TrainingFrame
@@ -99,8 +100,9 @@ def train(
     held_out: Sequence[TrainingFrame] = (),
     progress: Callable[[TrainingProgress], None] = lambda _: None,
     checkpoint: Path | None = None,
+    start_from: Path | None = None,
 ) -> TrainedModel:
-    """Train one network from scratch, or go on from a checkpoint.
+    """Train one network from scratch, from the weights of a function file, or go on from a checkpoint.
 
     Args:
         settings: what to train and how.
@@ -109,17 +111,23 @@ def train(
         progress: called after every step.
         checkpoint: file that is written every ``checkpoint_every`` steps and at the end; if it exists, training goes
             on from it, to the same weights as without the interruption.
+        start_from: a function file of the same architecture whose weights and normalisation are the beginning; the
+            schedule is a new one.
 
     Raises:
-        InvalidInput: no frames, a street in both sets, or a checkpoint of another run.
+        InvalidInput: no frames, a street in both sets, a checkpoint of another run, a file of another architecture.
         UnknownName: the architecture.
     """
     _require_apart(frames, held_out)
     device = _device(settings)
-    mean, std = channel_statistics(frames)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
-        network = in_channels_last(build_network(settings.architecture)).to(device).train()
+        network = build_network(settings.architecture)
+    if start_from is None:
+        mean, std = channel_statistics(frames)
+    else:
+        mean, std = _start_from(start_from, settings, network)
+    network = in_channels_last(network).to(device).train()
     mean_tensor, std_tensor = torch.tensor(mean, device=device), torch.tensor(std, device=device)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
     weights = torch.ones(NUM_TRAIN_CLASSES, device=device)
@@ -163,6 +171,22 @@ def train(
     final = validate(network, held_out, mean_tensor, std_tensor) if held_out else None
     mean_loss = sum(recent) / len(recent) if recent else float("nan")
     return TrainedModel(network.cpu(), settings, mean, std, step, mean_loss, final)
+
+
+def _start_from(
+    path: Path, settings: TrainingSettings, network: Network
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Put a function file's weights into ``network``; its normalisation, which the weights go with."""
+    started, header = load_network(path)
+    if header.architecture != settings.architecture:
+        raise InvalidInput(
+            "the file holds another architecture",
+            field="start_from",
+            value=header.architecture,
+            limit=settings.architecture,
+        )
+    network.load_state_dict(started.state_dict())
+    return header.mean, header.std
 
 
 def _step(

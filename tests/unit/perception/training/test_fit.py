@@ -171,3 +171,22 @@ def test_training_does_not_move_the_random_generator_of_the_caller(make_frames) 
     torch.manual_seed(9)
     train(settings(steps=1), make_frames(1))
     assert torch.equal(torch.rand(2), expected)
+
+
+def test_training_starts_from_the_weights_and_normalisation_of_a_function_file(make_frames, tmp_path: Path) -> None:
+    first = train(settings(steps=3), make_frames(2))
+    path = tmp_path / "first.safetensors"
+    path.write_bytes(first.to_bytes({}))
+    # With a learning rate of almost nothing the weights stay what they were.
+    second = train(settings(steps=1, learning_rate=1e-12, warmup_steps=0), make_frames(3), start_from=path)
+    assert (second.mean, second.std) == (first.mean, first.std)
+    parameters = zip(second.network.parameters(), first.network.parameters(), strict=True)
+    assert all(torch.allclose(one, other, atol=1e-6) for one, other in parameters)
+
+
+def test_a_function_file_of_another_architecture_is_no_beginning(make_frames, tmp_path: Path) -> None:
+    path = tmp_path / "first.safetensors"
+    path.write_bytes(train(settings(steps=1), make_frames(2)).to_bytes({}))
+    other = "semantic-fpn-small" if settings().architecture != "semantic-fpn-small" else "deeplabv3plus-small"
+    with pytest.raises(InvalidInput, match="another architecture"):
+        train(settings(steps=1, architecture=other), make_frames(2), start_from=path)
