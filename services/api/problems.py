@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from http import HTTPStatus
 from typing import Any
@@ -59,10 +60,22 @@ class Problem(BaseModel):
     errors: list[FieldProblem] | None = Field(None, description="field by field, where something given was wrong")
 
 
+class ProblemResponse(JSONResponse):
+    """JSON that can always be sent, whatever a client wrote that is shown back to it (half a surrogate pair)."""
+
+    media_type = MEDIA_TYPE
+
+    def render(self, content: Any) -> bytes:
+        """Encode; what is no character becomes a question mark."""
+        return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode(
+            "utf-8", "replace"
+        )
+
+
 def problem(status: int, title: str, detail: str, **members: Any) -> JSONResponse:
     """One problem document."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
-    return JSONResponse(document, status_code=int(status), media_type=MEDIA_TYPE)
+    return ProblemResponse(document, status_code=int(status))
 
 
 def install(app: FastAPI) -> None:

@@ -97,11 +97,13 @@ class Protection:
         """Whether a web page of another origin, or a name that was bound to this address, asks (without a token)."""
         if self._token is not None:
             return False
-        host = urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
-        origin = request.headers.get("origin")
-        return host not in _LOOPBACK_NAMES or (
-            origin is not None and urlsplit(origin).netloc != request.headers["host"]
-        )
+        host, origin = request.headers.get("host", ""), request.headers.get("origin")
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            elsewhere = origin is not None and urlsplit(origin).netloc != host
+        except ValueError:  # "[": not an address at all
+            return True
+        return name not in _LOOPBACK_NAMES or elsewhere
 
     async def _body(self, receive: Receive) -> bytes | None:
         """The whole body, or None as soon as it is longer than the limit (a stream declares no length)."""

@@ -25,6 +25,7 @@ from valerie.settings import Settings, load_settings
 
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 CLASS = "sketch-1"
+_ORDER = {"eval": 0, "infer": 1, "render": 2}
 
 
 class Bell:
@@ -121,9 +122,10 @@ def work(
         loop.tick()
         if products is not None and made >= products:
             return run_id
-        batch, bell.ready[:] = sorted(bell.ready, key=lambda one: (one[3], one[1])), []
-        if products is not None:
-            batch = batch[: max(products - made, 0)]
+        # Later stages first, a few at a time: an unfinished run has some of everything.
+        waiting = sorted(bell.ready, key=lambda one: (_ORDER[one[2].partition(".")[0]], one[3], one[1]))
+        size = len(waiting) if products is None else min(24, products - made)
+        batch, bell.ready[:] = waiting[:size], waiting[size:]
         made += len(batch)
         for stage, maker in (("render", sketch), ("infer", sketch), ("eval", evaluate)):
             digests = [digest for digest, _, route, _ in batch if route.partition(".")[0] == stage]

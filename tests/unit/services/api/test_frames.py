@@ -1,0 +1,191 @@
+"""Frames and their pictures through REST."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+from sketch.fixtures import Sketch
+from sketch.runs import settings_of
+
+from valerie.labels import PERSON, colorize
+from valerie.pipeline.context import open_context
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+
+
+@pytest.fixture(scope="module")
+def frame(api: httpx.Client, sketch: Sketch) -> dict[str, Any]:
+    """A frame with a visible person."""
+    for item in api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"]:
+        detail: dict[str, Any] = api.get(f"/v1/frames/{item['id']}").json()
+        if detail["persons"][0]["pixel_area"] > 10:
+            return detail
+    raise AssertionError("no person is visible in any frame")
+
+
+def image(client: httpx.Client, address: str) -> np.ndarray[Any, Any]:
+    answer = client.get(address)
+    assert answer.headers["Content-Type"] == "image/png"
+    return np.asarray(Image.open(io.BytesIO(answer.content)))
+
+
+def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.finished}/frames"
+    whole = api.get(path).json()["items"]
+    places = [(one["variant_index"], one["camera"]) for one in whole]
+    assert places == sorted(places)
+    found: list[Any] = []
+    cursor: dict[str, str] = {}
+    while True:
+        page = api.get(path, params={"limit": 11, **cursor}).json()
+        found += page["items"]
+        if page["next"] is None:
+            break
+        cursor = {"cursor": page["next"]}
+    assert found == whole
+
+
+def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, sketch: Sketch) -> None:
+    whole = [one["id"] for one in api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"]]
+    details = [api.get(f"/v1/frames/{one}").json() for one in whole]
+    assert [one["next"] for one in details] == [*whole[1:], None]
+    assert [one["previous"] for one in details] == [None, *whole[:-1]]
+
+
+def test_visibility_and_scores_agree_with_the_stored_products(
+    api: httpx.Client, sketch: Sketch, frame: dict[str, Any]
+) -> None:
+    store = open_context(settings_of(sketch.folder)).store
+    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    person = frame["persons"][0]
+    visible = truth.instance_map == person["instance_id"]
+    assert person["pixel_area"] == visible.sum()
+    assert person["pixel_area_percent"] == pytest.approx(100 * visible.mean())
+    for one in frame["evaluations"]:
+        predicted = codecs.decode_prediction(store.get(product_key("prediction", one["prediction"])))
+        hit = int((visible & (predicted == PERSON.train_id)).sum())
+        assert one["persons"] == [
+            {
+                "instance_id": person["instance_id"],
+                "tp": hit,
+                "fn": int(visible.sum()) - hit,
+                "pacc": hit / visible.sum(),
+            }
+        ]
+    assert [one["function"] for one in frame["evaluations"]] == ["deeplabv3plus-small", "semantic-fpn-small"]
+
+
+def test_every_address_of_a_frame_shows_a_picture_of_its_size(api: httpx.Client, frame: dict[str, Any]) -> None:
+    addresses = [*frame["images"].values(), *(one for e in frame["evaluations"] for one in e["images"].values())]
+    assert len(addresses) == 5 + 2 * 4
+    assert {image(api, one).shape for one in addresses} == {(frame["height"], frame["width"], 3)}
+
+
+def test_truth_and_prediction_are_painted_in_the_colours_of_their_classes(
+    api: httpx.Client, sketch: Sketch, frame: dict[str, Any]
+) -> None:
+    store = open_context(settings_of(sketch.folder)).store
+    truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
+    assert (image(api, frame["images"]["truth"]) == colorize(truth.class_map)).all()
+    evaluation = frame["evaluations"][1]
+    predicted = codecs.decode_prediction(store.get(product_key("prediction", evaluation["prediction"])))
+    shown = image(api, evaluation["images"]["prediction"])
+    assert (shown[predicted == PERSON.train_id] == PERSON.color).all()
+
+
+def test_the_errors_picture_marks_found_missed_and_false_pixels(api: httpx.Client, frame: dict[str, Any]) -> None:
+    evaluation = frame["evaluations"][0]
+    shown = image(api, evaluation["images"]["errors"]).astype(int)
+    coloured = (shown.max(axis=2) - shown.min(axis=2)) > 20
+    assert coloured.sum() == evaluation["tp"] + evaluation["fn"] + evaluation["fp"]
+
+
+def test_a_known_picture_is_not_sent_again(api: httpx.Client, frame: dict[str, Any]) -> None:
+    address = frame["images"]["picture"]
+    first = api.get(address)
+    again = api.get(address, headers={"If-None-Match": f'"other", W/{first.headers["ETag"]}'})
+    assert (again.status_code, again.content) == (304, b"")
+    assert again.headers["ETag"] == first.headers["ETag"]
+    assert api.get(address, headers={"If-None-Match": '"other"'}).status_code == 200
+
+
+def test_different_pictures_have_different_tags(api: httpx.Client, frame: dict[str, Any]) -> None:
+    # Not: the picture of the frame and of an evaluation behind the same sensor, which are one.
+    addresses = [
+        *frame["images"].values(),
+        *(e["images"][k] for e in frame["evaluations"] for k in ("prediction", "errors")),
+    ]
+    assert len({api.get(one).headers["ETag"] for one in addresses}) == len(addresses)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "slice_"),
+    [("bytes=0-99", slice(0, 100)), ("bytes=100-", slice(100, None)), ("bytes=-50", slice(-50, None)),
+     ("bytes=10-999999999", slice(10, None))],
+)  # fmt: skip
+def test_a_range_is_that_part_of_the_object(
+    api: httpx.Client, frame: dict[str, Any], wanted: str, slice_: slice
+) -> None:
+    for address in (frame["images"]["truth"], f"/v1/artifacts/truth/{frame['truth']}"):
+        whole = api.get(address).content
+        part = api.get(address, headers={"Range": wanted})
+        assert part.status_code == 206
+        assert part.content == whole[slice_]
+        start = slice_.indices(len(whole))[0]
+        assert part.headers["Content-Range"] == f"bytes {start}-{start + len(part.content) - 1}/{len(whole)}"
+
+
+@pytest.mark.parametrize("wanted", ["bytes=999999999-", "bytes=-0"])
+def test_a_range_beyond_the_end_is_refused_with_the_size(api: httpx.Client, frame: dict[str, Any], wanted: str) -> None:
+    address = f"/v1/artifacts/layer/{frame['layer']}"
+    size = len(api.get(address).content)
+    answer = api.get(address, headers={"Range": wanted})
+    assert (answer.status_code, answer.headers["Content-Range"]) == (416, f"bytes */{size}")
+
+
+@pytest.mark.parametrize("wanted", ["bytes=9-3", "bytes=0-1,4-5", "lines=1-2", "bytes=a-b", "bytes=²-3"])
+def test_what_is_no_single_range_is_ignored(api: httpx.Client, frame: dict[str, Any], wanted: str) -> None:
+    headers = [(b"range", wanted.encode("latin-1"))]  # as raw bytes: the client would refuse what is not ASCII
+    answer = api.get(f"/v1/artifacts/layer/{frame['layer']}", headers=headers)
+    assert answer.status_code == 200
+
+
+def test_a_range_of_another_version_gives_the_whole(api: httpx.Client, frame: dict[str, Any]) -> None:
+    address = f"/v1/artifacts/truth/{frame['truth']}"
+    etag = api.get(address).headers["ETag"]
+    assert api.get(address, headers={"Range": "bytes=0-9", "If-Range": etag}).status_code == 206
+    assert api.get(address, headers={"Range": "bytes=0-9", "If-Range": '"old"'}).status_code == 200
+
+
+def test_an_artifact_is_the_stored_object(api: httpx.Client, sketch: Sketch, frame: dict[str, Any]) -> None:
+    store = open_context(settings_of(sketch.folder)).store
+    prediction = frame["evaluations"][0]["prediction"]
+    for kind, digest in (("background", frame["background"]), ("prediction", prediction)):
+        assert api.get(f"/v1/artifacts/{kind}/{digest}").content == store.get(product_key(kind, digest))
+
+
+def test_a_failed_frame_says_so_and_shows_what_there_is(api: httpx.Client, sketch: Sketch) -> None:
+    detail = api.get(f"/v1/frames/{sketch.failed}.4.0.0").json()
+    assert detail["state"] == "failed"
+    assert {one["state"] for one in detail["evaluations"]} == {"failed"}
+    assert api.get(detail["images"]["truth"]).status_code == 200
+    answer = api.get(detail["images"]["picture"])
+    assert answer.status_code == 409
+    assert "failed" in answer.json()["detail"]
+
+
+def test_unknown_names_in_a_picture_are_told_with_near_ones(api: httpx.Client, frame: dict[str, Any]) -> None:
+    for parameter, name, near in (
+        ("kind", "pictur", "picture"),
+        ("function", "semantic-fpn", "semantic-fpn-small"),
+        ("sensor", "defualt", "default"),
+    ):
+        answer = api.get(f"/v1/frames/{frame['id']}/image", params={parameter: name})
+        assert answer.status_code == 422
+        assert f"did you mean {near}" in answer.json()["detail"]
+        assert answer.json()["errors"][0]["field"] == parameter

@@ -1,0 +1,159 @@
+"""The token, other sites' pages, sizes: what stands between the network and the endpoints."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from sketch.fixtures import Sketch
+from sketch.runs import settings_of
+from sketch.serving import served
+
+from services.api.app import create_app
+from valerie.errors import InvalidInput
+
+TOKEN = "correct-horse-battery"
+
+
+@pytest.fixture(scope="module")
+def guarded(sketch: Sketch) -> Iterator[httpx.Client]:
+    """A server with a token, and a client that does not send it."""
+    with served(create_app(settings_of(sketch.folder, api_token=TOKEN), control=False)) as client:
+        yield client
+
+
+def raw(client: httpx.Client, head: bytes) -> bytes:
+    """Send bytes as they are; returns the answer."""
+    with socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=20) as connection:
+        connection.sendall(head)
+        parts = []
+        while part := connection.recv(65536):
+            parts.append(part)
+    return b"".join(parts)
+
+
+def status_of(answer: bytes) -> int:
+    return int(answer.split(b" ", 2)[1])
+
+
+@pytest.mark.parametrize(
+    "given", [None, "", "Bearer", "Bearer wrong", f"Basic {TOKEN}", f"Bearer {TOKEN}x", f"Bearer {TOKEN[:-1]}"]
+)
+def test_without_the_token_everything_is_refused(guarded: httpx.Client, given: str | None) -> None:
+    headers = {} if given is None else {"Authorization": given}
+    for path in ("/v1/runs", "/metrics", "/openapi.json", "/v1/nothing", "/v1/workers"):
+        answer = guarded.get(path, headers=headers)
+        assert answer.status_code == 401, path
+        assert answer.headers["WWW-Authenticate"] == "Bearer"
+        assert answer.headers["Content-Type"] == "application/problem+json"
+        assert TOKEN not in answer.text
+
+
+def test_the_token_opens_everything(guarded: httpx.Client) -> None:
+    for scheme in ("Bearer", "bearer"):
+        assert guarded.get("/v1/runs", headers={"Authorization": f"{scheme} {TOKEN}"}).status_code == 200
+
+
+def test_a_token_that_is_not_ascii_is_refused_and_no_defect(guarded: httpx.Client) -> None:
+    answer = raw(
+        guarded, b"GET /v1/runs HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer \xff\xfe\r\nConnection: close\r\n\r\n"
+    )
+    assert status_of(answer) == 401
+
+
+def test_health_and_the_dashboards_files_need_no_token(guarded: httpx.Client) -> None:
+    for path in ("/healthz", "/dashboard/", "/dashboard/main.js", "/"):
+        assert guarded.get(path).status_code in (200, 307), path
+
+
+def test_no_way_leads_around_the_token_through_the_open_paths(guarded: httpx.Client) -> None:
+    for path in (
+        b"/dashboard/../v1/runs",
+        b"/dashboard/%2e%2e/v1/runs",
+        b"//v1/runs",
+        b"/healthz/../v1/runs",
+        b"/dashboard/..%2f..%2fapp.py",
+    ):
+        answer = raw(guarded, b"GET " + path + b" HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert status_of(answer) in (401, 404), path
+
+
+def test_the_token_is_compared_in_constant_time() -> None:
+    source = (Path(__file__).parents[4] / "services/api/protection.py").read_text()
+    assert "hmac.compare_digest(" in source
+    assert not re.search(r"[!=]= *self\._token|self\._token *[!=]=", source)
+
+
+def test_an_exposed_server_without_a_token_is_not_built(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="VALERIE_API_TOKEN"):
+        create_app(settings_of(tmp_path, api_host="0.0.0.0"), control=False)
+
+
+def test_an_exposed_server_with_a_short_token_is_not_built(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="16 characters"):
+        create_app(settings_of(tmp_path, api_host="0.0.0.0", api_token="short"), control=False)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "attacker.example"},
+        {"Host": "127.0.0.1.attacker.example"},
+        {"Host": "["},
+        {"Origin": "https://attacker.example"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Origin": "http://["},
+        {"Origin": "null"},
+    ],
+)
+def test_other_sites_and_rebound_names_are_refused(api: httpx.Client, headers: dict[str, str]) -> None:
+    for method, path in (("GET", "/v1/runs"), ("POST", "/v1/runs"), ("DELETE", "/v1/runs/r1")):
+        answer = api.request(method, path, headers=headers)
+        assert answer.status_code == 403
+        assert answer.headers["Content-Type"] == "application/problem+json"
+
+
+def test_the_servers_own_page_is_no_other_site(api: httpx.Client) -> None:
+    origin = str(api.base_url).rstrip("/")
+    assert api.get("/v1/runs", headers={"Origin": origin}).status_code == 200
+
+
+def test_no_answer_invites_other_origins(api: httpx.Client) -> None:
+    assert not [name for name in api.get("/v1/runs").headers if name.startswith("access-control")]
+
+
+def test_every_answer_carries_the_safe_headers(api: httpx.Client, guarded: httpx.Client) -> None:
+    answers = [
+        api.get("/v1/runs"),
+        api.get("/v1/runs/nope"),
+        api.get("/dashboard/"),
+        guarded.get("/v1/runs"),
+        api.get("/v1/x"),
+    ]
+    for answer in answers:
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert answer.headers["Referrer-Policy"] == "no-referrer"
+        assert "X-Frame-Options" in answer.headers
+
+
+def test_a_body_of_ten_megabytes_is_refused_by_its_length(api: httpx.Client) -> None:
+    answer = api.post("/v1/runs", content=b" " * 10_000_000)
+    assert answer.status_code == 413
+    assert answer.json()["errors"] == [
+        {"field": "body", "message": "too large", "value": "10000000", "limit": 2_000_000}
+    ]
+
+
+def test_a_stream_of_ten_megabytes_is_refused_when_it_passes_the_limit(api: httpx.Client) -> None:
+    answer = api.post("/v1/runs", content=(b" " * 100_000 for _ in range(100)))
+    assert answer.status_code == 413
+
+
+@pytest.mark.parametrize("length", [b"\xb2", b"-1", b"99999999999999999999999", b"1e3"])
+def test_a_length_that_is_no_usable_number_is_refused(api: httpx.Client, length: bytes) -> None:
+    head = b"POST /v1/plan HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nContent-Length: " + length + b"\r\n\r\n"
+    assert status_of(raw(api, head)) in (400, 413)

@@ -1,0 +1,158 @@
+"""The long table and the points through REST, against the table that the run stored."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import httpx
+import pyarrow.parquet as pq
+import pytest
+from sketch.fixtures import Sketch
+from sketch.runs import settings_of
+
+from valerie.pipeline.context import open_context
+from valerie.storage.keys import run_key
+
+Row = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def table(sketch: Sketch) -> list[Row]:
+    """The long table as the evaluation worker wrote it when the run ended."""
+    context = open_context(settings_of(sketch.folder))
+    data = context.store.get(run_key(sketch.finished, "evaluations.parquet"))
+    rows: list[Row] = pq.read_table(io.BytesIO(data)).to_pylist()
+    return rows
+
+
+def walk(client: httpx.Client, run: str, *, limit: int = 17, **parameters: Any) -> list[Row]:
+    """All pages joined."""
+    found: list[Row] = []
+    cursor: str | None = None
+    while True:
+        more = {"cursor": cursor} if cursor else {}
+        answer = client.get(f"/v1/runs/{run}/evaluations", params={"limit": limit, **parameters, **more})
+        assert answer.status_code == 200, answer.text
+        found += answer.json()["items"]
+        cursor = answer.json()["next"]
+        if cursor is None:
+            assert len(found) == answer.json()["total"]
+            return found
+
+
+def test_the_pages_are_the_stored_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
+    assert walk(api, sketch.finished) == table
+
+
+@pytest.mark.parametrize("column", ["pacc", "distance_m", "occlusion_rate", "iou", "undefined_reason", "pixel_area"])
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_sorting_pages_by_any_column_loses_and_repeats_nothing(
+    api: httpx.Client, sketch: Sketch, table: list[Row], column: str, sign: str
+) -> None:
+    rows = walk(api, sketch.finished, sort=sign + column, limit=7)
+    values = [row[column] for row in rows if row[column] is not None]
+    assert values == sorted(values, reverse=bool(sign))
+    assert all(row[column] is None for row in rows[len(values) :]), "rows without a value come last"
+    assert sorted(map(repr, rows)) == sorted(map(repr, table))
+
+
+@pytest.mark.parametrize(
+    ("text", "holds"),
+    [
+        ("distance_m:gt:30", lambda row: row["distance_m"] is not None and row["distance_m"] > 30),
+        ("pacc:null:true", lambda row: row["pacc"] is None),
+        ("pacc:null:false", lambda row: row["pacc"] is not None),
+        ("pixel_area:le:2.5", lambda row: row["pixel_area"] is not None and row["pixel_area"] <= 2.5),
+        ("pixel_area:lt:1e300", lambda row: row["pixel_area"] is not None),
+        ("function:eq:semantic-fpn-small", lambda row: row["function"] == "semantic-fpn-small"),
+        ("camera:ne:camera-2", lambda row: row["camera"] != "camera-2"),
+        ("undefined_reason:eq:fully hidden", lambda row: row["undefined_reason"] == "fully hidden"),
+    ],
+)
+def test_filters_keep_what_holds(api: httpx.Client, sketch: Sketch, table: list[Row], text: str, holds: Any) -> None:
+    expected = [row for row in table if holds(row)]
+    assert walk(api, sketch.finished, filter=text) == expected
+
+
+def test_filters_are_joined_by_and(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
+    found = walk(api, sketch.finished, filter=["distance_m:lt:40", "sensor:eq:default", "pacc:ge:0.5"])
+    assert found == [r for r in table if r["pacc"] is not None and r["pacc"] >= 0.5 and r["distance_m"] < 40]
+    assert 0 < len(found) < len(table)
+
+
+def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
+    path = f"/v1/runs/{sketch.finished}/evaluations"
+    parquet = api.get(path, params={"format": "parquet"})
+    assert parquet.headers["Content-Type"] == "application/vnd.apache.parquet"
+    assert pq.read_table(io.BytesIO(parquet.content)).to_pylist() == table
+    text = api.get(path, params={"format": "csv"})
+    assert "attachment" in text.headers["Content-Disposition"]
+    rows = list(csv.DictReader(io.StringIO(text.text)))
+    assert [row["frame_id"] for row in rows] == [row["frame_id"] for row in table]
+    for row, expected in zip(rows, table, strict=True):
+        for name in ("pacc", "distance_m", "iou", "occlusion_rate"):
+            assert (float(row[name]) if row[name] else None) == expected[name]
+
+
+def test_a_running_run_gives_what_is_there(api: httpx.Client, sketch: Sketch) -> None:
+    rows = walk(api, sketch.running)
+    assert len(rows) == api.get(f"/v1/runs/{sketch.running}/progress").json()["stages"]["eval"]["done"] > 0
+
+
+def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
+    points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": "occlusion_rate"}).json()
+    names = [points[name] for name in ("functions", "cameras", "characters")]
+    found = {
+        (points["variant"][i], *(names[k][points[code][i]] for k, code in enumerate(("function", "camera", "character"))),
+         points["x"][i], points["pacc"][i])
+        for i in range(len(points["x"]))
+    }  # fmt: skip
+    expected = {
+        (r["variant_index"], r["function"], r["camera"], r["character"], r["occlusion_rate"], r["pacc"])
+        for r in table
+        if r["pacc"] is not None
+    }
+    assert found == expected
+    assert points["share"] == 1.0
+    assert sum(points["undefined"].values()) == sum(1 for row in table if row["pacc"] is None)
+
+
+def test_a_sample_of_points_is_a_part_of_all_and_always_the_same(api: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.finished}/points"
+    whole = set(api.get(path).json()["variant"])
+    some = api.get(path, params={"limit": 100}).json()
+    assert some["share"] < 1
+    assert 0 < len(set(some["variant"])) < len(whole)
+    assert set(some["variant"]) < whole
+    assert api.get(path, params={"limit": 100}).json() == some
+
+
+def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
+    rows = api.get(f"/v1/runs/{sketch.finished}/summary").json()["summary"]["rows"]
+    one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "yellow-shirt"))
+    values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "yellow-shirt"]
+    defined = [value for value in values if value is not None]
+    assert one["persons"] == len(values)
+    assert one["pacc_mean"] == pytest.approx(sum(defined) / len(defined))
+    assert (one["pacc_min"], one["pacc_max"]) == (min(defined), max(defined))
+
+
+def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, sketch: Sketch) -> None:
+    answer = api.get(f"/v1/runs/{sketch.finished}/report")
+    assert answer.headers["Content-Type"].startswith("text/html")
+    assert answer.headers["Content-Security-Policy"].startswith("sandbox ")
+    assert answer.text.startswith("<!DOCTYPE html>")
+
+
+def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.finished}/variants"
+    whole = api.get(path).json()["items"]
+    assert [one["index"] for one in whole] == list(range(18))
+    first = api.get(path, params={"limit": 10}).json()
+    second = api.get(path, params={"limit": 10, "cursor": first["next"]}).json()
+    assert first["items"] + second["items"] == whole
+    assert second["next"] is None
+    accepted = api.get(path, params={"rejected": False}).json()["items"]
+    assert accepted == [one for one in whole if one["rejection"] is None]

@@ -1,0 +1,174 @@
+"""Runs through REST: submit, list, follow, stop, go on, delete."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+import pytest
+from sketch.fixtures import Sketch
+from sketch.runs import spec
+
+
+def post(client: httpx.Client, document: dict[str, Any], **headers: str) -> httpx.Response:
+    return client.post("/v1/runs", json=document, headers=headers)
+
+
+def test_a_submitted_run_is_accepted_and_located(fresh: httpx.Client) -> None:
+    answer = post(fresh, spec("new"))
+    assert answer.status_code == 202
+    run = fresh.get(answer.headers["Location"]).json()
+    assert (run["name"], run["state"], run["variant_count"]) == ("new", "submitted", 18)
+    assert run["spec"]["blocks"][0]["vary"][0]["parameter"] == "person-1.pos.x"
+
+
+def test_a_yaml_spec_gives_the_same_digest_as_its_json(fresh: httpx.Client) -> None:
+    text = "name: n\nasset: urban-street\nvary:\n  - [person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]\n"
+    document = {"name": "n", "asset": "urban-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
+    yaml = fresh.post("/v1/runs", content=text, headers={"Content-Type": "application/yaml"}).json()
+    assert yaml["spec_digest"] == post(fresh, document).json()["spec_digest"]
+
+
+def test_a_repeated_post_with_its_key_makes_no_second_run(fresh: httpx.Client) -> None:
+    first = post(fresh, spec("once"), **{"Idempotency-Key": "k-1"}).json()
+    second = post(fresh, spec("once"), **{"Idempotency-Key": "k-1"}).json()
+    assert first["id"] == second["id"]
+    assert [run["name"] for run in fresh.get("/v1/runs").json()["items"]].count("once") == 1
+
+
+def test_a_key_that_was_used_for_another_spec_is_refused(fresh: httpx.Client) -> None:
+    first = post(fresh, spec("once"), **{"Idempotency-Key": "k-1"}).json()
+    answer = post(fresh, spec("other"), **{"Idempotency-Key": "k-1"})
+    assert answer.status_code == 409
+    assert "k-1" in answer.json()["detail"]
+    assert first["id"] in answer.json()["detail"]
+
+
+def test_equal_specs_without_a_key_are_two_runs(fresh: httpx.Client) -> None:
+    assert post(fresh, spec("twice")).json()["id"] != post(fresh, spec("twice")).json()["id"]
+
+
+def test_runs_are_listed_newest_first_with_their_progress(api: httpx.Client, sketch: Sketch) -> None:
+    items = api.get("/v1/runs").json()["items"]
+    assert [run["id"] for run in items] == [sketch.waiting, sketch.running, sketch.failed, sketch.finished]
+    assert items[3]["stages"]["eval"]["done"] == items[3]["stages"]["eval"]["total"] > 0
+    assert items[0]["stages"] == {}
+    assert "pyrender" in items[0]["reason"]
+
+
+def test_times_are_in_utc(api: httpx.Client, sketch: Sketch) -> None:
+    run = api.get(f"/v1/runs/{sketch.finished}").json()
+    assert run["created_at"].endswith("Z")
+    assert run["created_at"] <= run["started_at"] <= run["finished_at"]
+
+
+def test_pages_of_runs_join_without_gap_or_repetition(api: httpx.Client) -> None:
+    whole = [run["id"] for run in api.get("/v1/runs").json()["items"]]
+    found: list[str] = []
+    cursor = None
+    while True:
+        page = api.get("/v1/runs", params={"limit": 1, **({"cursor": cursor} if cursor else {})}).json()
+        found += [run["id"] for run in page["items"]]
+        cursor = page["next"]
+        if cursor is None:
+            break
+    assert found == whole
+
+
+def test_a_run_that_arrives_between_pages_moves_nothing(fresh: httpx.Client) -> None:
+    whole = [run["id"] for run in fresh.get("/v1/runs").json()["items"]]
+    first = fresh.get("/v1/runs", params={"limit": 2}).json()
+    post(fresh, spec("late"))
+    second = fresh.get("/v1/runs", params={"limit": 2, "cursor": first["next"]}).json()
+    assert [run["id"] for run in (*first["items"], *second["items"])] == whole
+
+
+def test_runs_are_filtered_by_state(api: httpx.Client, sketch: Sketch) -> None:
+    items = api.get("/v1/runs", params={"state": "completed-with-failures"}).json()["items"]
+    assert [run["id"] for run in items] == [sketch.failed]
+
+
+def test_progress_counts_every_stage(api: httpx.Client, sketch: Sketch) -> None:
+    progress = api.get(f"/v1/runs/{sketch.failed}/progress").json()
+    stages = progress["stages"]
+    assert progress["variants"] == {"total": 18, "fed": 18, "rejected": stages_rejected(api, sketch.failed)}
+    frames = (18 - progress["variants"]["rejected"]) * 3
+    assert (stages["render"]["total"], stages["render"]["failed"]) == (frames, 3)
+    assert (stages["eval"]["total"], stages["eval"]["failed"]) == (frames * 2, 6)
+    assert stages["eval"]["done"] == frames * 2 - 6
+
+
+def stages_rejected(client: httpx.Client, run: str) -> int:
+    return sum(client.get(f"/v1/runs/{run}/rejections").json().values())
+
+
+def test_failures_say_stage_error_and_attempts_and_name_their_cause(api: httpx.Client, sketch: Sketch) -> None:
+    found = api.get(f"/v1/runs/{sketch.failed}/failures").json()
+    roots = [one for one in found if "cause" not in one["error"]]
+    assert {(one["kind"], one["variant_index"]) for one in roots} == {("layer", 4)}
+    assert all(one["error"]["type"] == "RenderingError" and one["error"]["attempts"] == 1 for one in roots)
+    digests = {one["digest"] for one in found}
+    assert all(one["error"]["cause"] in digests for one in found if "cause" in one["error"])
+
+
+def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.running}"
+    assert fresh.post(f"{path}/cancel").json()["state"] == "cancelled"
+    assert fresh.post(f"{path}/resume").json()["state"] == "running"
+    assert fresh.get(path).json()["finished_at"] is None
+
+
+def test_retry_lets_what_failed_be_tried_again(fresh: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.failed}"
+    assert fresh.get(f"{path}/failures").json() != []
+    assert fresh.post(f"{path}/retry").json()["state"] == "running"
+    assert fresh.get(f"{path}/failures").json() == []
+
+
+@pytest.mark.parametrize(("verb", "state"), [("cancel", "completed"), ("resume", "completed"), ("retry", "completed")])
+def test_what_the_state_does_not_allow_is_a_conflict(
+    fresh: httpx.Client, sketch: Sketch, verb: str, state: str
+) -> None:
+    answer = fresh.post(f"/v1/runs/{sketch.finished}/{verb}")
+    assert answer.status_code == 409
+    assert answer.json()["title"] == "Conflict"
+    assert f"is {state}" in answer.json()["detail"]
+
+
+def test_an_active_run_is_not_deleted(fresh: httpx.Client, sketch: Sketch) -> None:
+    assert fresh.delete(f"/v1/runs/{sketch.running}").status_code == 409
+    assert fresh.get(f"/v1/runs/{sketch.running}").status_code == 200
+
+
+def test_a_deleted_run_is_gone_with_its_results_and_nothing_else(fresh: httpx.Client, sketch: Sketch) -> None:
+    answer = fresh.delete(f"/v1/runs/{sketch.finished}")
+    assert (answer.status_code, answer.content) == (204, b"")
+    for path in (
+        "",
+        "/progress",
+        "/frames",
+        "/variants",
+        "/evaluations",
+        "/points",
+        "/summary",
+        "/report",
+        "/failures",
+    ):
+        assert fresh.get(f"/v1/runs/{sketch.finished}{path}").status_code == 404, path
+    assert fresh.get(f"/v1/runs/{sketch.failed}/report").status_code == 200
+
+
+def test_a_plan_stores_nothing_and_counts_what_is_there(fresh: httpx.Client, sketch: Sketch) -> None:
+    before = fresh.get("/v1/runs").json()
+    plan = fresh.post("/v1/plan", json=spec("finished")).json()
+    assert fresh.get("/v1/runs").json() == before
+    rejected = stages_rejected(fresh, sketch.finished)
+    assert (plan["variants"], plan["accepted"], plan["frames"]) == (18, 18 - rejected, 3 * (18 - rejected))
+    assert (plan["renders"], plan["inferences"]) == (0, 0)
+
+
+def test_a_run_without_summary_says_so(api: httpx.Client, sketch: Sketch) -> None:
+    for path in ("summary", "report"):
+        answer = api.get(f"/v1/runs/{sketch.running}/{path}")
+        assert answer.status_code == 409
+        assert "is running" in answer.json()["detail"]
