@@ -7,8 +7,10 @@ import json
 import os
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +65,18 @@ class Stack:
         return Client(f"http://127.0.0.1:{self.port}", token=self.token)
 
 
+def _offer_torch() -> None:
+    """Let the image install the build of torch that is tested here, if that is the CPU's: the other brings gigabytes."""
+    installed = version("torch")
+    if installed.endswith("+cpu") and not list((ROOT / "wheels").glob("torch-*.whl")):
+        plain = installed.removesuffix("+cpu")
+        download = ["-m", "pip", "download", "--quiet", "--no-deps", "--dest", "wheels", f"torch=={plain}"]
+        subprocess.run([sys.executable, *download], cwd=ROOT, check=True)
+
+
 @pytest.fixture(scope="module")
 def stack() -> Iterator[Stack]:
+    _offer_torch()
     stack = Stack()
     stack.compose("build", capture=False)
     try:
