@@ -75,4 +75,4 @@ clean: ## Remove what tools left; data (var/) and the environment stay
 
 .PHONY: distclean
 distclean: clean ## Remove the environment too
-	rm -rf $(VENV) $(VENV).lock
+	rm -rf $(VENV)

@@ -65,18 +65,27 @@ app.command(rich_help_panel=_PARTS)(machine.gc)
 app.command(rich_help_panel=_PARTS)(machine.migrate)
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            typer.echo(f"valerie {version('valerie')}")
+        except PackageNotFoundError:
+            typer.echo("valerie, not installed (run from its source)")
+        raise typer.Exit
+
+
 @app.callback()
 def options(
     debug: Annotated[  # noqa: ARG001  # taken from the arguments before anything can go wrong
         bool, typer.Option("--debug", help="Show stack traces.")
     ] = False,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+    version: Annotated[  # noqa: ARG001  # handled by its callback
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
 ) -> None:
-    if version:
-        from importlib.metadata import version as version_of
-
-        typer.echo(f"valerie {version_of('valerie')}")
-        raise typer.Exit
+    """Options of all commands."""
 
 
 def main() -> None:

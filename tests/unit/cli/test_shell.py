@@ -229,3 +229,9 @@ def test_a_spec_may_come_from_standard_input(tmp_path: Path) -> None:
         check=False,
     )
     assert json.loads(done.stdout)["variants"] == 10
+
+
+def test_the_version_is_shown_without_a_command(tmp_path: Path) -> None:
+    done = _valerie("--version", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stdout.startswith("valerie")
