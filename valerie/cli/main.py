@@ -78,10 +78,10 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    debug: Annotated[  # noqa: ARG001  # taken from the arguments before anything can go wrong
+    debug: Annotated[  # taken from the arguments before anything can go wrong
         bool, typer.Option("--debug", help="Show stack traces.")
     ] = False,
-    version: Annotated[  # noqa: ARG001  # handled by its callback
+    version: Annotated[  # handled by its callback
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
