@@ -69,10 +69,11 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    openapi.install(app)
+    routers = [module.router for module in (runs, frames, results, catalog, health)]
+    openapi.install(app, routers)
     app.add_middleware(Protection, settings=settings)
-    for module in (runs, frames, results, catalog, health):
-        app.include_router(module.router)
+    for router in routers:
+        app.include_router(router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")
 
     @app.get("/", include_in_schema=False)

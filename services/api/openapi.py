@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
 
+from services.api import schemas
 from services.api.problems import MEDIA_TYPE, Problem
 
 #: Status to what it means here and an example of its detail.
@@ -61,27 +64,27 @@ def binary(media_type: str, description: str) -> dict[int | str, dict[str, Any]]
     }
 
 
-def install(app: FastAPI) -> None:
+def install(app: FastAPI, routers: Sequence[APIRouter]) -> None:
     """Replace the generated document's weak points; it is built once, at the first request."""
 
     def build() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _document(app)
+            app.openapi_schema = _document(app, routers)
         return app.openapi_schema
 
     app.openapi = build  # type: ignore[method-assign]
 
 
-def _document(app: FastAPI) -> dict[str, Any]:
+def _document(app: FastAPI, routers: Sequence[APIRouter]) -> dict[str, Any]:
     document = get_openapi(
         title=app.title, version=app.version, summary=app.summary, description=app.description, routes=app.routes
     )
     components = document.setdefault("components", {})
-    schemas = components.setdefault("schemas", {})
-    schemas["Problem"] = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-    schemas.update(schemas["Problem"].pop("$defs", {}))
+    models = components.setdefault("schemas", {})
+    models["Problem"] = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    models.update(models["Problem"].pop("$defs", {}))
     for unused in ("HTTPValidationError", "ValidationError"):
-        schemas.pop(unused, None)
+        models.pop(unused, None)
     components["securitySchemes"] = {
         "token": {
             "type": "http",
@@ -93,7 +96,23 @@ def _document(app: FastAPI) -> dict[str, Any]:
     for path, item in document["paths"].items():
         for operation in item.values():
             operation["security"] = [] if path in open_paths else [{"token": []}, {}]
+    _restore_examples(document, routers)
     return document
+
+
+def _restore_examples(document: dict[str, Any], routers: Sequence[APIRouter]) -> None:
+    """Put the examples back as they were written: the generator drops every null, which the schemas require."""
+    for name, schema in document["components"]["schemas"].items():
+        extra = getattr(getattr(schemas, name, None), "model_config", {}).get("json_schema_extra")
+        if isinstance(extra, dict) and "example" in extra:
+            schema["example"] = extra["example"]
+    for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):
+        for method in route.methods:
+            responses = document["paths"][route.path][method.lower()]["responses"]
+            for status, response in route.responses.items():
+                for media_type, content in response.get("content", {}).items():
+                    if "example" in content:
+                        responses[str(status)]["content"][media_type]["example"] = content["example"]
 
 
 def _response(status: int) -> dict[str, Any]:

@@ -46,8 +46,9 @@ class Bell:
 
 
 def settings_of(folder: Path, **values: Any) -> Settings:
-    """A deployment in one folder that talks to nobody."""
-    return load_settings(data_dir=folder, **{"broker_url": "memory://", "min_free_mb": 0, **values})
+    """A deployment in one folder whose broker does not answer, unless ``values`` names one that does."""
+    nobody = f"redis+socket://{folder}/nobody.sock?virtual_host=0"
+    return load_settings(data_dir=folder, **{"broker_url": nobody, "min_free_mb": 0, **values})
 
 
 def open_sketch(settings: Settings) -> tuple[Context, Bell]:

@@ -1,4 +1,4 @@
-// Building elements: text stays text, whatever a name in it may hold. No innerHTML anywhere.
+// Building elements: text stays text, whatever a name in it may hold.
 
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -1,0 +1,104 @@
+"""What can be asked for, and who is at work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import httpx
+import pytest
+from sketch.runs import CLASS, FUNCTIONS, open_sketch, settings_of
+from sketch.serving import served
+
+from services.api.app import create_app
+from valerie.db import processes
+from valerie.db.engine import writing
+from valerie.errors import TransientError
+from valerie.labels import CITYSCAPES
+from valerie.pipeline import catalog, monitoring
+
+
+def test_an_asset_lists_its_parameters_with_bounds_and_units(api: httpx.Client) -> None:
+    asset = api.get("/v1/assets/urban-street").json()
+    found = {one["path"]: one for one in asset["parameters"]}
+    x = found["scene.person-1.pos.x"]
+    assert (x["type"], x["minimum"], x["maximum"], x["unit"]) == ("FLOAT", -10.0, 20.0, "m")
+    assert asset["cameras"] == ["camera-1", "camera-2", "camera-3"]
+    assert "obstacles" not in asset
+
+
+def test_the_list_of_assets_holds_the_built_in_street(api: httpx.Client) -> None:
+    digests = {one["name"]: one["digest"] for one in api.get("/v1/assets").json()}
+    assert digests["urban-street"] == api.get("/v1/assets/urban-street").json()["digest"]
+
+
+def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:
+    folder = tmp_path / "assets" / "broken"
+    folder.mkdir(parents=True)
+    (folder / "manifest.yaml").write_text("name: broken\nparameters: 5\n")
+    (folder / "manifest.json").write_text("{")
+    found = {one["name"]: one for one in catalog.assets(settings_of(tmp_path))}
+    assert found["urban-street"]["problem"] is None
+    assert all(one["problem"] for name, one in found.items() if name == "broken")
+
+
+def test_renderers_and_functions_name_the_classes_that_workers_offer(api: httpx.Client) -> None:
+    renderers = {one["name"]: one["numeric_classes"] for one in api.get("/v1/renderers").json()}
+    assert (renderers["raster"], renderers["pyrender"]) == ([CLASS], [])
+    functions = {one["name"]: one["numeric_classes"] for one in api.get("/v1/functions").json()}
+    assert functions == dict.fromkeys(FUNCTIONS, [CLASS])
+
+
+def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from valerie.perception.catalog import function_card
+
+    def card(name: str) -> object:
+        return function_card(name, folder=tmp_path)
+
+    monkeypatch.setattr(catalog, "function_card", card)
+    context, _ = open_sketch(settings_of(tmp_path))
+    found = catalog.functions(context)
+    assert [one["name"] for one in found] == list(FUNCTIONS)
+    assert all("safetensors" in one["problem"] for one in found)
+
+
+def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:
+    found = {one["name"]: (one["id"], one["train_id"], tuple(one["color"])) for one in api.get("/v1/labels").json()}
+    assert found == {one.name: (one.id, one.train_id, one.color) for one in CITYSCAPES}
+
+
+def test_workers_that_were_not_seen_for_long_are_not_listed(tmp_path: Path) -> None:
+    context, _ = open_sketch(settings_of(tmp_path))
+    with writing(context.engine) as connection:
+        assert processes.worker_seen(connection, "sketch-infer", 1.0)
+    with served(create_app(context.settings, control=False)) as client:
+        assert [one["id"] for one in client.get("/v1/workers").json()] == ["sketch-render", "sketch-eval"]
+
+
+def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
+    from sketch.runs import spec, work
+
+    context, bell = open_sketch(settings_of(tmp_path))
+    work(context, bell, spec("some"), products=5)
+    queues = {one["route"]: one for one in monitoring.queues(context)}
+    assert set(queues) == {"eval", f"infer.{CLASS}", f"render.raster.{CLASS}", f"render.truth.{CLASS}"}
+    assert {one["workers"] for one in queues.values()} == {1}
+    raster = queues[f"render.raster.{CLASS}"]
+    assert raster["messages"] == raster["ready"] > 0
+    assert queues["eval"]["waiting"] > 0
+
+
+def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    context, bell = open_sketch(settings_of(tmp_path))
+    asked = []
+
+    def down(route: str) -> int:
+        asked.append(route)
+        raise TransientError("the broker does not answer")
+
+    monkeypatch.setattr(bell, "queue_length", down)
+    assert {one["messages"] for one in monitoring.queues(context)} == {None}
+    assert len(asked) == 1, "one time-out is enough"
+
+
+def test_the_process_is_alive_without_database_or_broker(api: httpx.Client) -> None:
+    assert api.get("/healthz").json()["status"] == "ok"

@@ -1,0 +1,94 @@
+"""The OpenAPI document: complete, with examples that are true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import jsonschema
+import pytest
+from sketch.fixtures import Sketch
+
+Operation = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def document(api: httpx.Client) -> dict[str, Any]:
+    found: dict[str, Any] = api.get("/openapi.json").json()
+    return found
+
+
+def operations(document: dict[str, Any]) -> Iterator[tuple[str, Operation]]:
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            yield f"{method} {path}", operation
+
+
+def schema_of(document: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema with the definitions that it refers to."""
+    return {**schema, "components": document["components"]}
+
+
+def example_of(document: dict[str, Any], content: dict[str, Any]) -> Any:
+    """The example of one kind of content: its own, or that of its model."""
+    if "example" in content:
+        return content["example"]
+    name = content.get("schema", {}).get("$ref", "").rpartition("/")[2]
+    return document["components"]["schemas"].get(name, {}).get("example")
+
+
+def test_every_endpoint_has_a_summary(document: dict[str, Any]) -> None:
+    assert [name for name, one in operations(document) if not one.get("summary")] == []
+
+
+def test_every_endpoint_documents_its_problems_with_an_example(document: dict[str, Any]) -> None:
+    for name, one in operations(document):
+        if name in ("get /healthz", "get /readyz"):
+            continue
+        expected = {"401", "403", "503"} | ({"404"} if "{" in name else set()) | ({"422"} if one.get("parameters") else set())
+        assert expected <= one["responses"].keys(), name
+        for status, response in one["responses"].items():
+            if status >= "400" and status != "416":
+                content = response["content"]["application/problem+json"]
+                assert content["schema"] == {"$ref": "#/components/schemas/Problem"}
+                assert content["example"]["status"] == int(status)
+
+
+def test_every_json_answer_has_an_example_that_fits_its_schema(document: dict[str, Any]) -> None:
+    for name, one in operations(document):
+        for status, response in one["responses"].items():
+            for media, content in response.get("content", {}).items():
+                if not media.endswith("json"):
+                    continue
+                example = example_of(document, content)
+                assert example is not None, (name, status)
+                jsonschema.validate(example, schema_of(document, content["schema"]))
+
+
+def test_the_example_of_a_request_is_accepted(api: httpx.Client, document: dict[str, Any]) -> None:
+    contents = document["paths"]["/v1/plan"]["post"]["requestBody"]["content"]
+    plan = api.post("/v1/plan", json=contents["application/json"]["example"]).json()
+    assert (plan["variants"], plan["frames"]) == (10, 30), "the paper's two lists"
+    assert api.post("/v1/plan", content=contents["application/yaml"]["example"]).json()["variants"] == 5
+
+
+def test_answers_fit_their_schemas(api: httpx.Client, sketch: Sketch, document: dict[str, Any]) -> None:
+    run, frame = sketch.finished, api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
+    seen = 0
+    for path, item in document["paths"].items():
+        content = item.get("get", {}).get("responses", {}).get("200", {}).get("content", {}).get("application/json")
+        if content is None or path == "/readyz":
+            continue
+        address = path.format(run_id=run, frame_id=frame, name="urban-street")
+        answer = api.get(address)
+        assert answer.status_code == 200, (address, answer.text)
+        jsonschema.validate(answer.json(), schema_of(document, content["schema"]))
+        seen += 1
+    assert seen >= 18
+
+
+def test_the_token_is_part_of_the_document(document: dict[str, Any]) -> None:
+    assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    assert document["paths"]["/healthz"]["get"]["security"] == []
+    assert {"token": []} in document["paths"]["/v1/runs"]["get"]["security"]
