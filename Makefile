@@ -9,7 +9,7 @@ PYTHON_BIN := $(VENV)/bin/python
 SPEC ?= examples/first-run.yaml
 PYTEST_OPTIONS ?=
 # Real processes, GL and networks on two cores: these limits are for the tests, not for users.
-TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 LP_NUM_THREADS=0
+TEST_ENVIRONMENT := OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE OPENBLAS_NUM_THREADS=1 LP_NUM_THREADS=0
 
 ##@ Use
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from valerie.embedded.process import Command
-from valerie.embedded.supervisor import Service, _free_port
+from valerie.embedded.supervisor import Service, _free_port, service_environment
 from valerie.errors import Conflict, InvalidInput
 from valerie.settings import load_settings
 
@@ -147,3 +147,26 @@ def test_port_0_is_any_free_one() -> None:
 def test_a_name_that_is_no_address_is_refused() -> None:
     with pytest.raises(InvalidInput, match="VALERIE_API_HOST"):
         _free_port(load_settings(api_host="no.such.host.invalid"))
+
+
+def test_a_service_gets_the_settings_and_as_many_threads_as_its_work_can_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("OMP_NUM_THREADS", "OMP_WAIT_POLICY", "LP_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    settings = load_settings(infer_threads=3, api_port=1234)
+    render, infer = service_environment("render", settings), service_environment("infer", settings)
+    assert (render["OMP_NUM_THREADS"], render["LP_NUM_THREADS"]) == ("1", "0")
+    assert infer["OMP_NUM_THREADS"] == "3"
+    assert infer["OMP_WAIT_POLICY"] == "PASSIVE"
+    assert infer["VALERIE_API_PORT"] == "1234"
+
+
+def test_what_a_user_set_for_a_library_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LP_NUM_THREADS", "4")
+    assert service_environment("render", load_settings())["LP_NUM_THREADS"] == "4"
+
+
+def test_settings_of_the_parent_that_were_overridden_do_not_reach_a_service(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VALERIE_DATA_DIR", "/elsewhere")
+    assert service_environment("api", load_settings(data_dir=tmp_path))["VALERIE_DATA_DIR"] == str(tmp_path)
