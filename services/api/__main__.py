@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import signal
+import sys
 import threading
 
 import uvicorn
 
 from services.api.app import create_app
 from valerie.db.migrate import migrate
+from valerie.errors import ValerieError
 from valerie.logs import configure_logging
 from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
@@ -24,19 +26,30 @@ def main() -> None:
     group.add_argument("--no-control", action="store_true", help="the API without the control loop")
     group.add_argument("--migrate-only", action="store_true", help="bring the database up to date and end")
     arguments = parser.parse_args()
+    try:
+        _run(arguments)
+    except ValerieError as error:
+        # What an operator can put right: a missing token, a folder that cannot be written, a newer database.
+        sys.exit(f"services.api: {error}")
+
+
+def _run(arguments: argparse.Namespace) -> None:
     settings = load_settings()
     configure_logging(settings)
+    if not arguments.control_only:
+        settings.require_token()
+    context = open_context(settings)
+    migrate(context.engine)
     if arguments.migrate_only:
-        migrate(open_context(settings).engine)
         return
+    context.store.check()
     if arguments.control_only:
-        context = open_context(settings)
-        migrate(context.engine)
         stop = threading.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: stop.set())
         ControlLoop(context).run(stop)
         return
+    context.engine.dispose()  # the application opens its own where it serves
     app = create_app(settings, control=not arguments.no_control)
     uvicorn.run(app, host=settings.api_host, port=settings.api_port, log_config=None, access_log=False)
 

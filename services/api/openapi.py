@@ -107,7 +107,7 @@ def _restore_examples(document: dict[str, Any], routers: Sequence[APIRouter]) ->
         if isinstance(extra, dict) and "example" in extra:
             schema["example"] = extra["example"]
     for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):
-        for method in route.methods:
+        for method in route.methods or ():
             responses = document["paths"][route.path][method.lower()]["responses"]
             for status, response in route.responses.items():
                 for media_type, content in response.get("content", {}).items():

@@ -26,18 +26,32 @@ def create(connection: Connection, values: dict[str, Any]) -> str:
     Raises:
         Conflict: the idempotency key belongs to a run with another spec.
     """
-    key = values.get("idempotency_key")
-    if key is not None:
-        known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
-        if known is not None:
-            if known.spec_digest != values["spec_digest"]:
-                raise Conflict(f"the idempotency key {key!r} was used for another spec (run {known.id})")
-            return str(known.id)
+    known = _of_key(connection, values)
+    if known is not None:
+        return known
     try:
-        connection.execute(insert(Run).values(**values))
+        with connection.begin_nested():
+            connection.execute(insert(Run).values(**values))
     except IntegrityError as error:
+        # On Postgres another request with the same key may have been faster between the question and the insert.
+        known = _of_key(connection, values)
+        if known is not None:
+            return known
         raise Conflict(f"the run could not be stored: {error.orig}") from error
     return str(values["id"])
+
+
+def _of_key(connection: Connection, values: dict[str, Any]) -> str | None:
+    """Id of the run that has the idempotency key already."""
+    key = values.get("idempotency_key")
+    if key is None:
+        return None
+    known = connection.execute(select(Run.id, Run.spec_digest).where(Run.idempotency_key == key)).first()
+    if known is None:
+        return None
+    if known.spec_digest != values["spec_digest"]:
+        raise Conflict(f"the idempotency key {key!r} was used for another spec (run {known.id})")
+    return str(known.id)
 
 
 def get(connection: Connection, run_id: str) -> Row[Any]:

@@ -10,7 +10,7 @@ import structlog
 from sqlalchemy import Connection
 
 from valerie.db import products, runs
-from valerie.db.engine import reading, writing
+from valerie.db.engine import writing
 from valerie.errors import Conflict, TransientError, ValerieError
 from valerie.pipeline.context import Context
 from valerie.runs.states import RunState
@@ -54,7 +54,8 @@ def cancel(context: Context, run_id: str) -> None:
         NotFound, Conflict: no such run, or it has ended.
     """
     expected = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
-    _change(context, run_id, expected=expected, state=RunState.CANCELLED, finished_at=runs.now_utc())
+    with writing(context.engine) as connection:
+        _change(connection, run_id, expected=expected, state=RunState.CANCELLED, finished_at=runs.now_utc())
 
 
 def pause_for_storage(context: Context, error: ValerieError) -> None:
@@ -103,25 +104,25 @@ def delete(context: Context, run_id: str) -> None:
 
 
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[str]) -> None:
-    now = time.time()
-    with reading(context.engine) as connection:
-        pinned = runs.get(connection, run_id).pins is not None
-    state = RunState.RUNNING if pinned else RunState.SUBMITTED
-    _change(context, run_id, expected=expected, state=state, finished_at=None)
+    # In one transaction: a run that is running again while its products stay parked would never end.
     with writing(context.engine) as connection:
+        pinned = runs.get(connection, run_id).pins is not None
+        state = RunState.RUNNING if pinned else RunState.SUBMITTED
+        _change(connection, run_id, expected=expected, state=state, finished_at=None)
         runs.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
         products.revive(connection, digests)
-        ready = products.promote(connection, digests, now)
+        ready = products.promote(connection, digests, time.time())
     try:
         context.broker.send_products(ready)
     except TransientError as error:
         log.warning("lifecycle.broker", reason=str(error))  # the sweeper rings again
 
 
-def _change(context: Context, run_id: str, *, expected: Sequence[RunState], state: RunState, **values: Any) -> None:
-    with writing(context.engine) as connection:
-        run = runs.get(connection, run_id)
-        if not runs.change_state(connection, run_id, expected=expected, state=state, **values):
-            allowed = ", ".join(expected)
-            raise Conflict(f"run {run_id} is {run.state}; this is possible when it is {allowed}")
+def _change(
+    connection: Connection, run_id: str, *, expected: Sequence[RunState], state: RunState, **values: Any
+) -> None:
+    run = runs.get(connection, run_id)
+    if not runs.change_state(connection, run_id, expected=expected, state=state, **values):
+        allowed = ", ".join(expected)
+        raise Conflict(f"run {run_id} is {run.state}; this is possible when it is {allowed}")

@@ -45,7 +45,7 @@ def test_renderers_and_functions_name_the_classes_that_workers_offer(api: httpx.
     renderers = {one["name"]: one["numeric_classes"] for one in api.get("/v1/renderers").json()}
     assert (renderers["raster"], renderers["pyrender"]) == ([CLASS], [])
     functions = {one["name"]: one["numeric_classes"] for one in api.get("/v1/functions").json()}
-    assert functions == dict.fromkeys(FUNCTIONS, [CLASS])
+    assert functions == {name: [CLASS] for name in FUNCTIONS}
 
 
 def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,7 +54,9 @@ def test_no_file_names_another_host_or_builds_markup_from_text() -> None:
     for name in FILES:
         text = (FOLDER / name).read_text().replace("http://www.w3.org/2000/svg", "")
         assert not re.search(r"https?://", text), name
-        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function", text), name
+        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function", text), (
+            name
+        )
 
 
 def test_every_import_names_a_file_and_something_that_it_exports() -> None:
@@ -62,7 +64,9 @@ def test_every_import_names_a_file_and_something_that_it_exports() -> None:
         if not name.endswith(".js"):
             continue
         for names, target in re.findall(r'import \{([^}]*)\} from "\./([\w.]+)"', (FOLDER / name).read_text()):
-            exported = set(re.findall(r"export (?:async )?(?:const|function|class) (\w+)", (FOLDER / target).read_text()))
+            exported = set(
+                re.findall(r"export (?:async )?(?:const|function|class) (\w+)", (FOLDER / target).read_text())
+            )
             assert {one.strip() for one in names.split(",")} <= exported, (name, target)
 
 
