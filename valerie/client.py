@@ -149,7 +149,7 @@ class Client:
 
     def failures(self, run_id: str) -> list[dict[str, Any]]:
         """What failed for good, with stage, error and attempts."""
-        found: list[dict[str, Any]] = self._send("GET", f"/v1/runs/{run_id}/failures").json()
+        found: list[dict[str, Any]] = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
         return found
 
     def summary(self, run_id: str) -> dict[str, Any]:
