@@ -14,7 +14,7 @@ from typing import Any, Final
 # reads this when it is imported.
 os.environ.setdefault("REMAP_SIGTERM", "SIGQUIT")
 
-from celery import Celery
+from celery import Celery, Task
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
@@ -40,9 +40,16 @@ def route_of(stage: str, name: str, numeric_class: str) -> str:
     return f"{stage}.{name}.{numeric_class}"
 
 
+class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
+    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.requests`)."""
+
+    abstract = True
+    Request = "valerie.pipeline.requests:WatchfulRequest"
+
+
 def create_app(settings: Settings) -> Celery:
     """The Celery app of one process; built from settings, never a global."""
-    app = Celery("valerie", broker=settings.broker_url, set_as_current=False)
+    app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
     app.conf.update(
         accept_content=["json"],
         task_serializer="json",
@@ -63,6 +70,8 @@ def create_app(settings: Settings) -> Celery:
         worker_enable_remote_control=False,
         worker_send_task_events=False,
         worker_hijack_root_logger=False,
+        # A worker that loses the broker ends and is made anew (see `valerie.pipeline.workers.serve`).
+        broker_connection_retry=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         worker_cancel_long_running_tasks_on_connection_loss=False,

@@ -36,9 +36,7 @@ class Settings(BaseSettings):
         "", description="a folder, or s3://bucket/prefix; empty: the folder artifacts in data_dir"
     )
     s3_endpoint: str | None = Field(None, description="URL of an S3-compatible server other than AWS")
-    asset_dir: Path = Field(
-        Path(), description="folder of the user's own assets; empty: the folder assets in data_dir"
-    )
+    asset_dir: Path = Field(Path(), description="folder of the user's own assets; empty: the folder assets in data_dir")
     min_free_mb: int = Field(200, ge=0, description="runs pause when the artifact folder has less space than this")
 
     # Broker

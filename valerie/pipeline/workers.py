@@ -17,7 +17,7 @@ from typing import Any
 
 import structlog
 from celery import Celery
-from celery.signals import worker_process_init
+from celery.signals import worker_process_init, worker_ready
 
 from valerie.broker import EVAL_QUEUE, create_app, route_of
 from valerie.db import processes
@@ -26,6 +26,7 @@ from valerie.db.migrate import require_current
 from valerie.errors import MissingDependency, TransientError
 from valerie.pipeline.child import Child
 from valerie.pipeline.context import Context, open_context, process_name
+from valerie.pipeline.requests import BROKER_LOST
 from valerie.pipeline.stages import Maker
 from valerie.settings import Settings
 
@@ -172,6 +173,12 @@ def serve(
         child.open(context, open_maker(context))
 
     worker_process_init.connect(open_child, weak=False)
+    ready = threading.Event()
+
+    def note_ready(**_: object) -> None:
+        ready.set()
+
+    worker_ready.connect(note_ready, weak=False)
     presence = Presence(settings, stage, offers)
     presence.join()
     try:
@@ -188,5 +195,13 @@ def serve(
                 "--loglevel=WARNING",
             ]
         )
+    except SystemExit as end:
+        if end.code != BROKER_LOST or not ready.is_set():
+            raise
+    else:
+        return
     finally:
         presence.leave()
+    log.warning("worker.broker_lost", action="starting anew")
+    time.sleep(1.0)
+    os.execv(sys.executable, sys.orig_argv)  # noqa: S606  this very program
