@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from celery.worker import state
 from celery.worker.request import Request
@@ -18,8 +18,16 @@ class WatchfulRequest(Request):  # type: ignore[misc]  # Celery has no types
     then takes no message any more, not even to find out that the connection is gone.
     """
 
-    def acknowledge(self) -> None:
-        """As Celery's, and ask the worker to stop when it did not reach the broker."""
-        super().acknowledge()
-        if not self.message.acknowledged:
-            state.should_stop = BROKER_LOST
+    def __init__(self, message: Any, *arguments: Any, **keywords: Any) -> None:
+        super().__init__(message, *arguments, **keywords)
+        acknowledge = message.ack
+
+        def acknowledge_or_stop(multiple: bool = False) -> None:
+            # Celery calls this later, from its event loop, and only logs what it raises.
+            try:
+                acknowledge(multiple=multiple)
+            except Exception:
+                state.should_stop = BROKER_LOST
+                raise
+
+        message.ack = acknowledge_or_stop
