@@ -125,8 +125,9 @@ def test_the_api_listens_on_loopback_only_and_wants_its_token(stack: Stack) -> N
     assert {port["PublishedPort"] for port in published} == {stack.port}
     from valerie.client import ServerProblemError
 
-    with pytest.raises(ServerProblemError) as refused:
-        Client(f"http://127.0.0.1:{stack.port}", token="another").run("x")
+    stranger = Client(f"http://127.0.0.1:{stack.port}", token="another")
+    with stranger, pytest.raises(ServerProblemError) as refused:
+        stranger.run("x")
     assert refused.value.status == 401
 
 
