@@ -1,5 +1,6 @@
 """Both engines, and both in one process: each makes its own context current and leaves the other's alone."""
 
+import gc
 from collections.abc import Iterator
 
 import pytest
@@ -24,6 +25,17 @@ def pyrender() -> Iterator[Renderer]:
     engine = PyrenderRenderer()
     yield engine
     engine.close()
+
+
+def test_an_engine_that_was_collected_leaves_the_others_working() -> None:
+    # pyrender's own renderer ends the whole EGL display when it is collected
+    raster = RasterRenderer()
+    engine = PyrenderRenderer()
+    engine.close()
+    del engine
+    gc.collect()
+    raster.close()
+    RasterRenderer().close()
 
 
 class TestRaster(RendererContract):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Hashable
+from functools import cache
 from importlib.metadata import version
 from typing import Any, ClassVar, Final
 
@@ -48,13 +49,7 @@ class PyrenderRenderer:
     def __init__(self) -> None:
         self._library = _import_pyrender()
         self._node = _ordered_node(self._library)
-        try:
-            self._renderer: Any = self._library.OffscreenRenderer(16, 16)
-        except Exception as error:
-            raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
-        from OpenGL import GL
-
-        driver = numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
+        self._renderer, driver = _process_renderer()
         self._numeric_class = f"pyrender-{version('pyrender')}-{driver}"
         self._meshes: dict[Hashable, tuple[Mesh, Any]] = {}
         self._textures: dict[int, tuple[Texture, Any]] = {}
@@ -90,11 +85,7 @@ class PyrenderRenderer:
         return LinearImage(self._render(scene, view, items))
 
     def close(self) -> None:
-        """Forget everything.
-
-        The EGL context stays until the process ends: pyrender would terminate the whole EGL display with it, and with that
-        the contexts of others in this process (the truth pass).
-        """
+        """Forget everything; the EGL context stays with the process."""
         self._meshes.clear()
         self._textures.clear()
         self._backgrounds.clear()
@@ -210,6 +201,23 @@ def _import_pyrender() -> Any:
         raise MissingDependency(f"pyrender cannot be imported ({error}); install valerie[render]") from error
     pyrender.light.SHADOW_TEX_SZ = pyrender.renderer.SHADOW_TEX_SZ = _SHADOW_MAP
     return pyrender
+
+
+@cache
+def _process_renderer() -> tuple[Any, str]:
+    """The library's renderer and the driver's numeric class: one per process, kept until it ends.
+
+    Once deleted, or merely collected, it terminates the whole EGL display, and with that the contexts of all others in this
+    process (the truth pass, the raster engine).
+    """
+    library = _import_pyrender()
+    try:
+        renderer = library.OffscreenRenderer(16, 16)
+    except Exception as error:
+        raise MissingDependency(f"pyrender finds no EGL driver: {error}") from error
+    from OpenGL import GL
+
+    return renderer, numeric_class(_text(GL.glGetString(GL.GL_RENDERER)), _text(GL.glGetString(GL.GL_VERSION)))
 
 
 def _ordered_node(library: Any) -> Any:
