@@ -17,10 +17,10 @@ import yaml
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
+from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.rendering.base import Renderer, View
-from valerie.runs.loading import load_document
 from valerie.runs.spec import parse, resolve
 from valerie.scene.asset import asset_manifest
 from valerie.scene.manifest import parse_manifest

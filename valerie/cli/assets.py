@@ -122,7 +122,7 @@ def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str,
         return asset, None
     if not arguments:
         return asset, folder
-    from valerie.runs.loading import load_document
+    from valerie.loading import load_document
 
     given: dict[str, Any] = {"name": asset}
     for argument in arguments:

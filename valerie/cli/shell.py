@@ -153,7 +153,7 @@ def read_spec(path: Path) -> bytes:
     Raises:
         InvalidInput: it cannot be read or is far too large.
     """
-    from valerie.runs.loading import MAX_BYTES
+    from valerie.loading import MAX_BYTES
 
     try:
         if str(path) == "-":

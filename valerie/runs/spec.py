@@ -14,6 +14,7 @@ from typing import Any, Final, get_args
 from pydantic import BaseModel, ValidationError
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.loading import load_document
 from valerie.runs.documents import (
     BlockDocument,
     DeclaredParameter,
@@ -23,7 +24,6 @@ from valerie.runs.documents import (
     Varied,
     written_place,
 )
-from valerie.runs.loading import load_document
 from valerie.runs.notation import Normalization
 from valerie.runs.resolution import MAX_VARIANTS, ResolvedRun, resolve
 
@@ -51,7 +51,7 @@ def parse(source: str | bytes | dict[str, Any] | RunSpec) -> RunSpec:
         source: YAML or JSON text, or a document that was read already.
 
     Raises:
-        InvalidInput: the text is no usable document (see `valerie.runs.loading`).
+        InvalidInput: the text is no usable document (see `valerie.loading`).
         InvalidInputs: every problem of the document, each with its dotted field.
     """
     if isinstance(source, RunSpec):

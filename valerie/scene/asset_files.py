@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
-
-import yaml
+from typing import Final
 
 from valerie.errors import InvalidInput
+from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.scene.manifest import Manifest, parse_manifest
 from valerie.scene.model import Scene
@@ -18,22 +17,6 @@ MANIFEST_FILE: Final = "manifest.yaml"
 MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
 #: Largest glTF file that is opened.
 MAX_FILE_BYTES: Final = 1024**3
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """YAML without aliases (they can grow without bound) and without a key given twice (the last would win)."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases are not accepted")
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        twice = {str(key) for key in keys if keys.count(key) > 1}
-        if twice:
-            raise yaml.YAMLError(f"given twice: {', '.join(sorted(twice))}")
-        return super().construct_mapping(node, deep)
 
 
 def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
@@ -46,15 +29,12 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         InvalidInput: no or no valid manifest, a file that is missing, too large or outside the folder.
     """
     path = _inside(folder, MANIFEST_FILE, limit=MAX_MANIFEST_BYTES, field=MANIFEST_FILE)
-    raw = path.read_bytes()
     try:
-        data = yaml.load(raw.decode("utf-8"), Loader=_StrictLoader)  # noqa: S506  a SafeLoader, made stricter
-    except UnicodeDecodeError as error:
-        raise InvalidInput("not UTF-8", field=MANIFEST_FILE, value=f"byte {error.start}") from None
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InvalidInput(f"not readable as YAML: {error}", field=MANIFEST_FILE) from None
-    if isinstance(data, dict):
-        data.setdefault("name", folder.resolve().name)
+        data = load_document(path.read_bytes(), max_bytes=MAX_MANIFEST_BYTES)
+    except InvalidInput as error:
+        place = f"{MANIFEST_FILE}.{error.field}" if error.field else MANIFEST_FILE
+        raise InvalidInput(error.message, field=place, value=error.value, limit=error.limit) from None
+    data.setdefault("name", folder.resolve().name)
     manifest = parse_manifest(data, source=MANIFEST_FILE)
     if not manifest.files:
         raise InvalidInput("an asset has at least one glTF file", field=f"{MANIFEST_FILE}.files")

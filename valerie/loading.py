@@ -1,8 +1,7 @@
-"""Text to plain data, with limits: what a spec from outside may look like before anyone looks at what it means.
+"""Text to plain data, with limits: what a document from outside may look like before anyone looks at what it means.
 
 YAML is read as YAML 1.2 reads it where 1.1 surprises: ``no``, ``on`` and ``1:30`` are text, ``1e3`` is a number.
-Aliases
-and tags are refused: a spec needs neither, and both have been used to exhaust or subvert parsers.
+Aliases and tags are refused: no document of ours needs them, and both have been used to exhaust or subvert parsers.
 """
 
 from __future__ import annotations
@@ -54,28 +53,32 @@ _Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(str(node.va
 _Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: _float(str(node.value)))
 
 
-def load_document(source: str | bytes | dict[str, Any]) -> dict[str, Any]:
+def load_document(source: str | bytes | dict[str, Any], *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
     """Read a YAML or JSON document, or check one that was read already.
+
+    Args:
+        source: the text, or plain data.
+        max_bytes: largest text that is read.
 
     Returns:
         plain dictionaries, lists, text, finite numbers and truth values; the caller's own.
 
     Raises:
-        InvalidInput: larger than 1 MiB, not UTF-8, not YAML or JSON, nested more than 20 deep, no mapping, duplicate
+        InvalidInput: larger than ``max_bytes``, not UTF-8, not YAML or JSON, nested more than 20 deep, no mapping, duplicate
             keys, aliases, tags, or a number that is not finite or beyond ±10¹² (a whole-number ``seed`` may be larger).
     """
-    data = _read(_text(source)) if isinstance(source, str | bytes) else source
+    data = _read(_text(source, max_bytes)) if isinstance(source, str | bytes) else source
     if not isinstance(data, dict):
-        raise InvalidInput("the document is no mapping", value=type(data).__name__, limit="name: …, asset: …, vary: …")
+        raise InvalidInput("the document is no mapping", value=type(data).__name__, limit="key: value")
     checked = _checked(data, "", 1)
     assert isinstance(checked, dict), "a mapping stays one"
     return checked
 
 
-def _text(source: str | bytes) -> str:
+def _text(source: str | bytes, max_bytes: int) -> str:
     size = len(source) if isinstance(source, bytes) else len(source.encode("utf-8", "surrogatepass"))
-    if size > MAX_BYTES:
-        raise InvalidInput("the document is too large", value=f"{size} bytes", limit=f"{MAX_BYTES} bytes")
+    if size > max_bytes:
+        raise InvalidInput("the document is too large", value=f"{size} bytes", limit=f"{max_bytes} bytes")
     try:
         text = source.decode("utf-8") if isinstance(source, bytes) else source
         text.encode("utf-8")

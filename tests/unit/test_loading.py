@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.runs.loading import MAX_BYTES, load_document
+from valerie.loading import MAX_BYTES, load_document
 
 
 def test_yaml_and_json_of_one_document_are_equal() -> None:
