@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -13,6 +14,10 @@ from hypothesis import settings
 # A setting of the developer's shell must not decide what a test sees.
 for _name in [name for name in os.environ if name.startswith("VALERIE_") and not name.startswith("VALERIE_TEST_")]:
     del os.environ[_name]
+
+# A test run in the background of a script inherits an ignored Ctrl-C, and so would every process that it starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Machines differ in speed; what a property says does not.
 settings.register_profile("valerie", deadline=None)

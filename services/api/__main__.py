@@ -1,4 +1,4 @@
-"""`python -m services.api`: the API with the control loop; `--control-only`: the loop alone."""
+"""`python -m services.api`: the API with the control loop; ``--control-only``: the loop alone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def main() -> None:
 def _run(arguments: argparse.Namespace) -> None:
     settings = load_settings()
     configure_logging(settings)
-    if not arguments.control_only:
+    if not (arguments.control_only or arguments.migrate_only):
         settings.require_token()
     context = open_context(settings)
     migrate(context.engine)

@@ -32,7 +32,7 @@ def choose_pins(
         missing.append("a render worker with the truth pass")
     missing += [f"an inference worker with the function {name!r}" for name, offer in functions.items() if offer is None]
     if missing:
-        return None, "waiting for " + ", ".join(missing) + " (start one with `valerie worker`)"
+        return None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)"
     return {"engine": engine, "truth": truth, "functions": functions}, None
 
 

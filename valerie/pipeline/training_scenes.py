@@ -24,7 +24,7 @@ from valerie.scene.attributes import ABSENT
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Texture
-from valerie.scene.naming import ROOT
+from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
 from valerie.scene.variation import apply
 from valerie.sensing.sensor import SensorSetting
@@ -35,8 +35,8 @@ REVISION: Final = 1
 #: How many people a frame shows: probabilities of 0, 1, 2 and 3.
 _CROWD: Final = (0.2, 0.35, 0.3, 0.15)
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
-#: Parts of material names that are worn, and those that are skin.
-_WORN: Final = ("cloth-", "shoe-")
+#: Parts of material names besides what `valerie.scene.naming.is_cloth` knows.
+_SHOE: Final = "shoe-"
 _SKIN: Final = "skin"
 _NEUTRAL: Final = "neutral/"
 _TRIES: Final = 200
@@ -84,7 +84,7 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
         ]
     textures = dict(scene.textures)
     for material in scene.materials.values():
-        if _is(material.name, _WORN) and material.base_color_texture is not None:
+        if _is_worn(material.name) and material.base_color_texture is not None:
             name = f"{_NEUTRAL}{material.base_color_texture}"
             textures[name] = Texture(name, _grey(scene.textures[material.base_color_texture].image))
     fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
@@ -212,13 +212,13 @@ def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> d
         }
         for name in sorted(names):
             material = materials[name]
-            if _is(name, _WORN):
+            if _is_worn(name):
                 if rng.random() < 1 / 6:
                     continue
                 texture = material.base_color_texture
                 neutral = None if texture is None else f"{_NEUTRAL}{texture}"
                 materials[name] = replace(material, base_color=_cloth_color(rng), base_color_texture=neutral)
-            elif _is(name, (_SKIN,)) and not name.endswith("eyes"):
+            elif _is_part(name, _SKIN) and not name.endswith("eyes"):
                 red, green, blue = material.base_color
                 materials[name] = replace(material, base_color=(red * skin, green * skin, blue * skin))
     return materials
@@ -293,5 +293,9 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
     return True
 
 
-def _is(material: str, prefixes: tuple[str, ...]) -> bool:
-    return any(part.startswith(prefixes) for part in material.split("/"))
+def _is_worn(material: str) -> bool:
+    return is_cloth(material) or _is_part(material, _SHOE)
+
+
+def _is_part(material: str, prefix: str) -> bool:
+    return any(part.startswith(prefix) for part in material.split("/"))

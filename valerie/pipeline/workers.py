@@ -184,6 +184,7 @@ def serve(
     try:
         app.worker_main(
             [
+                "--quiet",
                 "worker",
                 "--pool=prefork",
                 "--concurrency=1",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -42,7 +43,7 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         name: _inside(folder, name, limit=MAX_FILE_BYTES, field=f"{MANIFEST_FILE}.files.{index}")
         for index, name in enumerate(manifest.files)
     }
-    hashes = {name: _sha256(file) for name, file in files.items()}
+    hashes = {name: _file_digest(file) for name, file in files.items()}
     return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes), files
 
 
@@ -71,6 +72,13 @@ def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
     return path
 
 
-def _sha256(path: Path) -> str:
+def _file_digest(path: Path) -> str:
+    """SHA-256; read again only when the file's identity, size or time of change says so (a request asks for it each time)."""
+    state = path.stat()
+    return _sha256(path, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+
+
+@lru_cache(maxsize=256)
+def _sha256(path: Path, *_state: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -11,16 +11,8 @@ from typing import Any
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Camera, Material, Node, Scene
-from valerie.scene.naming import ROOT
+from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
-
-#: How the name of a material of something worn begins, after the last ``/``-separated prefix.
-CLOTH_PREFIX = "cloth-"
-
-
-def is_cloth(material_name: str) -> bool:
-    """Whether a material is of something worn: a ``/``-separated part of its name starts with ``cloth-``."""
-    return any(part.startswith(CLOTH_PREFIX) for part in material_name.split("/"))
 
 
 @dataclass(frozen=True, slots=True)

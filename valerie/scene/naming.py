@@ -26,6 +26,11 @@ _NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
 
 
+def is_cloth(material_name: str) -> bool:
+    """Whether a material is of something worn: a ``/``-separated part of its name starts with ``cloth-``."""
+    return any(part.startswith("cloth-") for part in material_name.split("/"))
+
+
 class ObjectLabel(NamedTuple):
     """What the ground truth calls a node: label id, and instance id (0 for classes without instances)."""
 

@@ -12,7 +12,8 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Mesh
-from valerie.scene.procedural.human import CHARACTERS, Character, build_character, is_cloth
+from valerie.scene.naming import is_cloth
+from valerie.scene.procedural.human import CHARACTERS, Character, build_character
 
 
 @pytest.fixture(scope="module")

@@ -59,11 +59,6 @@ class Character:
     licence: str
 
 
-def is_cloth(material: str) -> bool:
-    """Whether a material of this name is something worn, so that cloth parameters apply to it."""
-    return material.rpartition("/")[2].startswith("cloth-")
-
-
 def build_character(name: str) -> Character:
     """Build one of `CHARACTERS`; the same name always gives the same bytes.
 

@@ -20,8 +20,8 @@ from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.body import Body
 from valerie.scene.procedural.human.surface import Points, normalize
 
-# Sagittal joint angles of level walking in degrees over the gait cycle in percent (0 = heel strike): rounded after the mean
-# curves of natural cadence in Winter, "The Biomechanics and Motor Control of Human Gait" (1991).
+# Sagittal joint angles of level walking in degrees over the gait cycle in percent (0 = heel strike). They have the shape of
+# measured curves (two peaks of the knee, push-off of the ankle) and were set by eye; no study's figures are claimed.
 _HIP: Final = {0: 28, 10: 24, 20: 15, 30: 6, 40: -4, 50: -11, 60: -5, 70: 12, 80: 25, 90: 30}
 _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 47, 90: 17, 96: 4}
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
