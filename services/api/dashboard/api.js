@@ -24,7 +24,7 @@ async function send(path, options = {}) {
       response = await fetch(path, { ...options, headers });
     } catch (error) {
       if (error.name === "AbortError") throw error;
-      throw new Problem(0, "Unreachable", "The server does not answer. Is `valerie up` still running?");
+      throw new Problem(0, "Unreachable", "The server does not answer. Is valerie up still running?");
     }
     if (response.ok) return response;
     if (response.status === 401) {

@@ -14,7 +14,7 @@ const ACTIONS = [
   { verb: "resume", text: "Resume", states: ["paused", "cancelled"], done: "The run goes on." },
   { verb: "retry", text: "Retry failures", states: ["running", "completed-with-failures", "failed"], needs: (f) => f > 0, done: "What failed is tried again." },
   { verb: "cancel", text: "Cancel", states: ["submitted", "running", "paused"], ask: { title: "Cancel this run?", text: "What is done stays and can be looked at; the rest is not computed. A cancelled run can be resumed.", action: "Cancel the run" }, done: "The run is cancelled." },
-  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "Its frames, results and report go. Pictures that other runs use stay; `valerie gc` frees the rest. This cannot be taken back.", action: "Delete for good", danger: true }, done: "The run is deleted." },
+  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "Its frames, results and report go. Pictures that other runs use stay; valerie gc frees the rest. This cannot be taken back.", action: "Delete for good", danger: true }, done: "The run is deleted." },
 ];
 
 export async function runView({ main, key, parameters, signal }) {

@@ -1,0 +1,161 @@
+"""The dashboard in a real browser: what a person sees and can do, over runs that the real pipeline worked off."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+import structlog
+
+from services.api.app import create_app
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+TOKEN = "correct-horse-battery"
+#: As root (containers), and without a way to phone home.
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A server with a finished, a failed and a running run."""
+    from sketch.runs import open_sketch, settings_of, spec, work
+    from sketch.serving import served
+
+    folder = tmp_path_factory.mktemp("dashboard")
+    context, bell = open_sketch(settings_of(folder, log_level="error"))
+    work(context, bell, spec("finished"))
+    failing = spec("lost a layer", constants={"sun-1.elevation": 12})
+    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.variant_index == 4)
+    work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
+    with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
+        yield str(client.base_url).rstrip("/")
+    structlog.reset_defaults()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("no Chromium is installed")
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=program, args=FLAGS)
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def page(browser: Browser, url: str) -> Iterator[Page]:
+    """A page that was let in; whatever the page complains of fails the test."""
+    context = browser.new_context(viewport={"width": 1280, "height": 860}, accept_downloads=True)
+    opened = context.new_page()
+    complaints: list[str] = []
+    opened.on("pageerror", lambda error: complaints.append(str(error)))
+    opened.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    opened.goto(f"{url}/dashboard/")
+    opened.fill("#token", TOKEN)
+    opened.keyboard.press("Enter")
+    opened.wait_for_selector("tbody tr")
+    # The browser itself notes the request that was refused before there was a token.
+    complaints[:] = [text for text in complaints if "401" not in text]
+    yield opened
+    context.close()
+    assert complaints == []
+
+
+def open_run(page: Page, name: str) -> None:
+    page.locator("tr", has_text=name).locator("a").first.click()
+    page.wait_for_selector("h1")
+
+
+def test_a_wrong_token_is_told_and_asked_for_again(browser: Browser, url: str) -> None:
+    page = browser.new_page()
+    page.goto(f"{url}/dashboard/")
+    page.fill("#token", "wrong")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("dialog[open] >> text=was not accepted")
+    page.close()
+
+
+def test_the_list_shows_every_run_with_its_state(page: Page) -> None:
+    rows = page.locator("tbody tr")
+    assert rows.count() == 3
+    states = {row.locator("a").inner_text(): row.locator(".chip").inner_text() for row in rows.all()}
+    assert states["finished"] == "completed"
+    assert "failures" in states["lost a layer"]
+    assert states["running"] == "running"
+
+
+def test_a_finished_run_shows_its_table_and_every_evaluated_person_as_a_point(page: Page, url: str) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".plot canvas")
+    assert page.locator("table", has_text="pACC").count() >= 1
+    plot = page.locator(".plot canvas").first
+    plot.focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector(".tip")
+    assert "pACC" in page.locator(".tip").first.inner_text()
+
+
+def test_another_axis_is_part_of_the_address(page: Page) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".plot canvas")
+    page.select_option("#axis", "occlusion_rate")
+    page.wait_for_url("**occlusion_rate**")
+
+
+def test_results_can_be_taken_away(page: Page) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".plot canvas")
+    with page.expect_download() as csv:
+        page.click("text=↓ CSV")
+    assert Path(csv.value.path()).read_text().startswith('"run_id",')
+    with page.expect_download() as report:
+        page.click("button:has-text('Report')")
+    assert "<html" in Path(report.value.path()).read_text()[:200].lower()
+
+
+def test_a_point_leads_to_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".plot canvas")
+    page.locator(".plot canvas").first.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".viewer img[src]")
+    first = page.url
+    assert "/frames/" in first
+    drawn = "() => [...document.querySelectorAll('.viewer img')].filter(i => i.src && i.naturalWidth > 1).length >= 2"
+    page.wait_for_function(drawn)
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("before => location.href !== before", arg=first)
+
+
+def test_what_failed_is_shown_with_its_error(page: Page) -> None:
+    open_run(page, "lost a layer")
+    page.wait_for_selector("text=failed for good")
+    assert page.locator("button:has-text('Retry failures')").is_visible()
+
+
+def test_a_run_is_cancelled_and_deleted_only_after_a_question(page: Page) -> None:
+    open_run(page, "running")
+    page.click("button:has-text('Cancel')")
+    page.click("text=Cancel the run")
+    page.wait_for_selector(".chip:has-text('cancelled')")
+    page.click("button:has-text('Delete')")
+    page.click("text=Delete for good")
+    page.wait_for_url("**#/")
+    page.wait_for_function("() => document.querySelectorAll('tbody tr').length === 2")
