@@ -1,4 +1,4 @@
-"""Perception functions by name; only loading one imports torch."""
+"""The functions that ship with VALERIE, by name; only loading one imports torch."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from valerie.errors import MissingDependency, UnknownName
+from valerie.errors import UnknownName
 from valerie.perception.base import FunctionCard, PerceptionFunction
+from valerie.perception.documents import FunctionDocument, InputDocument, Payload
 from valerie.perception.function_file import read_header
+from valerie.perception.functions import open_function
 
 #: Where the shipped function files are.
 WEIGHTS: Final = Path(__file__).parent / "weights"
@@ -16,9 +18,8 @@ WEIGHTS: Final = Path(__file__).parent / "weights"
 #: Names of the functions that ship with VALERIE; each is the file ``weights/<name>.safetensors``.
 FUNCTIONS: Final = ("deeplabv3plus-small", "semantic-fpn-small")
 
-#: What the built-in functions run in, known without importing it.
-ENGINE: Final = "torch"
-PRECISION: Final = "fp32"
+#: The coarsest stride of the networks: their sides are padded to multiples of it.
+ALIGNMENT: Final = 32
 
 
 def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function") -> Path:
@@ -32,6 +33,16 @@ def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function")
     return folder / f"{name}.safetensors"
 
 
+def file_document(name: str, path: Path) -> FunctionDocument:
+    """The document of a function file (see `valerie.perception.function_file`), from its header: fp32 in torch.
+
+    Raises:
+        NotFound, InvalidInput: the file is missing or damaged.
+    """
+    stamp = path.stat().st_mtime_ns if path.exists() else 0
+    return _document(name, path, stamp)
+
+
 def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
     """What is known of a function, from its file's header; neither torch nor the weights are loaded.
 
@@ -39,9 +50,8 @@ def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
         UnknownName: no such function.
         NotFound, InvalidInput: its file is missing or damaged.
     """
-    path = function_path(name, folder=folder)
-    stamp = path.stat().st_mtime_ns if path.exists() else 0
-    return _card(name, path, stamp)
+    document = file_document(name, function_path(name, folder=folder))
+    return document.card(digest=_identity(document))
 
 
 def load_function(name: str, *, threads: int = 1, folder: Path = WEIGHTS) -> PerceptionFunction:
@@ -49,7 +59,7 @@ def load_function(name: str, *, threads: int = 1, folder: Path = WEIGHTS) -> Per
 
     Args:
         name: one of `FUNCTIONS`.
-        threads: CPU threads of this process for torch.
+        threads: CPU threads of this process for the inference engine.
         folder: where the function files are.
 
     Raises:
@@ -58,15 +68,25 @@ def load_function(name: str, *, threads: int = 1, folder: Path = WEIGHTS) -> Per
         MissingDependency: torch is not installed.
     """
     path = function_path(name, folder=folder)
-    try:
-        from valerie.perception.torch_function import TorchFunction
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise MissingDependency("torch is not installed; install it with: pip install 'valerie[infer]'") from error
-    return TorchFunction(name, path, threads=threads)
+    document = file_document(name, path)
+    return open_function(document, path, threads=threads, digest=_identity(document))
+
+
+def _identity(document: FunctionDocument) -> str:
+    """A shipped function is known by its file, which says all that its document does."""
+    assert document.payload is not None, "it was made from the file"
+    return document.payload.sha256
 
 
 @lru_cache(maxsize=64)  # hashing 8 MB costs 5 ms; the stamp makes a replaced file a new entry
-def _card(name: str, path: Path, stamp: int) -> FunctionCard:  # noqa: ARG001
-    return read_header(path).card(name, precision=PRECISION, engine=ENGINE)
+def _document(name: str, path: Path, stamp: int) -> FunctionDocument:  # noqa: ARG001
+    header = read_header(path)
+    return FunctionDocument(
+        name=name,
+        kind="network",
+        payload=Payload(sha256=header.digest, bytes=path.stat().st_size, format="safetensors"),
+        architecture=header.architecture,
+        input=InputDocument(multiple_of=ALIGNMENT, mean=header.mean, std=header.std),
+        engine="torch",
+        provenance=dict(header.provenance),
+    )

@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 
 from valerie.errors import InferenceError, InvalidInput
 from valerie.perception.base import FunctionCard
+from valerie.perception.documents import FunctionDocument
 from valerie.perception.labelling import in_channels_last, label_maps
 from valerie.perception.loaders import load_network
 
 
 class TorchFunction:
-    """One of the built-in networks; see `valerie.perception.base.PerceptionFunction`.
+    """A network of `valerie.perception.networks`; see `valerie.perception.base.PerceptionFunction`.
 
     fp32 is the reference: labels are reproducible within one numeric class. The kernels that torch picks depend on the
     instruction set and on the number of threads (the last bits of the logits do differ), so both are part of the class.
 
     Args:
-        name: name in specs and results.
+        document: kind ``network``, engine ``torch``.
         path: the function file.
         threads: torch's threads *of this process*; one function per process is the intended use.
+        digest: what stands for the function on its card.
 
     Raises:
         NotFound, UnknownName, InvalidInput: as `valerie.perception.loaders.load_network`.
@@ -33,15 +35,13 @@ class TorchFunction:
     #: Raised by hand whenever normalising, padding or labelling gives other pixels; part of every prediction's digest.
     revision: ClassVar[int] = 1
 
-    def __init__(self, name: str, path: Path, *, threads: int = 1) -> None:
-        if threads < 1:
-            raise InvalidInput("at least one thread", field="threads", value=threads, limit="≥ 1")
-        network, header = load_network(path)
+    def __init__(self, document: FunctionDocument, path: Path, *, threads: int, digest: str) -> None:
+        network, _ = load_network(path)
         torch.set_num_threads(threads)
         self._network = in_channels_last(network)
-        self._mean = torch.tensor(header.mean)
-        self._std = torch.tensor(header.std)
-        self._card = header.card(name, precision=_precision(network), engine="torch")
+        self._mean = torch.tensor(document.input.mean)
+        self._std = torch.tensor(document.input.std)
+        self._card = document.card(digest=digest, precision=_precision(network))
 
     @property
     def card(self) -> FunctionCard:

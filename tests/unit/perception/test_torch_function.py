@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,7 +7,8 @@ import torch
 
 from valerie.errors import InferenceError, InvalidInput
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.torch_function import TorchFunction
+from valerie.perception.catalog import file_document
+from valerie.perception.functions import open_function
 from valerie.testing.perception import PerceptionContract
 
 
@@ -17,12 +19,16 @@ def _restore_threads() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
+def opened(path: Path, *, threads: int = 1) -> PerceptionFunction:
+    return open_function(file_document("f", path), path, threads=threads)
+
+
 class _Contract(PerceptionContract):
     architecture: str
 
     @pytest.fixture
     def function(self, write_function) -> Iterator[PerceptionFunction]:
-        function = TorchFunction("under-test", write_function(self.architecture, seed=2))
+        function = opened(write_function(self.architecture, seed=2))
         yield function
         function.close()
 
@@ -36,13 +42,13 @@ class TestSemanticFpn(_Contract):
 
 
 def test_the_numeric_class_names_version_kernels_and_threads(write_function) -> None:
-    function = TorchFunction("f", write_function(), threads=2)
+    function = opened(write_function(), threads=2)
     isa = torch.backends.cpu.get_cpu_capability().lower()
     assert function.numeric_class == f"torch-{torch.__version__.split('+')[0]}-cpu-fp32-{isa}-t2"
 
 
 def test_the_card_carries_the_provenance_of_the_file(write_function) -> None:
-    card = TorchFunction("f", write_function(provenance={"seed": "4"})).card
+    card = opened(write_function(provenance={"seed": "4"})).card
     assert card.provenance == {"seed": "4"}
     assert (card.name, card.architecture, card.precision, card.engine) == ("f", "semantic-fpn-small", "fp32", "torch")
 
@@ -50,11 +56,11 @@ def test_the_card_carries_the_provenance_of_the_file(write_function) -> None:
 @pytest.mark.parametrize("shape", [(0, 8, 3), (8, 8), (8, 8, 4)])
 def test_something_that_is_no_picture_is_refused(write_function, shape: tuple[int, ...]) -> None:
     with pytest.raises(InvalidInput, match="not a picture"):
-        TorchFunction("f", write_function()).predict(np.zeros(shape, np.uint8))
+        opened(write_function()).predict(np.zeros(shape, np.uint8))
 
 
 def test_a_failure_inside_torch_becomes_an_inference_error(write_function, monkeypatch) -> None:
-    function = TorchFunction("f", write_function())
+    function = opened(write_function())
 
     def fail(_: torch.Tensor) -> torch.Tensor:
         raise RuntimeError("could not allocate")
@@ -62,8 +68,3 @@ def test_a_failure_inside_torch_becomes_an_inference_error(write_function, monke
     monkeypatch.setattr(function._network, "forward", fail)
     with pytest.raises(InferenceError, match=r"f: torch failed.*could not allocate"):
         function.predict(np.zeros((8, 8, 3), np.uint8))
-
-
-def test_no_threads_at_all_are_refused(write_function) -> None:
-    with pytest.raises(InvalidInput, match="threads"):
-        TorchFunction("f", write_function(), threads=0)

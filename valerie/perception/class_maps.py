@@ -1,0 +1,76 @@
+"""From a function's own classes to Cityscapes train ids: one lookup table per function, checked before anything runs.
+
+A class of the function goes, in this order, where the class map sends it (by its name or by its id), or to the Cityscapes
+class of the same name, or nowhere. What goes nowhere is *predicted void*: on a labelled pixel it counts as missed, and it is
+never a person by chance. So a function that tells only "person or not" maps one class and leaves the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.labels import BY_NAME, CITYSCAPES, TRAIN_LABELS, VOID
+
+#: What a class is mapped to that shall count as no class at all.
+VOID_NAME: Final = "void"
+#: Ids of a function's classes are 0…254; 255 in its label map is void, as in Cityscapes.
+MAX_CLASSES: Final = 255
+
+#: Lists of classes that need not be written out.
+CLASS_LISTS: Final[Mapping[str, tuple[str, ...]]] = {
+    "cityscapes": tuple(label.name for label in TRAIN_LABELS),
+    "cityscapes-label-ids": tuple(label.name for label in CITYSCAPES),
+}
+
+
+def class_lookup(classes: Sequence[str], class_map: Mapping[str, str], *, field: str = "output") -> NDArray[np.uint8]:
+    """Id of the function's class to train id.
+
+    Args:
+        classes: the function's classes, in the order of its channels or ids.
+        class_map: name or id of a class to a Cityscapes class or ``void``.
+        field: where both were given, for errors.
+
+    Returns:
+        (256,) uint8: train ids 0…18, or 255 (void); also for ids that no class has.
+
+    Raises:
+        UnknownName: a key that is no class, a value that is no Cityscapes class; near matches are named.
+        InvalidInput: a class twice, one class mapped by name and by id, or nothing that leads to an evaluated class.
+    """
+    twice = sorted({name for name in classes if classes.count(name) > 1})
+    if twice:
+        raise InvalidInput("classes must differ", field=f"{field}.classes", value=", ".join(twice))
+    table = np.full(256, VOID, np.uint8)
+    for number, name in enumerate(classes):
+        if name in BY_NAME:
+            table[number] = BY_NAME[name].train_id
+    mapped: dict[int, str] = {}
+    for key, target in class_map.items():
+        place = f"{field}.class_map.{key}"
+        if key in classes:
+            number = classes.index(key)
+        elif key.isdecimal() and int(key) < len(classes):
+            number = int(key)
+        else:
+            raise UnknownName("class of the function", key, classes, field=place)
+        if number in mapped:
+            raise InvalidInput(f"the class is mapped already, as {mapped[number]!r}", field=place)
+        if target != VOID_NAME and target not in BY_NAME:
+            raise UnknownName("Cityscapes class", target, (*BY_NAME, VOID_NAME), field=place)
+        mapped[number] = key
+        table[number] = VOID if target == VOID_NAME else BY_NAME[target].train_id
+    if (table == VOID).all():
+        raise InvalidInput(
+            "no class leads to a Cityscapes class that is evaluated",
+            field=f"{field}.class_map",
+            value=", ".join(classes[:8]),
+            limit="for example: person: person",
+        )
+    table.setflags(write=False)
+    return table
