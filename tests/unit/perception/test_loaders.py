@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.loaders import load_network
+from valerie.perception.loaders import filled_network, load_network, tensor_shapes
 from valerie.perception.networks.architectures import build_network
 
 
@@ -65,3 +65,19 @@ def test_the_weights_of_another_architecture_are_refused_with_a_count(write_func
 def test_an_unknown_architecture_in_the_header_is_refused(write_function) -> None:
     with pytest.raises(UnknownName, match="u-net"):
         load_network(write_function(named="u-net"))
+
+
+def test_a_network_with_other_classes_is_filled_with_its_own_tensors() -> None:
+    random = np.random.default_rng(1)
+    shapes = tensor_shapes("semantic-fpn-small", 2)
+    tensors = {name: random.random(shape, np.float32) for name, shape in shapes.items()}
+    network = filled_network("semantic-fpn-small", tensors, 2)
+    assert shapes["predictor.weight"] == (2, 64, 1, 1)
+    assert all(np.array_equal(network.state_dict()[name].numpy(), array) for name, array in tensors.items())
+
+
+def test_filled_networks_do_not_share_memory_with_the_tensors() -> None:
+    tensors = {name: np.zeros(shape, np.float32) for name, shape in tensor_shapes("semantic-fpn-small", 2).items()}
+    network = filled_network("semantic-fpn-small", tensors, 2)
+    tensors["predictor.bias"][:] = 1.0
+    assert not network.state_dict()["predictor.bias"].any()

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+from typing import Final, Literal
+
 from torch import Tensor, nn
 from torch.nn import functional
 
+#: Batch normalisation, or group normalisation in groups of one thirty-second of the channels.
+Norm = Literal["batch", "group"]
 
-def conv_bn_relu(channels_in: int, channels: int, kernel: int, *, dilation: int = 1) -> nn.Sequential:
-    """A convolution that keeps the resolution, batch normalisation, ReLU."""
+_GROUPS: Final = 32
+
+
+def norm_layer(kind: Norm, channels: int) -> nn.Module:
+    """The normalisation of a map of ``channels`` channels."""
+    return nn.BatchNorm2d(channels) if kind == "batch" else nn.GroupNorm(_GROUPS, channels)
+
+
+def conv_norm_relu(
+    channels_in: int, channels: int, kernel: int, *, stride: int = 1, dilation: int = 1, norm: Norm = "batch"
+) -> nn.Sequential:
+    """A convolution that keeps the resolution (but for its stride), normalisation, ReLU."""
     padding = dilation * (kernel // 2)
     return nn.Sequential(
-        nn.Conv2d(channels_in, channels, kernel, padding=padding, dilation=dilation, bias=False),
-        nn.BatchNorm2d(channels),
+        nn.Conv2d(channels_in, channels, kernel, stride=stride, padding=padding, dilation=dilation, bias=False),
+        norm_layer(norm, channels),
         nn.ReLU(inplace=True),
     )
 
 
-def resize_like(x: Tensor, like: Tensor) -> Tensor:
-    """Bilinear resampling of (N, C, h, w) to the height and width of ``like``, pixel centres at halves."""
-    return functional.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=False)
+def separable_conv_relu(channels_in: int, channels: int, *, dilation: int = 1) -> nn.Sequential:
+    """A 3×3 convolution of each channel for itself, then a 1×1 convolution; batch normalisation and ReLU after each."""
+    depthwise = nn.Conv2d(
+        channels_in, channels_in, 3, padding=dilation, dilation=dilation, groups=channels_in, bias=False
+    )
+    return nn.Sequential(
+        depthwise, nn.BatchNorm2d(channels_in), nn.ReLU(inplace=True), *conv_norm_relu(channels_in, channels, 1)
+    )
+
+
+def resize_like(x: Tensor, like: Tensor, *, align_corners: bool = False) -> Tensor:
+    """Bilinear resampling of (N, C, h, w) to the height and width of ``like``.
+
+    Pixel centres lie at halves; with ``align_corners`` the outermost pixel centres lie on each other instead.
+    """
+    return functional.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=align_corners)

@@ -1,18 +1,18 @@
 """Residual networks as feature extractors (He et al. 2016, doi:10.1109/CVPR.2016.90).
 
-Parameter names are the usual ones of this family (``conv1``, ``bn1``, ``layer1.0.conv1`` …). The stride sits on the 3×3
-convolution of a bottleneck. A smaller output stride keeps the resolution of the last stage and dilates its convolutions
-instead (Chen et al. 2017, arXiv:1706.05587).
+Parameter names are the usual ones of this family (``conv1``, ``bn1``, ``layer1.0.conv1`` …). A smaller output stride keeps
+the resolution of the last stages and dilates their convolutions instead (Chen et al. 2017, arXiv:1706.05587).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 from torch import Tensor, nn
 
 from valerie.errors import InvalidInput
+from valerie.perception.networks.blocks import conv_norm_relu
 
 #: depth to (bottleneck blocks?, blocks per stage)
 _STAGES: Final[dict[int, tuple[bool, tuple[int, int, int, int]]]] = {
@@ -23,20 +23,37 @@ _STAGES: Final[dict[int, tuple[bool, tuple[int, int, int, int]]]] = {
     101: (True, (3, 4, 23, 3)),
 }
 
+#: output stride to (stride, dilation) of each stage
+_RESOLUTIONS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
+    8: ((1, 1), (2, 1), (1, 2), (1, 4)),
+    16: ((1, 1), (2, 1), (2, 1), (1, 2)),
+    32: ((1, 1), (2, 1), (2, 1), (2, 1)),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class ResNetSettings:
-    """Size of a ResNet.
+    """Size and kind of a ResNet.
 
     Attributes:
         depth: 10, 18, 34, 50 or 101.
-        width: channels of the stem; 64 is the paper's, 32 half of it.
-        output_stride: 32, or 16 with a dilated last stage.
+        width: channels within the first stage's blocks; 64 is the paper's, 32 half of it.
+        output_stride: 32, 16 with a dilated last stage, or 8 with two dilated stages.
+        stem: one 7×7 convolution, or three 3×3 ones (the "deep" stem of ResNet-C, He et al. 2019, arXiv:1812.01187).
+        stem_channels: channels that leave the stem (half as many within a deep one); None: ``width``.
+        stride_in_1x1: a bottleneck halves the resolution in its first 1×1 convolution, as the first ResNets in Caffe did,
+            not in its 3×3 convolution.
+        last_dilations: dilation of each block of the last stage ("multi-grid"); None: as `output_stride` says, where the
+            first block of a dilated stage still sees the finer grid of the stage before.
     """
 
     depth: int
     width: int = 64
     output_stride: int = 32
+    stem: Literal["plain", "deep"] = "plain"
+    stem_channels: int | None = None
+    stride_in_1x1: bool = False
+    last_dilations: tuple[int, ...] | None = None
 
 
 class BasicBlock(nn.Module):
@@ -67,11 +84,21 @@ class Bottleneck(nn.Module):
 
     expansion: Final = 4
 
-    def __init__(self, channels_in: int, channels: int, stride: int, dilation: int, shortcut: nn.Module | None) -> None:
+    def __init__(
+        self,
+        channels_in: int,
+        channels: int,
+        stride: int,
+        dilation: int,
+        shortcut: nn.Module | None,
+        *,
+        stride_in_1x1: bool = False,
+    ) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(channels_in, channels, 1, bias=False)
+        stride_1x1, stride_3x3 = (stride, 1) if stride_in_1x1 else (1, stride)
+        self.conv1 = nn.Conv2d(channels_in, channels, 1, stride=stride_1x1, bias=False)
         self.bn1 = nn.BatchNorm2d(channels)
-        self.conv2 = _conv3x3(channels, channels, stride, dilation)
+        self.conv2 = _conv3x3(channels, channels, stride_3x3, dilation)
         self.bn2 = nn.BatchNorm2d(channels)
         self.conv3 = nn.Conv2d(channels, channels * 4, 1, bias=False)
         self.bn3 = nn.BatchNorm2d(channels * 4)
@@ -92,60 +119,89 @@ class ResNet(nn.Module):
     """A ResNet without its classifier.
 
     Raises:
-        InvalidInput: a depth or an output stride that does not exist.
+        InvalidInput: a depth or an output stride that does not exist, or dilations that are not one per block.
     """
 
     def __init__(self, settings: ResNetSettings) -> None:
         super().__init__()
         if settings.depth not in _STAGES:
             raise InvalidInput("no such ResNet", field="depth", value=settings.depth, limit=sorted(_STAGES))
-        if settings.output_stride not in (16, 32):
+        if settings.output_stride not in _RESOLUTIONS:
             raise InvalidInput(
-                "no such output stride", field="output_stride", value=settings.output_stride, limit="16 or 32"
+                "no such output stride",
+                field="output_stride",
+                value=settings.output_stride,
+                limit=sorted(_RESOLUTIONS),
             )
+        self._settings = settings
         bottleneck, blocks = _STAGES[settings.depth]
-        self._block: type[BasicBlock] | type[Bottleneck] = Bottleneck if bottleneck else BasicBlock
-        width = settings.width
-        self.conv1 = nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False)
-        self.bn1 = nn.BatchNorm2d(width)
+        self._expansion = Bottleneck.expansion if bottleneck else BasicBlock.expansion
+        self._channels = settings.stem_channels or settings.width
+        if settings.stem == "plain":
+            self.conv1 = nn.Conv2d(3, self._channels, 7, stride=2, padding=3, bias=False)
+            self.bn1 = nn.BatchNorm2d(self._channels)
+        else:
+            half = self._channels // 2
+            self.stem = nn.Sequential(
+                *conv_norm_relu(3, half, 3, stride=2),
+                *conv_norm_relu(half, half, 3),
+                *conv_norm_relu(half, self._channels, 3),
+            )
         self.relu = nn.ReLU(inplace=True)
         self.maxpool = nn.MaxPool2d(3, stride=2, padding=1)
-        dilated = settings.output_stride == 16
-        self._channels = width
-        self.layer1 = self._stage(width, blocks[0], stride=1)
-        self.layer2 = self._stage(width * 2, blocks[1], stride=2)
-        self.layer3 = self._stage(width * 4, blocks[2], stride=2)
-        self.layer4 = self._stage(width * 8, blocks[3], stride=1 if dilated else 2, dilation=2 if dilated else 1)
+        dilations = [
+            (dilation // 2 or 1,) + (dilation,) * (count - 1)
+            for (_, dilation), count in zip(_RESOLUTIONS[settings.output_stride], blocks, strict=True)
+        ]
+        if settings.last_dilations is not None:
+            if len(settings.last_dilations) != blocks[-1]:
+                raise InvalidInput(
+                    "one dilation per block of the last stage",
+                    field="last_dilations",
+                    value=settings.last_dilations,
+                    limit=blocks[-1],
+                )
+            dilations[-1] = settings.last_dilations
+        strides = [stride for stride, _ in _RESOLUTIONS[settings.output_stride]]
+        self.layer1, self.layer2, self.layer3, self.layer4 = (
+            self._stage(settings.width * factor, strides[stage], dilations[stage])
+            for stage, factor in enumerate((1, 2, 4, 8))
+        )
         #: Channels of the four feature maps.
-        self.channels = tuple(width * factor * self._block.expansion for factor in (1, 2, 4, 8))
+        self.channels = tuple(settings.width * factor * self._expansion for factor in (1, 2, 4, 8))
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(N, 3, H, W) to four feature maps at strides 4, 8, 16 and the output stride."""
-        x = self.maxpool(self.relu(self.bn1(self.conv1(x))))
+        """(N, 3, H, W) to four feature maps at strides 4, 8, 16 and 32, none coarser than the output stride."""
+        x = self.stem(x) if self._settings.stem == "deep" else self.relu(self.bn1(self.conv1(x)))
+        x = self.maxpool(x)
         c2: Tensor = self.layer1(x)
         c3: Tensor = self.layer2(c2)
         c4: Tensor = self.layer3(c3)
         c5: Tensor = self.layer4(c4)
         return c2, c3, c4, c5
 
-    def _stage(self, channels: int, blocks: int, *, stride: int, dilation: int = 1) -> nn.Sequential:
+    def _stage(self, channels: int, stride: int, dilations: tuple[int, ...]) -> nn.Sequential:
         made: list[nn.Module] = []
-        for index in range(blocks):
+        for index, dilation in enumerate(dilations):
             first_stride = stride if index == 0 else 1
-            out = channels * self._block.expansion
+            out = channels * self._expansion
             shortcut = None
             if first_stride != 1 or self._channels != out:
                 shortcut = nn.Sequential(
                     nn.Conv2d(self._channels, out, 1, stride=first_stride, bias=False), nn.BatchNorm2d(out)
                 )
-            # The first block of a dilated stage still sees the finer grid of the stage before.
-            block_dilation = 1 if index == 0 else dilation
-            made.append(self._block(self._channels, channels, first_stride, block_dilation, shortcut))
+            made.append(self._block(channels, first_stride, dilation, shortcut))
             self._channels = out
         return nn.Sequential(*made)
+
+    def _block(self, channels: int, stride: int, dilation: int, shortcut: nn.Module | None) -> nn.Module:
+        if self._expansion == BasicBlock.expansion:
+            return BasicBlock(self._channels, channels, stride, dilation, shortcut)
+        in_1x1 = self._settings.stride_in_1x1
+        return Bottleneck(self._channels, channels, stride, dilation, shortcut, stride_in_1x1=in_1x1)
 
 
 def _conv3x3(channels_in: int, channels: int, stride: int, dilation: int) -> nn.Conv2d:

@@ -12,23 +12,25 @@ from typing import Final
 from torch import Tensor, nn
 from torch.nn import functional
 
-from valerie.perception.networks.blocks import conv_bn_relu
+from valerie.perception.networks.blocks import Norm, conv_norm_relu
 from valerie.perception.networks.resnet import ResNet, ResNetSettings
 
 
 @dataclass(frozen=True, slots=True)
 class SemanticFpnSettings:
-    """Size of a semantic FPN.
+    """Size and kind of a semantic FPN.
 
     Attributes:
         backbone: the ResNet; its output stride is 32.
         pyramid_channels: channels of every level of the pyramid (Detectron2: 256).
         head_channels: channels of the scale heads (Detectron2: 128).
+        head_norm: normalisation in the scale heads (Detectron2: group).
     """
 
     backbone: ResNetSettings
     pyramid_channels: int = 256
     head_channels: int = 128
+    head_norm: Norm = "batch"
 
 
 class FeaturePyramid(nn.Module):
@@ -55,12 +57,11 @@ class FeaturePyramid(nn.Module):
 class ScaleHead(nn.Module):
     """3×3 convolutions, each but that of the finest level followed by twofold upsampling, down to stride 4."""
 
-    def __init__(self, channels_in: int, channels: int, doublings: int) -> None:
+    def __init__(self, channels_in: int, channels: int, doublings: int, norm: Norm = "batch") -> None:
         super().__init__()
         self.doublings = doublings
-        self.convs = nn.ModuleList(
-            [conv_bn_relu(channels_in if i == 0 else channels, channels, 3) for i in range(max(1, doublings))]
-        )
+        inputs = [channels_in] + [channels] * (doublings - 1)
+        self.convs = nn.ModuleList([conv_norm_relu(count, channels, 3, norm=norm) for count in inputs])
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, channels_in, h, w) to (N, channels, h · 2^doublings, w · 2^doublings)."""
@@ -76,6 +77,8 @@ class SemanticFpn(nn.Module):
 
     #: Stride of the logits.
     stride: Final = 4
+    #: How logits are to be resampled to the picture's size.
+    align_corners: Final = False
 
     def __init__(self, settings: SemanticFpnSettings, num_classes: int) -> None:
         super().__init__()
@@ -83,7 +86,7 @@ class SemanticFpn(nn.Module):
         self.fpn = FeaturePyramid(self.backbone.channels, settings.pyramid_channels)
         self.heads = nn.ModuleList(
             [
-                ScaleHead(settings.pyramid_channels, settings.head_channels, doublings)
+                ScaleHead(settings.pyramid_channels, settings.head_channels, doublings, settings.head_norm)
                 for doublings in range(len(self.backbone.channels))
             ]
         )

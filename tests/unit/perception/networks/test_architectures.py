@@ -46,6 +46,13 @@ def test_deeplab_at_the_published_size_has_the_parameters_of_the_reference_imple
     assert 58_600_000 < sum(p.numel() for p in network.parameters()) < 58_800_000
 
 
+@pytest.mark.parametrize("architecture", sorted(set(ARCHITECTURES) - {*SMALL}))
+def test_every_full_size_architecture_has_logits_of_any_number_of_classes(architecture: str) -> None:
+    with torch.device("meta"):
+        logits = build_network(architecture, 5).eval()(torch.empty(1, 3, 64, 96))
+    assert logits.shape == (1, 5, 16, 24)
+
+
 def test_an_unknown_architecture_names_its_neighbours() -> None:
     with pytest.raises(UnknownName, match="semantic-fpn-small"):
         build_network("semantic-fpn-smal")

@@ -23,3 +23,9 @@ def test_a_scale_head_has_one_convolution_per_doubling_and_at_least_one() -> Non
     assert [len(head.convs) for head in heads] == [1, 1, 2, 3]
     sizes = [head.eval()(torch.zeros(1, 6, 3, 4)).shape[-2:] for head in heads]
     assert [tuple(size) for size in sizes] == [(3, 4), (6, 8), (12, 16), (24, 32)]
+
+
+def test_the_heads_are_normalised_by_batch_or_in_32_groups() -> None:
+    kinds = [type(ScaleHead(6, 64, 2, norm).convs[1][1]).__name__ for norm in ("batch", "group")]
+    assert kinds == ["BatchNorm2d", "GroupNorm"]
+    assert ScaleHead(6, 64, 2, "group").convs[1][1].num_groups == 32
