@@ -152,16 +152,9 @@ class _Pictures:
     def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
         run_id, variant, camera, time = frame_id.split(".")
         try:
-            painted = frames.paint(
-                self._context,
-                run_id,
-                int(variant),
-                int(camera),
-                int(time),
-                kind=_KIND_OF_PICTURE[kind],
-                function=function,
-                sensor=sensor,
-            )
+            place = (run_id, int(variant), int(camera), int(time))
+            source = frames.find(self._context, *place, kind=_KIND_OF_PICTURE[kind], function=function, sensor=sensor)
+            painted = frames.draw(self._context, source)
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None

@@ -118,21 +118,6 @@ def draw(context: Context, source: PictureSource) -> NDArray[np.uint8]:
     )
 
 
-def paint(
-    context: Context,
-    run_id: str,
-    variant: int,
-    camera: int,
-    time: int = 0,
-    *,
-    kind: str,
-    function: str | None = None,
-    sensor: str | None = None,
-) -> NDArray[np.uint8]:
-    """`find` and `draw`: (H, W, 3) uint8 sRGB; raises what they raise."""
-    return draw(context, find(context, run_id, variant, camera, time, kind=kind, function=function, sensor=sensor))
-
-
 def _needed(kind: str, row: Any) -> tuple[str, ...]:
     """Digests of what a kind of picture is drawn from, besides a prediction."""
     if kind in _OF_TRUTH:
