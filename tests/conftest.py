@@ -15,9 +15,10 @@ from hypothesis import settings
 for _name in [name for name in os.environ if name.startswith("VALERIE_") and not name.startswith("VALERIE_TEST_")]:
     del os.environ[_name]
 
-# A test run in the background of a script inherits an ignored Ctrl-C, and so would every process that it starts.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# Started in the background (`nohup`, a script's `&`), a test run inherits ignored signals, and so would all that it starts.
+for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
 
 # Machines differ in speed; what a property says does not.
 settings.register_profile("valerie", deadline=None)
