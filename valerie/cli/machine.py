@@ -10,15 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli.connecting import context_of
 from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from valerie.pipeline.context import Context
     from valerie.pipeline.replay import Replayed
 
 
@@ -65,7 +61,7 @@ def replay(
     Exits with 3 when something differs.
     """
     run_id, variant, camera, time_index = _frame(frame)
-    with _context(data_dir) as context:
+    with context_of(data_dir) as context:
         from valerie.pipeline.replay import replay_frame
 
         made = replay_frame(context, run_id, variant, camera, time_index)
@@ -94,7 +90,7 @@ def gc(
     data_dir: DataDir = None,
 ) -> None:
     """Free what no run links to: products, their objects, and objects that belong to nothing."""
-    with _context(data_dir) as context:
+    with context_of(data_dir) as context:
         from valerie.pipeline.gc import collect
 
         freed = collect(context, dry_run=dry_run)
@@ -121,25 +117,6 @@ def migrate(data_dir: DataDir = None) -> None:
     finally:
         engine.dispose()
     typer.echo(f"up to date: {engine.url.render_as_string()}")
-
-
-def _context(data_dir: Path | None) -> AbstractContextManager[Context]:
-    """The deployment's context, closed afterwards; its database must be of this version."""
-    from contextlib import contextmanager
-
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.context import open_context
-
-    @contextmanager
-    def opened() -> Iterator[Context]:
-        context = open_context(settings_of(data_dir))
-        try:
-            require_current(context.engine)
-            yield context
-        finally:
-            context.engine.dispose()
-
-    return opened()
 
 
 def _frame(text: str) -> tuple[str, int, int, int]:

@@ -101,9 +101,13 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
     return query
 
 
-def rows(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
-    """The whole long table, streamed, in the order of the variants."""
-    query = long_table(run_id).order_by(*(COLUMNS[name] for name in KEY))
+def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ()) -> Iterator[Row[Any]]:
+    """The long table, streamed, in the order of the variants.
+
+    Raises:
+        UnknownName: a filter names no column or comparison.
+    """
+    query = long_table(run_id, filters=filters).order_by(*(COLUMNS[name] for name in KEY))
     yield from connection.execution_options(yield_per=5_000).execute(query)
 
 
@@ -276,6 +280,43 @@ def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, i
             .limit(limit)
         )
     )
+
+
+def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
+    """Frames whose image and truth are there, one row per person (`PersonView`), in order, with the assignment.
+
+    A frame without any person has one row with instance 0.
+    """
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    query = (
+        select(*Frame.__table__.columns, *PersonView.__table__.columns, Variant.assignment)
+        .join(Variant, _OF_VARIANT)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .join(PersonView, PersonView.truth == Frame.truth)
+        .where(Frame.run_id == run_id, background.state == "done", layer.state == "done", truth.state == "done")
+        .order_by(Frame.variant_index, Frame.camera_index, Frame.time_index, PersonView.instance_id)
+    )
+    yield from connection.execution_options(yield_per=5_000).execute(query)
+
+
+def predictions(
+    connection: Connection, run_id: str, sensor: int, function: int
+) -> dict[tuple[int, int, int], tuple[str, bytes]]:
+    """(variant, camera, time) to the digest of the prediction and the packed confusion matrix, of what is evaluated."""
+    rows = connection.execute(
+        select(
+            Evaluation.variant_index,
+            Evaluation.camera_index,
+            Evaluation.time_index,
+            Evaluation.prediction,
+            Score.confusion,
+        )
+        .join(Score, Score.digest == Evaluation.scores)
+        .where(Evaluation.run_id == run_id, Evaluation.sensor_index == sensor, Evaluation.function_index == function)
+    )
+    return {(row[0], row[1], row[2]): (row[3], row[4]) for row in rows}
 
 
 def neighbours(

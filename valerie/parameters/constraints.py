@@ -16,6 +16,9 @@ A name is a parameter's name or path; since names hold dots and hyphens, the lon
 beside a name wants a space. Numbers are in the parameter's unit. Types are checked when a constraint is compiled. No
 text is ever
 executed as Python: the parser below builds closures.
+
+The same grammar selects rows of results (`valerie.analysis.where`), where values may be missing. Logic then has three
+values, as in SQL: a comparison with what is missing is neither true nor false, and only what is true holds.
 """
 
 from __future__ import annotations
@@ -23,18 +26,18 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.definitions import ParameterType, Value
 
 MAX_LENGTH: Final = 2000
 MAX_DEPTH: Final = 32
 
-_Evaluate = Callable[[Mapping[str, Value]], Any]
+_Evaluate = Callable[[Mapping[str, Any]], Any]
 
 _TOKEN: Final = re.compile(
     r"\s*(?:"
@@ -62,6 +65,27 @@ _ARITHMETIC: Final[dict[str, Callable[[Any, Any], Any]]] = {
 }
 
 
+class Spoken(Protocol):
+    """What an expression may speak of: a parameter's definition, or a column of results.
+
+    Attributes:
+        path: where its value stands in the mapping that is evaluated.
+        default: taken where the mapping lacks it; None is a missing value.
+        choices: the texts that it can be compared with; empty: any.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def type(self) -> ParameterType: ...
+    @property
+    def default(self) -> Value | None: ...
+    @property
+    def choices(self) -> tuple[str, ...]: ...
+
+
 class _Kind(StrEnum):
     NUMBER = "a number"
     TEXT = "text"
@@ -79,7 +103,7 @@ class _Term(NamedTuple):
 
     evaluate: _Evaluate
     kind: _Kind
-    definition: ParameterDefinition | None = None
+    definition: Spoken | None = None
     text: str | None = None
 
 
@@ -96,21 +120,27 @@ class Constraint:
     paths: frozenset[str]
     _evaluate: _Evaluate
 
-    def holds(self, values: Mapping[str, Value]) -> bool:
-        """Whether a variant (path to value; the rest takes its defaults) meets it; a division by zero does not."""
+    def holds(self, values: Mapping[str, Any]) -> bool:
+        """Whether a variant (path to value; the rest takes its defaults) meets it.
+
+        A division by zero does not, nor does what depends on a missing value (None).
+        """
         try:
             return bool(self._evaluate(values))
         except ZeroDivisionError:
             return False
 
 
-def compile_constraint(text: str, names: Mapping[str, ParameterDefinition], *, field: str = "") -> Constraint:
+def compile_constraint(
+    text: str, names: Mapping[str, Spoken], *, field: str = "", word: str = "parameter"
+) -> Constraint:
     """Parse and type-check a constraint.
 
     Args:
         text: as the grammar above.
         names: what may be spoken of, by every name that it has.
         field: where the constraint stands, for errors.
+        word: what the names are called in errors.
 
     Raises:
         InvalidInput: it does not follow the grammar, compares different kinds, or is too long or too deeply nested.
@@ -118,7 +148,7 @@ def compile_constraint(text: str, names: Mapping[str, ParameterDefinition], *, f
     """
     if len(text) > MAX_LENGTH:
         raise InvalidInput("the constraint is too long", field=field, value=len(text), limit=f"{MAX_LENGTH} characters")
-    parser = _Parser(text, names, field)
+    parser = _Parser(text, names, field, word)
     term = parser.parse()
     return Constraint(text, frozenset(parser.paths), term.evaluate)
 
@@ -126,8 +156,8 @@ def compile_constraint(text: str, names: Mapping[str, ParameterDefinition], *, f
 class _Parser:
     """Recursive descent over the grammar above; each method reads one rule and returns its term."""
 
-    def __init__(self, text: str, names: Mapping[str, ParameterDefinition], field: str) -> None:
-        self._text, self._names, self._field = text, names, field
+    def __init__(self, text: str, names: Mapping[str, Spoken], field: str, word: str) -> None:
+        self._text, self._names, self._field, self._word = text, names, field, word
         self._tokens = self._tokenize()
         self._next = 0
         self._depth = 0
@@ -159,7 +189,7 @@ class _Parser:
         for end in sorted(ends, reverse=True):
             if run[:end] in self._names or run[:end] in _WORDS:
                 return run[:end]
-        raise UnknownName("parameter", run, self._names, field=self._field)
+        raise UnknownName(self._word, run, self._names, field=self._field)
 
     def _error(self, message: str, place: int | None = None) -> InvalidInput:
         if place is None:
@@ -193,7 +223,7 @@ class _Parser:
         if len(terms) == 1:
             return terms[0]
         parts = [self._truth(term).evaluate for term in terms]
-        return _Term(lambda values: any(part(values) for part in parts), _Kind.TRUTH)
+        return _Term(lambda values: _any(part(values) for part in parts), _Kind.TRUTH)
 
     def _conjunction(self) -> _Term:
         terms = [self._negation()]
@@ -202,13 +232,13 @@ class _Parser:
         if len(terms) == 1:
             return terms[0]
         parts = [self._truth(term).evaluate for term in terms]
-        return _Term(lambda values: all(part(values) for part in parts), _Kind.TRUTH)
+        return _Term(lambda values: _all(part(values) for part in parts), _Kind.TRUTH)
 
     def _negation(self) -> _Term:
         if not self._accept("not"):
             return self._comparison()
         negated = self._truth(self._deeper(self._negation)).evaluate
-        return _Term(lambda values: not negated(values), _Kind.TRUTH)
+        return _Term(lambda values: _unless_missing(operator.not_, negated(values)), _Kind.TRUTH)
 
     def _comparison(self) -> _Term:
         left = self._sum()
@@ -222,8 +252,10 @@ class _Parser:
             return left
         if len(pairs) == 1:
             ((a, compare, b),) = pairs
-            return _Term(lambda values: compare(a(values), b(values)), _Kind.TRUTH)
-        return _Term(lambda values: all(compare(a(values), b(values)) for a, compare, b in pairs), _Kind.TRUTH)
+            return _Term(lambda values: _unless_missing(compare, a(values), b(values)), _Kind.TRUTH)
+        return _Term(
+            lambda values: _all(_unless_missing(compare, a(values), b(values)) for a, compare, b in pairs), _Kind.TRUTH
+        )
 
     def _comparable(self, left: _Term, sign: str, right: _Term) -> None:
         if left.kind is not right.kind:
@@ -255,7 +287,7 @@ class _Parser:
         def evaluate(values: Mapping[str, Value]) -> Any:
             result = start(values)
             for apply, operand in rest:
-                result = apply(result, operand(values))
+                result = _unless_missing(apply, result, operand(values))
             return result
 
         return _Term(evaluate, _Kind.NUMBER)
@@ -263,7 +295,7 @@ class _Parser:
     def _factor(self) -> _Term:
         if self._accept("-"):
             negated = self._number(self._deeper(self._factor)).evaluate
-            return _Term(lambda values: -negated(values), _Kind.NUMBER)
+            return _Term(lambda values: _unless_missing(operator.neg, negated(values)), _Kind.NUMBER)
         if self._accept("("):
             inner = self._deeper(self._expression)
             if not self._accept(")"):
@@ -305,3 +337,29 @@ class _Parser:
         if term.kind is not _Kind.NUMBER:
             raise self._error(f"a number is needed here, not {term.kind}")
         return term
+
+
+def _unless_missing(apply: Callable[..., Any], *operands: Any) -> Any:
+    return None if any(operand is None for operand in operands) else apply(*operands)
+
+
+def _all(parts: Iterable[Any]) -> bool | None:
+    """Kleene's "and": false as soon as one part is; missing if one is and none is false."""
+    result: bool | None = True
+    for part in parts:
+        if part is None:
+            result = None
+        elif not part:
+            return False
+    return result
+
+
+def _any(parts: Iterable[Any]) -> bool | None:
+    """Kleene's "or": true as soon as one part is; missing if one is and none is true."""
+    result: bool | None = False
+    for part in parts:
+        if part is None:
+            result = None
+        elif part:
+            return True
+    return result

@@ -1,0 +1,110 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cityscapesscripts.helpers.annotation import Annotation
+from cityscapesscripts.helpers.csHelpers import getCoreImageFileName
+from cityscapesscripts.preparation.json2instanceImg import createInstanceImage
+from cityscapesscripts.preparation.json2labelImg import createLabelImage
+from PIL import Image
+
+from tests.unit.datasets.frames import labelled
+from valerie.datasets import cityscapes
+from valerie.datasets.cityscapes import CityscapesFolder
+from valerie.datasets.polygons import polygons_document
+from valerie.errors import CorruptArtifact, InvalidInput, NotFound
+from valerie.labels import VOID
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for number in range(3):
+        cityscapes.write_picture(tmp_path, "val", labelled(number))
+        cityscapes.write_labels(tmp_path, "val", labelled(number), polygons=True)
+    return tmp_path
+
+
+def test_what_is_written_is_read_back_exactly(folder: Path) -> None:
+    frames = CityscapesFolder(folder, "val")
+    assert CityscapesFolder.splits(folder) == ("val",)
+    assert frames.has_instances
+    assert len(frames) == 3
+    for number, frame in enumerate(frames):
+        expected = labelled(number)
+        assert frame.name == expected.name
+        for field in ("picture", "class_map", "instance_map"):
+            np.testing.assert_array_equal(getattr(frame, field), getattr(expected, field))
+
+
+def test_names_are_those_that_cityscapes_scripts_expect(folder: Path) -> None:
+    file = folder / "gtFine/val/testtown/testtown_000001_000000_gtFine_labelIds.png"
+    assert file.is_file()
+    assert getCoreImageFileName(str(file)) == "testtown_000001_000000"
+
+
+def test_instance_ids_are_sixteen_bits_and_stuff_keeps_its_label_id(folder: Path) -> None:
+    with Image.open(folder / "gtFine/val/testtown/testtown_000000_000000_gtFine_instanceIds.png") as image:
+        assert image.mode.startswith("I;16")
+        assert set(np.unique(np.asarray(image)).tolist()) == {4, 7, 8, 23, 33, 24_001, 24_002, 26_001}
+
+
+def test_polygons_painted_by_cityscapes_scripts_give_the_same_labels_and_as_many_instances(folder: Path) -> None:
+    annotation = Annotation()
+    annotation.fromJsonFile(str(folder / "gtFine/val/testtown/testtown_000002_000000_gtFine_polygons.json"))
+    expected = labelled(2)
+    np.testing.assert_array_equal(np.asarray(createLabelImage(annotation, "ids")), expected.class_map)
+    painted = np.asarray(createInstanceImage(annotation, "ids"))
+    persons = [n for n in np.unique(painted).tolist() if n // 1000 == 24]
+    assert len(persons) == 2
+
+
+def test_what_lies_in_a_hole_is_painted_after_what_surrounds_it() -> None:
+    class_map = np.full((30, 30), 7, np.uint8)
+    class_map[5:25, 5:25] = 11
+    class_map[10:20, 10:20] = 7  # road in a house in a road
+    class_map[14:16, 14:16] = 21
+    class_map[2, 2] = 17  # a single pixel
+    document = polygons_document(class_map.astype(np.uint16))
+    annotation = Annotation()
+    annotation.fromJsonText(__import__("json").dumps(document))
+    np.testing.assert_array_equal(np.asarray(createLabelImage(annotation, "ids")), class_map)
+
+
+def test_predictions_are_written_as_label_ids(tmp_path: Path) -> None:
+    name = labelled().name
+    path = cityscapes.write_prediction(tmp_path, "val", name, "some-net", np.array([[0, 11, VOID]], np.uint8))
+    assert path.name == "testtown_000000_000000_pred_labelIds.png"
+    assert cityscapes.read_prediction(tmp_path, "some-net", "val", name).tolist() == [[7, 24, 0]]
+
+
+def test_a_picture_without_labels_is_named(folder: Path) -> None:
+    (folder / "gtFine/val/testtown/testtown_000001_000000_gtFine_labelIds.png").unlink()
+    with pytest.raises(NotFound, match="testtown_000001_000000_gtFine_labelIds"):
+        CityscapesFolder(folder, "val")
+
+
+def test_a_split_that_is_not_there_is_told(folder: Path) -> None:
+    with pytest.raises(NotFound, match="train"):
+        CityscapesFolder(folder, "train")
+
+
+def test_a_broken_picture_and_wrong_ids_are_named(folder: Path) -> None:
+    gt = folder / "gtFine/val/testtown"
+    (folder / "leftImg8bit/val/testtown/testtown_000000_000000_leftImg8bit.png").write_bytes(b"no picture")
+    Image.fromarray(np.full((24, 40), 77, np.uint8)).save(gt / "testtown_000001_000000_gtFine_labelIds.png")
+    Image.fromarray(np.full((24, 40, 3), 7, np.uint8)).save(gt / "testtown_000002_000000_gtFine_labelIds.png")
+    frames = CityscapesFolder(folder, "val")
+    with pytest.raises(CorruptArtifact, match="testtown_000000"):
+        frames[0]
+    with pytest.raises(InvalidInput, match=r"testtown_000001.*77"):
+        frames[1]
+    with pytest.raises(InvalidInput, match="testtown_000002"):
+        frames[2]
+
+
+def test_labels_without_instances_have_none(folder: Path) -> None:
+    for path in folder.glob("gtFine/val/*/*_instanceIds.png"):
+        path.unlink()
+    frames = CityscapesFolder(folder, "val")
+    assert not frames.has_instances
+    assert not frames[0].instance_map.any()

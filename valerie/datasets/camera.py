@@ -1,0 +1,31 @@
+"""A camera in the words of Cityscapes' ``camera`` files.
+
+Extrinsics lead from the camera to the vehicle's axes as in ISO 8855: x forward, y left, z up, with
+R = Rz(yaw) · Ry(pitch) · Rx(roll), radians; a positive pitch looks *down* (Cityscapes' csCalibration.pdf). A scene has no
+vehicle: its place is taken by the world's origin, looking along the street (+y). Image coordinates count pixel centres
+from 0, so the principal point of a centred camera is ((W − 1) / 2, (H − 1) / 2).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from valerie.scene.model import Camera
+from valerie.scene.transforms import camera_angles
+
+
+def camera_document(camera: Camera, width: int, height: int) -> dict[str, Any]:
+    """``extrinsic`` (baseline, x, y, z in metres; yaw, pitch, roll in radians) and ``intrinsic`` (fx, fy, u0, v0 in pixels).
+
+    Args:
+        camera: in the world: z up, y along the street.
+        width, height: of the image, square pixels.
+    """
+    x, y, z = (float(value) for value in camera.position)
+    yaw, pitch, roll = (math.radians((angle + 180.0) % 360.0 - 180.0) for angle in camera_angles(camera.transform))
+    focal = camera.focal_length_px(width)
+    return {
+        "extrinsic": {"baseline": 0.0, "x": y, "y": -x, "z": z, "yaw": yaw, "pitch": -pitch, "roll": roll},
+        "intrinsic": {"fx": focal, "fy": focal, "u0": (width - 1) / 2, "v0": (height - 1) / 2},
+    }

@@ -1,0 +1,131 @@
+"""COCO: panoptic segmentation and instances, the latter with amodal masks.
+
+Categories carry Cityscapes' label ids and names. A panoptic picture codes a segment's id as R + 256 G + 256² B; the id is
+label id × 1000 + n of an instance, else the label id; 0 is void (Kirillov et al. 2019, arXiv:1801.00868). Pixels of a
+class with instances that belong to none are one segment with ``iscrowd`` 1, as cityscapesScripts does.
+
+Amodal convention: ``segmentation``, ``bbox`` and ``area`` are what is *visible*, so that every COCO tool measures that.
+Beside them stand, named as in KINS (Qi et al. 2019, doi:10.1109/CVPR.2019.00313), ``a_segm``, ``a_bbox``, ``a_area`` of the
+whole person within the image and ``i_segm``, ``i_bbox``, ``i_area`` of its visible part. A fully hidden person has no
+annotation; the Parquet index lists it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.datasets.frame import LabelledFrame
+from valerie.labels import BY_ID, TRAIN_LABELS, VOID
+
+#: The 19 evaluated classes; ``isthing`` where single objects are told apart.
+CATEGORIES: Final = tuple(
+    {
+        "id": label.id,
+        "name": label.name,
+        "supercategory": label.category,
+        "isthing": int(label.has_instances),
+        "color": list(label.color),
+    }
+    for label in TRAIN_LABELS
+)
+
+
+def panoptic_ids(frame: LabelledFrame) -> NDArray[np.uint32]:
+    """(H, W) segment ids; 0 is void."""
+    evaluated = np.zeros(256, np.bool_)
+    evaluated[[label.id for label in TRAIN_LABELS]] = True
+    return np.where(evaluated[frame.class_map], frame.segment_ids, 0).astype(np.uint32)
+
+
+def panoptic_picture(ids: NDArray[np.uint32]) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 that codes segment ids by R + 256 G + 256² B."""
+    return np.stack([ids & 255, ids >> 8 & 255, ids >> 16 & 255], axis=2).astype(np.uint8)
+
+
+def panoptic_segments(ids: NDArray[np.uint32]) -> list[dict[str, Any]]:
+    """``segments_info`` of one picture: id, category, area, box and whether it is a crowd."""
+    segments = []
+    for number in np.unique(ids[ids > 0]).tolist():
+        label = BY_ID[number // 1000 if number >= 1000 else number]
+        mask = ids == number
+        segments.append(
+            {
+                "id": number,
+                "category_id": label.id,
+                "area": int(np.count_nonzero(mask)),
+                "bbox": _box(mask),
+                "iscrowd": int(label.has_instances and number < 1000),
+            }
+        )
+    return segments
+
+
+def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
+    """One entry per visible instance of an evaluated class, without ``id`` and ``image_id``."""
+    annotations: list[dict[str, Any]] = []
+    for number in np.unique(frame.instance_map[frame.instance_map > 0]).tolist():
+        label = BY_ID[number // 1000]
+        if label.train_id == VOID:
+            continue
+        visible = _shape(frame.instance_map == number)
+        entry: dict[str, Any] = {"category_id": label.id, "iscrowd": 0, "instance_id": number}
+        entry |= {"segmentation": visible["segm"], "bbox": visible["bbox"], "area": visible["area"]}
+        amodal = frame.amodal.get(number)
+        if amodal is not None:
+            entry |= {f"a_{key}": value for key, value in _shape(amodal).items()}
+            entry |= {f"i_{key}": value for key, value in visible.items()}
+        annotations.append(entry | dict(frame.persons.get(number, {})))
+    return annotations
+
+
+def assemble(
+    images: Sequence[Mapping[str, Any]], annotations: Sequence[Mapping[str, Any]], description: str
+) -> dict[str, Any]:
+    """A whole COCO document of images and annotations that have their ids."""
+    return {
+        "info": {"description": description},
+        "licenses": [],
+        "images": list(images),
+        "annotations": list(annotations),
+        "categories": list(CATEGORIES),
+    }
+
+
+def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """A mask in COCO's compressed run-length code: ``size`` [H, W] and ``counts``.
+
+    Lengths of runs in column order, beginning with a run of zeros; from the fourth on the difference to the one before
+    last; each number in groups of five bits, lowest first, a sixth bit saying that more follow, as characters from "0".
+    """
+    flat = np.asarray(mask, np.bool_).ravel(order="F")
+    edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    lengths = np.diff(np.concatenate(([0], edges, [flat.size]))).tolist()
+    if flat.size and flat[0]:
+        lengths.insert(0, 0)
+    code: list[str] = []
+    for place, length in enumerate(lengths):
+        rest = length - lengths[place - 2] if place > 2 else length
+        while True:
+            group = rest & 31
+            rest >>= 5
+            more = rest != (-1 if group & 16 else 0)
+            code.append(chr(48 + (group | (32 if more else 0))))
+            if not more:
+                break
+    return {"size": [int(mask.shape[0]), int(mask.shape[1])], "counts": "".join(code)}
+
+
+def _shape(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    return {"segm": run_lengths(mask), "bbox": _box(mask), "area": int(np.count_nonzero(mask))}
+
+
+def _box(mask: NDArray[np.bool_]) -> list[int]:
+    """x, y, width, height; zeros for an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return [0, 0, 0, 0]
+    return [int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)]

@@ -1,0 +1,121 @@
+"""One labelled frame on its way into or out of a data set: arrays and a name, no files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import BY_ID, VOID
+
+#: A part of a name: underscores separate the parts.
+_PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*")
+_NOT_A_PART: Final = re.compile(r"[^A-Za-z0-9]+")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FrameName:
+    """A frame's name as Cityscapes spells it: ``<city>_<sequence>_<frame>``.
+
+    Attributes:
+        city: recording place; for exported runs the run's name and the camera.
+        sequence: six digits or more; for exported runs the variant.
+        frame: six digits or more; for exported runs the time index.
+
+    Raises:
+        InvalidInput: a part is empty or holds anything but letters, digits and hyphens.
+    """
+
+    city: str
+    sequence: str
+    frame: str
+
+    def __post_init__(self) -> None:
+        for part in (self.city, self.sequence, self.frame):
+            if not _PART.fullmatch(part):
+                raise InvalidInput("not a part of a frame's name", value=part, limit="letters, digits and hyphens")
+
+    @classmethod
+    def of(cls, city: str, sequence: int, frame: int) -> Self:
+        """A name from numbers; the city is spelled with letters, digits and hyphens."""
+        return cls(_NOT_A_PART.sub("-", city).strip("-") or "valerie", f"{sequence:06}", f"{frame:06}")
+
+    @classmethod
+    def parse(cls, stem: str) -> Self:
+        """The name in a file name, suffixes and all: ``aachen_000000_000019_leftImg8bit.png``.
+
+        Raises:
+            InvalidInput: not such a name.
+        """
+        parts = stem.split("_")
+        if len(parts) < 3:
+            raise InvalidInput("not a file name of Cityscapes", value=stem, limit="city_sequence_frame_…")
+        return cls(parts[0], parts[1], parts[2].partition(".")[0])
+
+    def __str__(self) -> str:
+        return f"{self.city}_{self.sequence}_{self.frame}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledFrame:
+    """One picture with its exact truth.
+
+    Attributes:
+        name: unique within a split.
+        picture: (H, W, 3) uint8 sRGB.
+        class_map: (H, W) uint8 Cityscapes label ids.
+        instance_map: (H, W) uint16, label id × 1000 + n; 0 where there is no instance.
+        camera: Cityscapes' camera document (`valerie.datasets.camera`); empty where unknown.
+        amodal: instance id to (H, W) bool: all pixels that the person would cover alone, within the image.
+        persons: instance id to what is known of the person (occlusion, distance …), for formats that carry it.
+
+    Raises:
+        InvalidInput: shapes or types differ from that.
+    """
+
+    name: FrameName
+    picture: NDArray[np.uint8]
+    class_map: NDArray[np.uint8]
+    instance_map: NDArray[np.uint16]
+    camera: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    amodal: Mapping[int, NDArray[np.bool_]] = field(default_factory=lambda: MappingProxyType({}))
+    persons: Mapping[int, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def segment_ids(self) -> NDArray[np.uint16]:
+        """(H, W) Cityscapes' instance ids: label id × 1000 + n, and the label id itself where there is no instance."""
+        return np.where(self.instance_map > 0, self.instance_map, self.class_map.astype(np.uint16))
+
+    def __post_init__(self) -> None:
+        shape = self.class_map.shape
+        types = (self.picture.dtype, self.class_map.dtype, self.instance_map.dtype)
+        right = types == (np.uint8, np.uint8, np.uint16) and len(shape) == 2
+        if not right or self.picture.shape != (*shape, 3) or self.instance_map.shape != shape:
+            given = f"{self.picture.dtype} {self.picture.shape}, {self.class_map.dtype} {shape}, "
+            given += f"{self.instance_map.dtype} {self.instance_map.shape}"
+            raise InvalidInput(
+                "picture and labels do not fit", field=str(self.name), value=given, limit="uint8, uint8 and uint16"
+            )
+        for number, mask in self.amodal.items():
+            if mask.shape != shape:
+                raise InvalidInput(f"the amodal mask of {number} has another shape", field=str(self.name))
+
+
+def require_label_ids(class_map: NDArray[np.uint8], *, field: str) -> None:
+    """Refuse a map that holds anything but label ids; 255 is a license plate (id −1) and is ignored.
+
+    Raises:
+        InvalidInput: names the first unknown id.
+    """
+    present = np.flatnonzero(np.bincount(class_map.ravel(), minlength=256))
+    for number in present.tolist():
+        if number not in BY_ID and number != VOID:
+            raise InvalidInput(
+                "not a label id of Cityscapes", field=field, value=number, limit="0…33, or 255 (ignored)"
+            )

@@ -1,0 +1,56 @@
+"""Label maps as Cityscapes' polygons, for tools that read nothing else.
+
+Polygons know no holes: they are painted one after the other. Every connected region gives its outer outline, the larger
+ones first, so that what lies in a hole is painted over it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import MissingDependency
+from valerie.labels import BY_ID
+
+
+def polygons_document(segment_ids: NDArray[np.uint16]) -> dict[str, Any]:
+    """Cityscapes' ``imgHeight``, ``imgWidth`` and ``objects`` (``label``, ``polygon``), in the order of painting.
+
+    Args:
+        segment_ids: (H, W) as `LabelledFrame.segment_ids`; each instance gives polygons of its own, 0 (unlabeled) none.
+
+    Raises:
+        MissingDependency: OpenCV is not installed.
+    """
+    try:
+        import cv2
+    except ModuleNotFoundError as error:
+        raise MissingDependency("polygons need OpenCV; install it with: pip install 'valerie[eval]'") from error
+
+    height, width = segment_ids.shape
+    found: list[tuple[float, str, list[list[int]]]] = []
+    for number in np.unique(segment_ids).tolist():
+        label = BY_ID.get(number // 1000 if number >= 1000 else number)
+        if label is None or label.id == 0:
+            continue
+        mask = (segment_ids == number).astype(np.uint8)
+        # Two levels: outer outlines, also of what lies in a hole of another region of the class, and holes.
+        outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+        for outline, level in zip(outlines, levels[0] if levels is not None else (), strict=True):
+            if level[3] < 0:
+                points = outline.reshape(-1, 2)
+                area = float(cv2.contourArea(outline)) + cv2.arcLength(outline, closed=True) / 2
+                found.append((area, label.name, points.tolist()))
+    found.sort(key=lambda item: -item[0])
+    return {
+        "imgHeight": height,
+        "imgWidth": width,
+        "objects": [{"label": name, "polygon": _at_least_three(points)} for _, name, points in found],
+    }
+
+
+def _at_least_three(points: list[list[int]]) -> list[list[int]]:
+    """A single pixel or a line as a polygon: what draws polygons wants three points."""
+    return points if len(points) >= 3 else (points * 3)[:3]
