@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from valerie.cli.shell import say, settings_of
+from valerie.cli.shell import say
 from valerie.client import Client
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
 from valerie.settings import Settings
-
-if TYPE_CHECKING:
-    from valerie.pipeline.context import Context
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,24 +54,6 @@ def system_of(settings: Settings) -> Iterator[System]:
     say(f"starting Redis, the API and the workers (logs: {settings.data_dir / 'logs'})")
     with Supervisor(settings, found) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         yield System(client, owned=True, check=supervisor.check, supervisor=supervisor)
-
-
-@contextmanager
-def context_of(data_dir: Path | None) -> Iterator[Context]:
-    """The deployment's database and artifact store, for commands that work here; they need no server.
-
-    Raises:
-        ValerieError: the database is missing or of another version.
-    """
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.context import open_context
-
-    context = open_context(settings_of(data_dir))
-    try:
-        require_current(context.engine)
-        yield context
-    finally:
-        context.engine.dispose()
 
 
 def _token(settings: Settings) -> str | None:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from valerie.cli.connecting import context_of
-from valerie.cli.shell import DataDir, Json, say
+from valerie.cli.shell import DataDir, Json, context_of, say
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ _LINE_SECONDS: Final = 5.0
 Where = Annotated[
     str,
     typer.Option(
-        "--where", metavar="EXPRESSION", help="Only frames with a person that meets it: \"occlusion_rate < 0.5\"."
+        "--where", metavar="EXPRESSION", help='Only frames with a person that meets it: "occlusion_rate < 0.5".'
     ),
 ]
 

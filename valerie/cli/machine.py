@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.connecting import context_of
-from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
+from valerie.cli.shell import DataDir, Exit, Json, console, context_of, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:

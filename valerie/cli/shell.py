@@ -6,7 +6,8 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -18,6 +19,7 @@ from valerie.errors import InvalidInput, NotFound, ValerieError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from valerie.pipeline.context import Context
     from valerie.settings import Settings
 
 
@@ -61,6 +63,24 @@ def settings_of(data_dir: Path | None = None) -> Settings:
     from valerie.settings import load_settings
 
     return load_settings(data_dir=data_dir)
+
+
+@contextmanager
+def context_of(data_dir: Path | None) -> Iterator[Context]:
+    """The deployment's database and artifact store, for commands that work here; they need no server.
+
+    Raises:
+        ValerieError: the database is missing or of another version.
+    """
+    from valerie.db.migrate import require_current
+    from valerie.pipeline.context import open_context
+
+    context = open_context(settings_of(data_dir))
+    try:
+        require_current(context.engine)
+        yield context
+    finally:
+        context.engine.dispose()
 
 
 def console(*, stderr: bool = False) -> Console:

@@ -140,7 +140,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
         require_label_ids(class_map, field=entry.labels.name)
         instance_map = np.zeros(class_map.shape, np.uint16)
         if entry.instances is not None:
-            ids = _labels(entry.instances, np.uint16)
+            ids = _ids(entry.instances, 65_535).astype(np.uint16)
             instance_map = np.where(ids >= 1000, ids, np.uint16(0))
         return LabelledFrame(entry.name, _picture(entry.picture), class_map, instance_map)
 
@@ -190,22 +190,18 @@ def _picture(path: Path) -> NDArray[np.uint8]:
         return np.asarray(image.convert("RGB"), np.uint8)
 
 
-@overload
-def _labels(path: Path) -> NDArray[np.uint8]: ...
+def _labels(path: Path) -> NDArray[np.uint8]:
+    return _ids(path, 255).astype(np.uint8)
 
 
-@overload
-def _labels(path: Path, dtype: type[np.uint16]) -> NDArray[np.uint16]: ...
-
-
-def _labels(path: Path, dtype: type[np.uint8] | type[np.uint16] = np.uint8) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def _ids(path: Path, largest: int) -> NDArray[np.integer]:
     with _Opened(path) as image:
         values = np.asarray(image)
-    if values.ndim != 2 or values.dtype.kind not in "uib":
+    if values.ndim != 2 or values.dtype.kind not in "ui":
         raise InvalidInput("not a map of ids", field=path.name, value=f"{values.dtype} {values.shape}", limit="(H, W)")
-    if values.size and (int(values.min()) < 0 or int(values.max()) > np.iinfo(dtype).max):
-        raise InvalidInput("not a map of ids", field=path.name, value=int(values.max()), limit=np.iinfo(dtype).max)
-    return values.astype(dtype)
+    if values.size and (int(values.min()) < 0 or int(values.max()) > largest):
+        raise InvalidInput("not a map of ids", field=path.name, value=int(values.max()), limit=largest)
+    return values
 
 
 def save_png(path: Path, pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> None:

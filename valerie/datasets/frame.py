@@ -94,9 +94,8 @@ class LabelledFrame:
 
     def __post_init__(self) -> None:
         shape = self.class_map.shape
-        types = (self.picture.dtype, self.class_map.dtype, self.instance_map.dtype)
-        right = types == (np.uint8, np.uint8, np.uint16) and len(shape) == 2
-        if not right or self.picture.shape != (*shape, 3) or self.instance_map.shape != shape:
+        right = self.picture.dtype == self.class_map.dtype == np.uint8 and self.instance_map.dtype == np.uint16
+        if not right or len(shape) != 2 or self.picture.shape != (*shape, 3) or self.instance_map.shape != shape:
             given = f"{self.picture.dtype} {self.picture.shape}, {self.class_map.dtype} {shape}, "
             given += f"{self.instance_map.dtype} {self.instance_map.shape}"
             raise InvalidInput(

@@ -288,7 +288,7 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
     A frame without any person has one row with instance 0.
     """
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
-    query = (
+    query: Select[Any] = (
         select(*Frame.__table__.columns, *PersonView.__table__.columns, Variant.assignment)
         .join(Variant, _OF_VARIANT)
         .join(background, background.digest == Frame.background)

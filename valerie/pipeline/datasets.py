@@ -333,7 +333,9 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
 
 
 def _write_coco(folder: Path, split: str, fragments: Iterator[dict[str, Any]], description: str) -> None:
-    images, instances, panoptic = [], [], []
+    images: list[dict[str, Any]] = []
+    instances: list[dict[str, Any]] = []
+    panoptic: list[dict[str, Any]] = []
     for number, fragment in enumerate(fragments, start=1):
         images.append({"id": number, **fragment["image"]})
         panoptic.append({"image_id": number, **fragment["panoptic"]})

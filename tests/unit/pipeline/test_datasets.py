@@ -16,7 +16,7 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
 from valerie.pipeline.datasets import ExportProgress, ExportSettings, export_run
-from valerie.pipeline.frames import paint
+from valerie.pipeline.frames import draw, find
 from valerie.pipeline.makers.inputs import ProductReader
 
 
@@ -44,7 +44,9 @@ def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Pat
     assert len(frames) == 24
     name = FrameName.of("boxes-camera-2", 5, 0)
     frame = next(one for one in frames if one.name == name)
-    np.testing.assert_array_equal(frame.picture, paint(pipeline.context, run_id, 5, 1, kind="picture"))
+    np.testing.assert_array_equal(
+        frame.picture, draw(pipeline.context, find(pipeline.context, run_id, 5, 1, kind="picture"))
+    )
     with reading(pipeline.context.engine) as connection:
         truth = ProductReader(pipeline.context.store).truth(results.frame(connection, run_id, 5, 1).truth)
     np.testing.assert_array_equal(frame.class_map, truth.class_map)
