@@ -32,7 +32,7 @@ EVAL_QUEUE: Final = "eval"
 _TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
 
 #: Products per message, by kind: large enough to spread overhead, small enough that a killed worker loses little.
-CHUNK: Final = {"background": 1, "layer": 12, "truth": 12, "prediction": 6, "evaluation": 24}
+CHUNK: Final = {"background": 1, "layer": 24, "truth": 24, "prediction": 6, "evaluation": 24}
 
 
 def route_of(stage: str, name: str, numeric_class: str) -> str:
