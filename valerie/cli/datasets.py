@@ -67,8 +67,13 @@ def export(
         predictions=tuple(predictions or ()),
         polygons=polygons,
     )
+    lines = Lines("frames")
+
+    def tell(now: ExportProgress) -> None:
+        lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} were there" if now.resumed else "")
+
     with context_of(data_dir) as context:
-        made = export_run(context, run, out, settings, progress=_Lines("frames"))
+        made = export_run(context, run, out, settings, progress=tell)
     if as_json:
         document = {"folder": str(made.folder), "frames": dict(made.frames), "left_out": made.left_out}
         typer.echo(json.dumps(document))
@@ -96,23 +101,22 @@ def parse_splits(text: str) -> dict[str, float]:
     return shares
 
 
-class _Lines:
+class Lines:
     """Progress as one line now and then: how many, how fast, how long."""
 
     def __init__(self, what: str) -> None:
         self._what, self._shown_at = what, time.monotonic()
 
-    def __call__(self, now: ExportProgress) -> None:
-        if time.monotonic() - self._shown_at < _LINE_SECONDS and now.done < now.total:
+    def tell(self, done: int, total: int, per_s: float, note: str = "") -> None:
+        """Print a line if some seconds went by, or all is done."""
+        if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()
         from valerie.cli.display import duration
 
-        text = f"{now.done:,} of {now.total:,} {self._what}"
-        if now.resumed:
-            text += f" ({now.resumed:,} were there)"
-        if now.frames_per_s:
-            text += f", {now.frames_per_s:.1f}/s"
-            if now.done < now.total:
-                text += f", {duration((now.total - now.done) / now.frames_per_s)} left"
+        text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
+        if per_s:
+            text += f", {per_s:.1f}/s"
+            if done < total:
+                text += f", {duration((total - done) / per_s)} left"
         say(text)

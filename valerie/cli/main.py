@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli import assets, datasets, machine, runs, specs
+from valerie.cli import assets, datasets, evaluation, machine, runs, specs
 from valerie.cli.shell import guarded
 
 _HELP = """Validation of perception DNNs of automated vehicles by systematic variation of synthetic scenes.
@@ -54,6 +54,7 @@ app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)
 app.command(rich_help_panel=_WATCH)(runs.delete)
 app.command(rich_help_panel=_WATCH)(machine.replay)
+app.command(rich_help_panel=_PARTS)(evaluation.evaluate)
 app.add_typer(datasets.app, name="dataset", rich_help_panel=_PARTS)
 app.add_typer(assets.app, name="asset", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.worker)

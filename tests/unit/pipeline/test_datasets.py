@@ -15,9 +15,11 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
+from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_scores
 from valerie.pipeline.datasets import ExportProgress, ExportSettings, export_run
 from valerie.pipeline.frames import draw, find
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.testing.blank import BlankFunction
 
 
 @pytest.fixture(scope="module")
@@ -214,3 +216,17 @@ def test_a_run_without_predictions_yet_is_told(pipelines: Callable[..., Pipeline
 
 def _files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(formats=("cityscapes",)))
+    result = evaluate_dataset(
+        CityscapesFolder(tmp_path / "set", "val"), ["blank"], open_function=lambda _: BlankFunction()
+    )
+    here, there = result.functions[0].scores, run_scores(pipeline.context, run_id, "blank")
+    assert here.as_document() == there.as_document()
+    rows = pq.read_table(result.write(tmp_path / "out")[1]).to_pylist()
+    assert len(rows) == here.frames == 24

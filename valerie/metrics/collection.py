@@ -1,0 +1,146 @@
+"""Scores of a collection of frames, class by class, in both averages: frame mean and pooled.
+
+Every figure follows from the frames' confusion matrices, so a run and a data set of real pictures are compared by the
+same code and like with like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from valerie.labels import PERSON, TRAIN_LABELS, Label
+from valerie.metrics.aggregate import FrameMean, frame_mean, pooled
+from valerie.metrics.confusion import ConfusionMatrix
+from valerie.metrics.scores import (
+    ClassCounts,
+    class_counts,
+    fwiou,
+    iou,
+    macc,
+    miou,
+    pacc,
+    pixel_accuracy,
+    precision,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Averages:
+    """One score in both averages.
+
+    Attributes:
+        frames: over the frames in which it is defined, with the smallest and the largest.
+        pooled: of the summed counts; None where undefined.
+    """
+
+    frames: FrameMean
+    pooled: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ClassScores:
+    """One class over all frames.
+
+    Attributes:
+        label: which class.
+        counts: pixels, summed.
+        pacc: its recall.
+        precision, iou: likewise in both averages.
+    """
+
+    label: Label
+    counts: ClassCounts
+    pacc: Averages
+    precision: Averages
+    iou: Averages
+
+
+@dataclass(frozen=True, slots=True)
+class CollectionScores:
+    """All classes and all-class scores over some frames.
+
+    Attributes:
+        frames: how many.
+        matrix: (19, 20) summed counts.
+        classes: in train-id order.
+        overall: ``pixel_accuracy``, ``macc``, ``miou``, ``fwiou`` over the classes in the truth, and ``miou_cityscapes``:
+            the mean IoU of the summed counts over the classes in truth *or* prediction, as cityscapesScripts averages
+            (defined pooled only).
+    """
+
+    frames: int
+    matrix: ConfusionMatrix
+    classes: tuple[ClassScores, ...]
+    overall: dict[str, Averages]
+
+    def of(self, label: Label = PERSON) -> ClassScores:
+        """The scores of one evaluated class."""
+        return self.classes[label.train_id]
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON values; ratios in [0, 1], None where undefined, the matrix as rows (truth) of columns (prediction, void last)."""
+        return {
+            "frames": self.frames,
+            "overall": {name: asdict(value) for name, value in self.overall.items()},
+            "classes": {
+                one.label.name: {
+                    **asdict(one.counts),
+                    "pacc": asdict(one.pacc),
+                    "precision": asdict(one.precision),
+                    "iou": asdict(one.iou),
+                }
+                for one in self.classes
+            },
+            "confusion": self.matrix.tolist(),
+        }
+
+
+def collection_scores(matrices: Sequence[ConfusionMatrix]) -> CollectionScores:
+    """Scores of all frames from their matrices.
+
+    Args:
+        matrices: (19, 20) each, as `valerie.metrics.confusion.confusion_matrix` counts.
+
+    Raises:
+        InvalidInput: one is no such matrix.
+    """
+    total = pooled(matrices)
+
+    def both(score: Callable[[ConfusionMatrix], float | None]) -> Averages:
+        return Averages(frame_mean(score(matrix) for matrix in matrices), score(total))
+
+    overall = {
+        "pixel_accuracy": both(pixel_accuracy),
+        "macc": both(macc),
+        "miou": both(miou),
+        "fwiou": both(fwiou),
+        "miou_cityscapes": Averages(frame_mean(()), _miou_cityscapes(total)),
+    }
+    classes = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
+    return CollectionScores(len(matrices), total, classes, overall)
+
+
+def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: ConfusionMatrix) -> ClassScores:
+    counts = [class_counts(matrix, label.train_id) for matrix in matrices]
+    summed = class_counts(total, label.train_id)
+
+    def both(score: Callable[[ClassCounts], float | None]) -> Averages:
+        return Averages(frame_mean(score(one) for one in counts), score(summed))
+
+    return ClassScores(
+        label,
+        summed,
+        pacc=both(lambda c: pacc(c.tp, c.fn)),
+        precision=both(lambda c: precision(c.tp, c.fp)),
+        iou=both(lambda c: iou(c.tp, c.fp, c.fn)),
+    )
+
+
+def _miou_cityscapes(matrix: ConfusionMatrix) -> float | None:
+    counts = [class_counts(matrix, label.train_id) for label in TRAIN_LABELS]
+    values = [value for c in counts if (value := iou(c.tp, c.fp, c.fn)) is not None]
+    return float(np.mean(values)) if values else None

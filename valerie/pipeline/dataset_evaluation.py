@@ -1,0 +1,275 @@
+"""Functions under test on a data set of real (or exported) pictures: the metrics of a run, on other people's labels.
+
+What is ignored is what cityscapesScripts ignores: pixels whose label has no train id (unlabeled, ego vehicle, out of roi,
+static, dynamic, ground …), and license plates, which Cityscapes leaves to the car behind them (id 255, −1 in eight bits,
+is ignored too). A prediction of void on a labelled pixel is a miss.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from valerie.analysis.table import EvaluationTable
+from valerie.datasets.cityscapes import CityscapesFolder
+from valerie.datasets.frame import LabelledFrame
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.errors import InferenceError, InvalidInput
+from valerie.labels import TRAIN_LABELS, to_train_ids
+from valerie.metrics.aggregate import FrameMean, frame_mean
+from valerie.metrics.collection import CollectionScores, collection_scores
+from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.instances import person_counts
+from valerie.metrics.scores import frame_scores, pacc
+from valerie.perception.base import FunctionCard, PerceptionFunction
+from valerie.pipeline.context import Context
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.selection import function_index
+from valerie.storage import codecs
+
+FORMAT: Final = "valerie-dataset-evaluation/1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FunctionResult:
+    """One function on all frames.
+
+    Attributes:
+        card, numeric_class: of what really ran.
+        names: of the frames, in order.
+        matrices: (19, 20) per frame.
+        scores: derived from them.
+        persons: rows of the long table, one per person of the labels; empty where the labels tell no instances apart.
+        seconds: wall time of reading, predicting and counting.
+    """
+
+    card: FunctionCard
+    numeric_class: str
+    names: tuple[str, ...]
+    matrices: tuple[ConfusionMatrix, ...]
+    scores: CollectionScores
+    persons: tuple[dict[str, Any], ...]
+    seconds: float
+
+    @property
+    def person_pacc(self) -> FrameMean:
+        """PACC per person, each person weighing the same; all undefined where no instances are told apart."""
+        return frame_mean(row["pacc"] for row in self.persons if row["instance_id"] is not None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetResult:
+    """All functions on one split.
+
+    Attributes:
+        root, split: the data set.
+        digest: SHA-256 over names, pictures and labels, hex.
+        has_instances: whether persons are told apart.
+        functions: in the order asked for.
+    """
+
+    root: Path
+    split: str
+    digest: str
+    has_instances: bool
+    functions: tuple[FunctionResult, ...]
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON values: what was evaluated, and `CollectionScores.as_document` per function."""
+        return {
+            "format": FORMAT,
+            "dataset": self.root.name,
+            "split": self.split,
+            "digest": self.digest,
+            "has_instances": self.has_instances,
+            "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
+            "functions": {
+                one.card.name: {
+                    "card": asdict(one.card),
+                    "numeric_class": one.numeric_class,
+                    "seconds": round(one.seconds, 3),
+                    "person_pacc": asdict(one.person_pacc),
+                    **one.scores.as_document(),
+                }
+                for one in self.functions
+            },
+        }
+
+    def table(self) -> EvaluationTable:
+        """The long table: one row per (frame, function, person); what labels cannot tell is empty."""
+        return EvaluationTable.from_rows((row for one in self.functions for row in one.persons), {})
+
+    def write(self, folder: Path) -> tuple[Path, ...]:
+        """Write ``evaluation.json``, ``frames.parquet`` and, where persons are told apart, ``persons.parquet``."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        folder.mkdir(parents=True, exist_ok=True)
+        written = [folder / "evaluation.json", folder / "frames.parquet"]
+        written[0].write_text(json.dumps(self.as_document(), indent=1, ensure_ascii=False) + "\n")
+        pq.write_table(pa.Table.from_pylist(_frame_rows(self)), written[1], compression="zstd")
+        if self.has_instances:
+            written.append(folder / "persons.parquet")
+            self.table().to_parquet(written[-1])
+        return tuple(written)
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationProgress:
+    """How far it is: frames of all functions together."""
+
+    function: str
+    done: int
+    total: int
+    frames_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Instances:
+    """What `person_counts` needs of a labelled frame."""
+
+    instance_map: np.ndarray[Any, np.dtype[np.uint16]]
+    persons: Sequence[Any] = field(default_factory=tuple)
+
+
+def evaluate_dataset(
+    folder: CityscapesFolder,
+    references: Sequence[str],
+    *,
+    open_function: Callable[[str], PerceptionFunction],
+    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+) -> DatasetResult:
+    """Evaluate functions on one split, one function after the other.
+
+    Args:
+        folder: the split.
+        references: what to open; at least one.
+        open_function: opens one; it is closed before the next is opened.
+        progress: called after every frame.
+
+    Raises:
+        InvalidInput: no function, one named twice, or labels that are none.
+        CorruptArtifact: a broken file.
+        InferenceError: a function failed or answered another size.
+    """
+    if not references or len(set(references)) < len(references):
+        raise InvalidInput("name each function once", field="--function", value=list(references))
+    total, done, started = len(folder) * len(references), 0, time.monotonic()
+    made: list[FunctionResult] = []
+    seen = hashlib.sha256()
+    for number, reference in enumerate(references):
+        function = open_function(reference)
+        began = time.monotonic()
+        matrices: list[ConfusionMatrix] = []
+        persons: list[dict[str, Any]] = []
+        try:
+            for index, frame in enumerate(folder):
+                if number == 0:
+                    for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
+                        seen.update(part)
+                matrix, rows = _evaluate(function, frame, index, folder)
+                matrices.append(matrix)
+                persons += rows
+                done += 1
+                rate = done / max(time.monotonic() - started, 1e-9)
+                progress(EvaluationProgress(function.card.name, done, total, rate))
+            made.append(
+                FunctionResult(
+                    card=function.card,
+                    numeric_class=function.numeric_class,
+                    names=tuple(str(name) for name in folder.names),
+                    matrices=tuple(matrices),
+                    scores=collection_scores(matrices),
+                    persons=tuple(persons),
+                    seconds=time.monotonic() - began,
+                )
+            )
+        finally:
+            function.close()
+    names = [one.card.name for one in made]
+    if len(set(names)) < len(names):
+        raise InvalidInput("two functions have the same name", field="--function", value=names)
+    return DatasetResult(folder.root, folder.split, seen.hexdigest(), folder.has_instances, tuple(made))
+
+
+def _evaluate(
+    function: PerceptionFunction, frame: LabelledFrame, index: int, folder: CityscapesFolder
+) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
+    predicted = function.predict(frame.picture)
+    if predicted.shape != frame.class_map.shape:
+        raise InferenceError(
+            f"{function.card.name} answered {predicted.shape} for a picture of {frame.picture.shape[:2]}"
+        )
+    truth = to_train_ids(frame.class_map)
+    matrix = confusion_matrix(truth, predicted)
+    if not folder.has_instances:
+        return matrix, []
+    scores = frame_scores(matrix)
+    common = {
+        "run_id": f"{folder.root.name}/{folder.split}",
+        "variant_index": index,
+        "frame_id": str(frame.name),
+        "camera": frame.name.city,
+        "sensor": "as recorded",
+        "function": function.card.name,
+        "precision": scores.precision,
+        "iou": scores.iou,
+        "pixel_accuracy": scores.pixel_accuracy,
+        "fp": scores.counts.fp,
+    }
+    people = person_counts(_Instances(frame.instance_map), predicted)
+    if not people:
+        return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
+    pixels = frame.class_map.size
+    return matrix, [
+        {
+            **common,
+            "instance_id": one.instance_id,
+            "pixel_area": one.tp + one.fn,
+            "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
+            "tp": one.tp,
+            "fn": one.fn,
+            "pacc": pacc(one.tp, one.fn),
+        }
+        for one in people
+    ]
+
+
+def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
+    rows = []
+    for one in result.functions:
+        for name, matrix in zip(one.names, one.matrices, strict=True):
+            scores = frame_scores(matrix)
+            rows.append(
+                {
+                    "frame": name,
+                    "function": one.card.name,
+                    **asdict(scores.counts),
+                    **{
+                        column: getattr(scores, column)
+                        for column in ("pacc", "precision", "iou", "pixel_accuracy", "macc", "miou", "fwiou")
+                    },
+                    "confusion": matrix.ravel().tolist(),
+                }
+            )
+    return rows
+
+
+def run_scores(context: Context, run_id: str, function: str) -> CollectionScores:
+    """The same scores of a run's evaluated frames (first sensor setting), to stand beside those of a data set.
+
+    Raises:
+        NotFound, UnknownName: no such run, or a function that it did not evaluate.
+    """
+    with reading(context.engine) as connection:
+        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+        found = results.predictions(connection, run_id, 0, function_index(function, resolved))
+    return collection_scores([codecs.decode_counts(packed) for _, packed in found.values()])
