@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from sqlalchemy import Engine, select
+from sqlalchemy import Connection, Engine, event, select
 
 from valerie.db import products, runs
 from valerie.db.engine import reading, writing
@@ -196,3 +198,36 @@ class TestUnlinked:
             assert products.unlinked(connection, limit=10) == [(digest("x"), "layer")]
             runs.remove(connection, "r1")
             assert {d for d, _ in products.unlinked(connection, limit=10)} == {*ALL, digest("x")}
+
+
+class TestCost:
+    @pytest.mark.parametrize(
+        "ask",
+        [
+            products.unfinished_count,
+            products.unfinished_by_route,
+            lambda connection: products.take_back_expired(connection, now=100.0, max_attempts=3),
+            lambda connection: products.promote_all(connection, 100.0),
+            lambda connection: products.stale_ready(connection, before=100.0, limit=10),
+            lambda connection: products.fail_orphaned_dependents(connection, 100.0),
+        ],
+    )
+    def test_what_the_control_loop_asks_all_the_time_does_not_read_finished_products(
+        self, engine: Engine, ask: Callable[[Connection], object]
+    ) -> None:
+        write_run(engine)
+        asked: list[tuple[str, Any]] = []
+
+        def note(_connection: Any, _cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
+            asked.append((statement, parameters))
+
+        event.listen(engine, "before_cursor_execute", note)
+        with writing(engine) as connection:
+            ask(connection)
+        event.remove(engine, "before_cursor_execute", note)
+        about_products = [(sql, values) for sql, values in asked if "products" in sql]
+        assert about_products
+        with reading(engine) as connection:
+            for sql, values in about_products:
+                steps = [str(row[3]) for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {sql}", values)]
+                assert not [step for step in steps if step.startswith("SCAN") and "INDEX" not in step], (sql, steps)
