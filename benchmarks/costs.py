@@ -26,7 +26,8 @@ from valerie.rendering.base import View
 from valerie.rendering.visibility import measure
 from valerie.scene.asset import load_asset
 from valerie.scene.variation import apply
-from valerie.sensing.sensor import SensorSetting, develop
+from valerie.sensing.sensor import develop
+from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs
 
 RESOLUTIONS = ((960, 540), (1920, 1080))

@@ -18,7 +18,7 @@ from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.pictures import FUNCTION_KINDS, PAINTING_REVISION, FramePainter
 from valerie.pipeline.resolution import resolve_stored
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
-from valerie.sensing.sensor import SensorSetting
+from valerie.sensing.settings import SensorSetting
 
 #: Kinds that are drawn from the ground truth alone, and from the picture alone (a prediction apart).
 _OF_TRUTH = ("truth", "instances", "depth")

@@ -14,7 +14,8 @@ from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.base import GroundTruth, LinearImage
-from valerie.sensing.sensor import SensorSetting, develop
+from valerie.sensing.sensor import develop
+from valerie.sensing.settings import SensorSetting
 
 #: Kinds of picture that a frame has by itself, and those that show what a function made of it.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")

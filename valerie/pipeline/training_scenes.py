@@ -27,7 +27,7 @@ from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Texture
 from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
 from valerie.scene.variation import apply
-from valerie.sensing.sensor import SensorSetting
+from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.
 REVISION: Final = 1

@@ -27,7 +27,7 @@ from pydantic import (
 from valerie.errors import InvalidInput, InvalidInputs
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
-from valerie.sensing.sensor import SensorSetting
+from valerie.sensing.settings import SensorSetting
 
 #: A number, or text with a number and a unit.
 Quantity = StrictInt | StrictFloat | StrictStr
@@ -239,7 +239,9 @@ class RunSpec(Document):
     @property
     def digest(self) -> str:
         """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""
-        return digest("run-spec", self.model_dump(mode="json"))
+        document = self.model_dump(mode="json")
+        document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
+        return digest("run-spec", document)
 
     def to_yaml(self) -> str:
         """The document as a file that reads back as an equal spec; defaults are left out."""

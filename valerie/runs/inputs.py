@@ -25,7 +25,7 @@ from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind
 from valerie.scene.variation import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
-from valerie.sensing.sensor import SensorSetting
+from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever equal predictions and truths give other counts.
 EVALUATION_REVISION: Final = 1

@@ -17,6 +17,7 @@ from valerie.parameters.definitions import Affects, ParameterType, Value
 from valerie.scene.draft import CameraPose, Draft, cloth_materials
 from valerie.scene.model import Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.transforms import Pose
 
 #: The choice of a character that hides the person.
@@ -70,7 +71,7 @@ def target_of(path: str, cameras: Iterable[str]) -> Target:
         path: e.g. ``scene.person-1`` or ``sensor``.
         cameras: names of the scene's cameras.
     """
-    if path == "sensor":
+    if path == SENSOR_ROOT:
         return Target.SENSOR
     if path == SUN_PATH:
         return Target.SUN
@@ -236,7 +237,7 @@ def _environment(field: str) -> tuple[Read, Write]:
     return read, write
 
 
-def _sensor(neutral: float) -> tuple[Read, Write]:
+def _sensor(neutral: Value) -> tuple[Read, Write]:
     """The sensor stage takes these from the assignment; the scene does not change."""
 
     def read(_scene: Scene, _path: str) -> Value:
@@ -274,8 +275,9 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("irradiance", sun, number, "", 0, 100, light, *_sun("irradiance", angle=False))
     yield Attribute("turbidity", sky, number, "", 1.7, 10, light, *_environment("turbidity"))
     yield Attribute("sky_strength", sky, number, "", 0, 100, light, *_environment("sky_strength"))
-    yield Attribute("exposure_ev", sensor, number, "EV", -20, 20, Affects.SENSOR_RADIOMETRY, *_sensor(0.0))
-    yield Attribute("gamma", sensor, number, "", 0.1, 10, Affects.SENSOR_RADIOMETRY, *_sensor(1.0))
+    for row in SENSOR_PARAMETERS.values():
+        ends = (row.minimum, row.maximum)
+        yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_sensor(row.neutral))
 
 
 #: (kind of thing, attribute name) to attribute.

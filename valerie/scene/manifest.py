@@ -18,6 +18,7 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
 from valerie.scene.attributes import resolve
 from valerie.scene.naming import ROOT, is_node_name
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 
 #: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
 MAX_COORDINATE_M: Final = 10_000.0
@@ -260,7 +261,7 @@ def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], fi
                 f"{definition.path} has another {name}", field=f"{field}.{name}", value=str(declared), limit=str(own)
             )
     low, high = attribute.minimum, attribute.maximum
-    if definition.type is ParameterType.FLOAT and (
+    if definition.type in (ParameterType.FLOAT, ParameterType.INT) and (
         (low is not None and (definition.minimum is None or definition.minimum < low))
         or (high is not None and (definition.maximum is None or definition.maximum > high))
     ):
@@ -270,6 +271,10 @@ def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], fi
             value=definition.range_text,
             limit=f"{low}…{high}",
         )
+    row = SENSOR_PARAMETERS.get(definition.path.removeprefix(f"{SENSOR_ROOT}."))
+    for choice in definition.choices if row is not None else ():
+        if row is not None and choice not in row.choices:
+            raise UnknownName(f"choice of {definition.path}", choice, row.choices, field=f"{field}.choices")
 
 
 def _check_paths(field: str, paths: tuple[str, ...]) -> None:

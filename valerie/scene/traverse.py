@@ -11,6 +11,7 @@ from valerie.scene.asset import SceneAsset
 from valerie.scene.attributes import ABSENT, ATTRIBUTES, Attribute, Target, characters
 from valerie.scene.model import Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, SUN_PATH
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.variation import apply
 
 
@@ -47,7 +48,7 @@ def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
         *((camera.path, Target.CAMERA) for camera in scene.cameras.values()),
         (SUN_PATH, Target.SUN),
         (ENVIRONMENT_PATH, Target.ENVIRONMENT),
-        ("sensor", Target.SENSOR),
+        (SENSOR_ROOT, Target.SENSOR),
     ]
     return tuple(entry for path, target in things for entry in _entries(asset, scene, path, target))
 
@@ -68,7 +69,7 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         minimum, maximum, choices = declared.minimum, declared.maximum, declared.choices
     else:
         minimum, maximum = attribute.minimum, attribute.maximum
-        choices = (*characters(scene, thing), ABSENT) if attribute.type is ParameterType.CATEGORICAL else ()
+        choices = _choices(scene, thing, path, attribute)
     if isinstance(value, float):
         # Taken back from matrices: nobody wants to read 19.999999999999996.
         value = round(value, 9) if math.isfinite(value) else value
@@ -83,3 +84,11 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         declared=declared is not None,
         affects=attribute.affects,
     )
+
+
+def _choices(scene: Scene, thing: str, path: str, attribute: Attribute) -> tuple[str, ...]:
+    if attribute.type is not ParameterType.CATEGORICAL:
+        return ()
+    if attribute.target is Target.SENSOR:
+        return SENSOR_PARAMETERS[path.removeprefix(f"{SENSOR_ROOT}.")].choices
+    return (*characters(scene, thing), ABSENT)

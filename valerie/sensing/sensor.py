@@ -1,102 +1,228 @@
-"""The camera's own radiometry: a linear image in, the picture that a function under test sees out.
+"""The sensor stage: a linear image in, the picture that a function under test sees out.
 
-The whole stage works on one channel value at a time, and a float16 has only 65,536 values: so the float64 formula is
-evaluated once per setting for every one of them, and a frame is a look-up: exact, and 2 CPU-ms for 960 × 540.
+The effects follow each other as the light meets them:
+
+1. *scene-referred light*: defocus; dirt and drops on the front glass; distortion with lateral chromatic aberration, in one
+   resampling; vignetting
+2. *electrons*: exposure, dead and hot pixels, shot noise, read noise, full well, gain, converter
+3. *camera values*: white balance
+4. *display values*: tone curve, sRGB transfer, gamma, 8 bits, JPEG
+
+What is neutral is left out. Where only exposure, gain, white balance, a curve that works per channel and gamma are left, the
+stage maps one channel value to another, and a float16 has only 65,536 values: the float64 formula is evaluated once per
+setting for every one of them, and a frame is a look-up: exact, and 2 CPU-ms for 960 × 540. The other effects work in float32
+and end in the same table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput
+from valerie.parameters.assignment import digest
+from valerie.sensing.blender_filmic import blender_filmic
+from valerie.sensing.colour import white_balance_gains
 from valerie.sensing.curves import CURVES, linear_to_srgb
+from valerie.sensing.defocus import circle_of_confusion, defocus
+from valerie.sensing.distortion import pixel_map
+from valerie.sensing.electronics import break_pixels, expose
+from valerie.sensing.jpeg import through_jpeg
+from valerie.sensing.optics import vignetting
+from valerie.sensing.resampling import bilinear
+from valerie.sensing.settings import SensorSetting
+from valerie.sensing.soiling import dirty, rained_on
 
 #: Raised by hand whenever a setting gives other pixels; part of every prediction's digest.
 REVISION: Final = 1
+#: Width of the sensor that focal lengths in millimetres are meant on, as everywhere in the scene.
+SENSOR_WIDTH_MM: Final = 36.0
+#: The largest finite float16 stands for infinite light.
+_BRIGHTEST: Final = np.float32(65504.0)
 
-ToneCurve = Literal["srgb", "filmic", "aces"]
+Floats = NDArray[np.float32]
 
 
-class SensorSetting(BaseModel):
-    """One camera response; the order is exposure, tone curve, sRGB transfer, gamma.
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """What the stage has to know of a frame besides its linear image; only what the setting needs is looked at.
 
     Attributes:
-        name: name in the spec and in results.
-        exposure_ev: stops; the linear image is multiplied by ``2 ** exposure_ev``.
-        curve: ``filmic`` (Hable), ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see `valerie.sensing.curves`.
-        gamma: the display value becomes ``v ** (1 / gamma)``, as Blender's view gamma (the paper, section 6, uses 1.5).
+        focal_length_mm: of the camera, on a sensor 36 mm wide.
+        depth: (H, W) float32, metres along the optical axis, inf where nothing is hit.
+        run_seed: of the run.
+        content: what stands for the linear image (its digests), so that every picture has its own noise.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    name: str = Field("default", min_length=1, max_length=64)
-    exposure_ev: Annotated[float, Field(ge=-16.0, le=16.0)] = 0.0
-    curve: ToneCurve = "filmic"
-    gamma: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
-
-    def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
-        """This setting with the ``sensor.…`` values of a variant put in, e.g. ``{"sensor.exposure_ev": 0.5}``.
-
-        Raises:
-            UnknownName: a path below ``sensor`` that no field answers to.
-            InvalidInput: a path outside ``sensor``.
-            pydantic.ValidationError: a value outside the field's range.
-        """
-        if not sensor:
-            return self
-        values = self.model_dump()
-        for path, value in sensor.items():
-            root, _, attribute = path.partition(".")
-            if root != "sensor":
-                raise InvalidInput("not a parameter of the sensor", field=path, limit="paths below 'sensor'")
-            if attribute not in values or attribute == "name":
-                known = [f"sensor.{name}" for name in values if name != "name"]
-                raise UnknownName("sensor parameter", path, known, field=path)
-            values[attribute] = value
-        return SensorSetting.model_validate(values)
+    focal_length_mm: float | None = None
+    depth: NDArray[np.float32] | None = None
+    run_seed: int = 0
+    content: tuple[str, ...] = ()
 
 
-def develop(linear: NDArray[np.float16], setting: SensorSetting) -> NDArray[np.uint8]:
+def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | None = None) -> NDArray[np.uint8]:
     """Make the picture of a linear image.
 
     Args:
         linear: (H, W, 3) float16, scene-referred, linear Rec. 709. NaN and negative values count as 0, inf as white.
-        setting: exposure, tone curve and gamma.
+        setting: the camera.
+        shot: the frame, where the setting needs it.
 
     Returns:
-        (H, W, 3) uint8 sRGB, a new array.
+        (H, W, 3) uint8 sRGB, a new array; equal for equal input.
 
     Raises:
-        InvalidInput: the image is not (H, W, 3) float16.
+        InvalidInput: the image is not (H, W, 3) float16, or the setting needs what ``shot`` does not have.
     """
     if linear.dtype != np.float16 or linear.ndim != 3 or linear.shape[2] != 3:
         given = f"{linear.dtype} {linear.shape}"
         raise InvalidInput("not a linear image", field="linear", value=given, limit="(H, W, 3) float16")
-    table = _table(setting.exposure_ev, setting.curve, setting.gamma)
-    # mode="clip" spares numpy the range check; every uint16 is a valid index.
-    return np.take(table, np.ascontiguousarray(linear).view(np.uint16), mode="clip")
+    balance = white_balance_gains(setting.white_balance.temperature_k, setting.white_balance.tint)
+    factor = 2.0**setting.exposure_ev
+    if setting.gain_db:
+        factor *= 10.0 ** (setting.gain_db / 20.0)
+    values: NDArray[np.float16] | Floats = linear
+    if _bends_light(setting) or setting.counts_electrons:
+        shot = shot if shot is not None else Shot()
+        light = np.nan_to_num(linear.astype(np.float32), nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
+        values = _through_lens(np.maximum(light, np.float32(0.0), out=light), setting, shot)
+    if setting.counts_electrons and shot is not None:
+        values = _counted(values.astype(np.float32, copy=False), setting, shot)
+        factor = 1.0
+    picture = _shown(values, [factor * gain for gain in balance], setting)
+    return through_jpeg(picture, setting.jpeg_quality) if setting.jpeg_quality else picture
 
 
 def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.float64]:
-    """The stage's formula without rounding: linear values of any shape to display values in [0, 1], float64."""
-    exposed = np.nan_to_num(linear, nan=0.0, posinf=np.inf, neginf=0.0) * 2.0**setting.exposure_ev
+    """The response to neutral light, without noise and rounding: values of any shape to display values in [0, 1], float64."""
+    gain = 10.0 ** (setting.gain_db / 20.0) if setting.gain_db else 1.0
+    return _respond(linear, 2.0**setting.exposure_ev * gain, setting.curve, setting.gamma)
+
+
+def _bends_light(setting: SensorSetting) -> bool:
+    lens, soiling = setting.lens, setting.soiling
+    return bool(
+        setting.needs_focal_length or lens.chromatic_aberration or soiling.dirt or soiling.drops
+    )
+
+
+def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
+    height, width = light.shape[:2]
+    lens, soiling = setting.lens, setting.soiling
+    focal_px = 0.0
+    if setting.needs_focal_length:
+        if shot.focal_length_mm is None:
+            raise InvalidInput("the sensor setting needs the camera's focal length", field="shot.focal_length_mm")
+        focal_px = focal_length_px(shot.focal_length_mm, width)
+    if setting.needs_depth:
+        if shot.depth is None or shot.focal_length_mm is None or shot.depth.shape != (height, width):
+            raise InvalidInput("defocus needs the depth of every pixel", field="shot.depth", limit=(height, width))
+        radius = circle_of_confusion(
+            shot.depth,
+            focal_length_mm=shot.focal_length_mm,
+            focal_px=focal_px,
+            f_number=lens.f_number,
+            focus_distance_m=lens.focus_distance_m,
+        )
+        light = defocus(light, radius)
+    if soiling.dirt:
+        light = dirty(light, soiling.dirt, _specimen_seed(setting, shot, "dirt"))
+    if soiling.drops:
+        light = rained_on(light, soiling.drops, _specimen_seed(setting, shot, "drops"))
+    if lens.chromatic_aberration or not setting.distortion.identity:
+        light = _displaced(light, setting, focal_px)
+    if lens.vignetting:
+        light = light * vignetting(width, height, focal_px, lens.vignetting)
+    return light
+
+
+def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats:
+    """Distortion, and red and blue larger or smaller than green."""
+    height, width = light.shape[:2]
+    middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
+    aberration = setting.lens.chromatic_aberration
+    if setting.distortion.identity:
+        x, y = np.broadcast_arrays(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)[:, None])
+    else:
+        found = pixel_map(setting.distortion, width, height, focal_px)
+        x, y = found.x, found.y
+        if not aberration:
+            return bilinear(light, x, y)
+    displaced = np.empty_like(light)
+    for channel, larger in enumerate((1.0 + aberration, 1.0, 1.0 - aberration)):
+        at_x, at_y = middle_x + (x - middle_x) / larger, middle_y + (y - middle_y) / larger
+        displaced[..., channel] = bilinear(np.ascontiguousarray(light[..., channel]), at_x, at_y)
+    return displaced
+
+
+def _counted(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
+    """Exposed and counted, with the gain in it."""
+    exposed: Floats = light * np.float32(2.0**setting.exposure_ev)
+    pixels = setting.pixels
+    if pixels.dead_rate or pixels.hot_rate:
+        generator = np.random.default_rng(_specimen_seed(setting, shot, "pixels"))
+        exposed = break_pixels(exposed, pixels, 2.0 * 2.0**setting.noise.headroom_ev, generator)
+    gain = 10.0 ** (setting.gain_db / 20.0) if setting.gain_db else 1.0
+    noise = np.random.default_rng(_seed("noise", shot.run_seed, shot.content, setting.specimen))
+    return expose(exposed, setting.noise, gain=gain, generator=noise)
+
+
+def _shown(
+    values: NDArray[np.float16] | Floats, factors: list[float], setting: SensorSetting
+) -> NDArray[np.uint8]:
+    """From camera values, times a factor per channel, to 8 bits."""
+    if setting.curve == "blender-filmic":
+        light = np.nan_to_num(values.astype(np.float32, copy=False), nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
+        display = blender_filmic(light * np.array(factors, np.float32))
+        if setting.gamma != 1.0:
+            display = display ** np.float32(1.0 / setting.gamma)
+        return np.floor(display * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+    if values.dtype != np.float16:
+        values = np.minimum(values, _BRIGHTEST).astype(np.float16)
+    bits = np.ascontiguousarray(values).view(np.uint16)
+    tables = [_table(factor, setting.curve, setting.gamma) for factor in factors]
+    # mode="clip" spares numpy the range check; every uint16 is a valid index.
+    if factors[0] == factors[1] == factors[2]:
+        return np.take(tables[0], bits, mode="clip")
+    picture = np.empty(bits.shape, np.uint8)
+    for channel, table in enumerate(tables):
+        picture[..., channel] = np.take(table, bits[..., channel], mode="clip")
+    return picture
+
+
+def focal_length_px(focal_length_mm: float, width: int) -> float:
+    """Focal length in pixels of an image ``width`` pixels wide."""
+    return focal_length_mm / SENSOR_WIDTH_MM * width
+
+
+def _specimen_seed(setting: SensorSetting, shot: Shot, what: str) -> int:
+    return _seed(what, shot.run_seed, setting.specimen)
+
+
+def _seed(*parts: object) -> int:
+    return int(digest("sensor", *parts), 16)
+
+
+def _respond(linear: NDArray[np.float64], factor: float, curve: str, gamma: float) -> NDArray[np.float64]:
+    exposed = np.nan_to_num(linear, nan=0.0, posinf=np.inf, neginf=0.0) * factor
     # 1e6 is white on every curve, and keeps inf / inf out of the rational ones.
-    toned = CURVES[setting.curve](np.clip(exposed, 0.0, 1e6))
-    display = linear_to_srgb(np.clip(toned, 0.0, 1.0))
-    return np.clip(display, 0.0, 1.0) ** (1.0 / setting.gamma)
+    exposed = np.clip(exposed, 0.0, 1e6)
+    if curve == "blender-filmic":
+        grey = np.repeat(exposed.astype(np.float32)[..., None], 3, axis=-1)
+        display = blender_filmic(grey)[..., 1].astype(np.float64)
+    else:
+        display = linear_to_srgb(np.clip(CURVES[curve](exposed), 0.0, 1.0))
+    return np.clip(display, 0.0, 1.0) ** (1.0 / gamma)
 
 
-@lru_cache(maxsize=32)  # 64 KiB each; a pure function of its arguments
-def _table(exposure_ev: float, curve: ToneCurve, gamma: float) -> NDArray[np.uint8]:
+@lru_cache(maxsize=48)  # 64 KiB each; a pure function of its arguments
+def _table(factor: float, curve: str, gamma: float) -> NDArray[np.uint8]:
     """(65536,) uint8: the picture value of every float16, by its bits."""
     every_value = np.arange(65536, dtype=np.uint32).astype(np.uint16).view(np.float16).astype(np.float64)
-    setting = SensorSetting(exposure_ev=exposure_ev, curve=curve, gamma=gamma)
-    table: NDArray[np.uint8] = np.floor(respond(every_value, setting) * 255.0 + 0.5).astype(np.uint8)
+    table: NDArray[np.uint8] = np.floor(_respond(every_value, factor, curve, gamma) * 255.0 + 0.5).astype(np.uint8)
     table.setflags(write=False)
     return table

@@ -6,7 +6,8 @@ from pydantic import ValidationError
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.sensing.curves import CURVES
-from valerie.sensing.sensor import SensorSetting, develop, respond
+from valerie.sensing.sensor import develop, respond
+from valerie.sensing.settings import SensorSetting
 
 CURVE_NAMES = sorted(CURVES)
 

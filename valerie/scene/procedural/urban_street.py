@@ -40,6 +40,7 @@ from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
 from valerie.scene.objects import classified
 from valerie.scene.procedural.street.layout import layout_street
 from valerie.scene.procedural.street.plan import StreetLayout, StreetSettings
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.transforms import camera_transform, place
 
 NAME: Final = "urban-street"
@@ -214,8 +215,8 @@ def _parameters() -> Iterator[ParameterDefinition]:
     yield _number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
     for name, camera in CAMERAS.items():
         yield from _camera_parameters(f"{ROOT}.{name}", camera)
-    yield _number("sensor.exposure_ev", -4.0, 4.0, 0.0, Affects.SENSOR_RADIOMETRY, "EV", "stops of exposure")
-    yield _number("sensor.gamma", 0.5, 3.0, 1.0, Affects.SENSOR_RADIOMETRY, "", "applied after the tone curve")
+    for row in SENSOR_PARAMETERS.values():
+        yield row.definition()
 
 
 def _camera_parameters(path: str, camera: CameraPlace) -> Iterator[ParameterDefinition]:

@@ -1,0 +1,123 @@
+"""Defocus: a thin lens shows a point that is not in its focal plane as a disc.
+
+The circle of confusion of a point at depth d, for a lens of focal length f and f-number N that is focused at S, has the
+diameter ``f² / (N (S − f)) · |d − S| / d`` on the sensor. Source: M. Born and E. Wolf, Principles of Optics, 7th edition,
+1999, section 4.4 (thin lens); M. Potmesil and I. Chakravarty, "Synthetic image generation with a lens and aperture camera
+model", ACM TOG 1(2), 1982, doi:10.1145/357299.357300.
+
+The image is cut into layers of similar blur, from far to near; each is blurred with its own disc and laid over the ones behind
+it, so that what is in front may be blurred over what is behind but never the other way. What a blurred edge uncovers is
+filled from what is seen around it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+#: Discs below this radius, in pixels, are points.
+_SHARP: Final = 0.5
+#: Each layer's discs are that much larger than the next smaller one's.
+_STEP: Final = 1.35
+#: Largest radius, as a share of the image's width.
+_LARGEST: Final = 0.03
+
+Floats = NDArray[np.float32]
+
+
+def circle_of_confusion(
+    depth: Floats, *, focal_length_mm: float, focal_px: float, f_number: float, focus_distance_m: float
+) -> Floats:
+    """Signed radius of the disc of every point, pixels; below zero in front of the focal plane.
+
+    Args:
+        depth: any shape, metres along the optical axis; inf for the sky.
+        focal_length_mm, focal_px: the focal length in millimetres and in pixels.
+        f_number: focal length over the diameter of the aperture.
+        focus_distance_m: depth of the focal plane; not nearer than two focal lengths.
+    """
+    focus = max(1000.0 * focus_distance_m, 2.0 * focal_length_mm)
+    at_infinity = 0.5 * focal_length_mm / f_number * focal_px / (focus - focal_length_mm)
+    with np.errstate(divide="ignore"):
+        nearness = np.float32(focus / 1000.0) / np.maximum(depth, np.float32(1e-3))
+    radius: Floats = (np.float32(at_infinity) * (np.float32(1.0) - nearness)).astype(np.float32)
+    return radius
+
+
+def defocus(linear: Floats, radius: Floats) -> Floats:
+    """Blur each pixel with its disc.
+
+    Args:
+        linear: (H, W, 3), linear light.
+        radius: (H, W), as of `circle_of_confusion`; at most `_LARGEST` of the width counts.
+
+    Returns:
+        (H, W, 3); the same array where everything is sharp.
+    """
+    layers = _layers(radius, _LARGEST * linear.shape[1])
+    if len(layers) == 1 and layers[0][0] < _SHARP:
+        return linear
+    light = np.zeros((*linear.shape[:2], 4), np.float32)
+    for disc, mask in layers:
+        _lay_over(light, linear, mask, disc)
+    blurred: Floats = light[..., :3] / np.maximum(light[..., 3:], np.float32(1e-6))
+    return blurred
+
+
+def _layers(radius: Floats, largest: float) -> list[tuple[float, NDArray[np.bool_]]]:
+    """(radius of the disc, pixels), from the farthest to the nearest."""
+    size = np.clip(np.abs(radius), 0.0, largest)
+    level = np.where(size < _SHARP, 0, 1 + np.floor(np.log(np.maximum(size, _SHARP) / _SHARP) / np.log(_STEP)))
+    signed = (np.where(radius < 0.0, -level, level)).astype(np.int32)
+    found = []
+    for number in sorted(np.unique(signed).tolist(), reverse=True):
+        mask = signed == number
+        found.append((float(size[mask].mean()) if number else 0.0, mask))
+    return found
+
+
+def _lay_over(light: Floats, linear: Floats, mask: NDArray[np.bool_], disc: float) -> None:
+    """Put one blurred layer over what is behind it; ``light`` holds colours weighted by the cover, and the cover."""
+    margin = int(np.ceil(disc)) + 1 if disc >= _SHARP else 0
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    height, width = mask.shape
+    top, bottom = max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, height)
+    left, right = max(int(columns[0]) - margin, 0), min(int(columns[-1]) + margin + 1, width)
+    box = (slice(top, bottom), slice(left, right))
+    layer = np.empty((bottom - top, right - left, 4), np.float32)
+    cover = mask[box]
+    layer[..., :3] = linear[box] * cover[..., None]
+    layer[..., 3] = cover
+    if disc >= _SHARP:
+        layer = convolve(layer, disc_kernel(disc))
+    behind = light[box]
+    behind *= np.float32(1.0) - layer[..., 3:]
+    behind += layer
+
+
+def disc_kernel(radius: float) -> Floats:
+    """(2n + 1, 2n + 1) float32: a disc with a soft rim one pixel wide; sums to 1."""
+    reach = int(np.ceil(radius))
+    place = np.arange(-reach, reach + 1)
+    distance = np.hypot(place[:, None], place[None, :])
+    kernel = np.clip(radius + 0.5 - distance, 0.0, 1.0)
+    normalized: Floats = (kernel / kernel.sum()).astype(np.float32)
+    return normalized
+
+
+def convolve(image: Floats, kernel: Floats) -> Floats:
+    """(H, W, C) with a kernel of odd size; beyond the border there is nothing. Results are not negative."""
+    height, width = image.shape[:2]
+    reach = kernel.shape[0] // 2
+    shape = [fft.next_fast_len(n + reach, real=True) for n in (height, width)]
+    spectrum = fft.rfft2(image, s=shape, axes=(0, 1))
+    # The kernel's centre goes to the origin, so that nothing has to be cut off afterwards.
+    placed = np.zeros(shape, np.float32)
+    placed[: kernel.shape[0], : kernel.shape[1]] = kernel
+    placed = np.roll(placed, (-reach, -reach), axis=(0, 1))
+    spectrum *= fft.rfft2(placed)[..., None]
+    blurred: Floats = fft.irfft2(spectrum, s=shape, axes=(0, 1))[:height, :width].astype(np.float32, copy=False)
+    return np.maximum(blurred, np.float32(0.0), out=blurred)

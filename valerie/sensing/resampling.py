@@ -1,0 +1,36 @@
+"""Reading an image between its pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The image at places between pixel centres; beyond the border the border goes on.
+
+    Args:
+        image: (H, W) or (H, W, C).
+        x, y: same shape, any: pixel coordinates; 0 is the centre of the first pixel.
+
+    Returns:
+        ``x.shape`` or ``x.shape + (C,)``.
+    """
+    height, width = image.shape[:2]
+    x, y = np.clip(x, 0.0, width - 1.0), np.clip(y, 0.0, height - 1.0)
+    left = np.minimum(x.astype(np.intp), max(width - 2, 0))
+    top = np.minimum(y.astype(np.intp), max(height - 2, 0))
+    across, down = (x - left).astype(np.float32), (y - top).astype(np.float32)
+    first = top * width + left
+    right, below = int(width > 1), width * int(height > 1)
+    flat = image.reshape(height * width, *image.shape[2:])
+    if image.ndim == 3:
+        across, down = across[..., None], down[..., None]
+    upper = flat[first]
+    upper += (flat[first + right] - upper) * across
+    lower = flat[first + below]
+    lower += (flat[first + below + right] - lower) * across
+    lower -= upper
+    lower *= down
+    upper += lower
+    return upper

@@ -1,0 +1,199 @@
+"""A sensor setting: every error of a camera that the sensor stage can make, as one frozen document.
+
+Ranges, units and neutral values come from `valerie.scene.sensor_parameters`; physics and sources are in the modules
+that compute the effects and in ``docs/sensor.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from valerie.errors import InvalidInput, UnknownName
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+
+ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
+
+
+def _field(name: str) -> Any:
+    """The field of one row: its neutral value is the default."""
+    row = SENSOR_PARAMETERS[name]
+    unit = f" ({row.unit})" if row.unit else ""
+    return Field(row.neutral, ge=row.minimum, le=row.maximum, description=row.description + unit)
+
+
+class _Group(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class WhiteBalance(_Group):
+    """What the camera takes for white; see `valerie.sensing.colour`."""
+
+    temperature_k: float = _field("white_balance.temperature_k")
+    tint: float = _field("white_balance.tint")
+
+
+class Lens(_Group):
+    """Focus, fall-off of light and dispersion; see `valerie.sensing.defocus` and `valerie.sensing.optics`."""
+
+    f_number: float = _field("lens.f_number")
+    focus_distance_m: float = _field("lens.focus_distance_m")
+    vignetting: float = _field("lens.vignetting")
+    chromatic_aberration: float = _field("lens.chromatic_aberration")
+
+
+class Distortion(_Group):
+    """Coefficients of the Brown–Conrady model, named and scaled as OpenCV's; see `valerie.sensing.distortion`."""
+
+    k1: float = _field("distortion.k1")
+    k2: float = _field("distortion.k2")
+    p1: float = _field("distortion.p1")
+    p2: float = _field("distortion.p2")
+    k3: float = _field("distortion.k3")
+
+    @property
+    def identity(self) -> bool:
+        """Whether no pixel moves."""
+        return self == _NO_DISTORTION
+
+
+class Soiling(_Group):
+    """What lies on the front glass; see `valerie.sensing.soiling`."""
+
+    dirt: float = _field("soiling.dirt")
+    drops: float = _field("soiling.drops")
+
+
+class Noise(_Group):
+    """Counting photons and converting the count; see `valerie.sensing.electronics`."""
+
+    shot: bool = _field("noise.shot")
+    read_electrons: float = _field("noise.read_electrons")
+    full_well_electrons: float = _field("noise.full_well_electrons")
+    headroom_ev: float = _field("noise.headroom_ev")
+    adc_bits: int = _field("noise.adc_bits")
+
+
+class FaultyPixels(_Group):
+    """Pixels that show no light or all of it; see `valerie.sensing.electronics`."""
+
+    dead_rate: float = _field("pixels.dead_rate")
+    hot_rate: float = _field("pixels.hot_rate")
+
+
+class SensorSetting(BaseModel):
+    """One camera response. In the order of the light's way: lens (defocus, soiling, distortion, chromatic aberration,
+    vignetting), exposure, noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
+
+    Attributes:
+        name: name in the spec and in results.
+        exposure_ev: stops; the linear image is multiplied by ``2 ** exposure_ev``.
+        gain_db: amplification after the light was counted, ``10 ** (gain_db / 20)``: noise grows with it.
+        curve: ``filmic`` (Hable), ``blender-filmic``, ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see
+            `valerie.sensing.curves`.
+        gamma: the display value becomes ``v ** (1 / gamma)``, as Blender's view gamma (the paper, section 6, uses 1.5).
+        white_balance: what the camera takes for white.
+        lens: focus, fall-off of light and dispersion.
+        distortion: Brown–Conrady; truth is distorted by the same map.
+        soiling: dirt and drops on the front glass.
+        noise: photon counting, read noise and converter.
+        pixels: dead and hot pixels.
+        jpeg_quality: of a JPEG that the picture goes through; 0: none.
+        specimen: which camera of its kind: where its faulty pixels, dirt and drops are, and its noise.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str = Field("default", min_length=1, max_length=64)
+    exposure_ev: float = _field("exposure_ev")
+    gain_db: float = _field("gain_db")
+    curve: ToneCurve = "filmic"
+    gamma: float = _field("gamma")
+    white_balance: WhiteBalance = WhiteBalance()
+    lens: Lens = Lens()
+    distortion: Distortion = Distortion()
+    soiling: Soiling = Soiling()
+    noise: Noise = Noise()
+    pixels: FaultyPixels = FaultyPixels()
+    jpeg_quality: int = _field("jpeg_quality")
+    specimen: int = _field("specimen")
+
+    def values(self) -> Iterator[tuple[str, Any]]:
+        """(name below ``sensor``, value) of every parameter, e.g. ``("noise.read_electrons", 4.0)``."""
+        for name in SENSOR_PARAMETERS:
+            group, _, field = name.rpartition(".")
+            yield name, getattr(getattr(self, group) if group else self, field)
+
+    def document(self) -> dict[str, Any]:
+        """Exposure, curve and gamma, and of the rest what differs from its default, by name below ``sensor``: what the
+        identity of a spec and of a picture is made of. New effects leave the documents of old settings as they were."""
+        return {
+            name: value
+            for name, value in self.values()
+            if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
+        }
+
+    def response(self) -> dict[str, Any]:
+        """The part of `document` that makes a difference to the picture."""
+        document = self.document()
+        idle: list[str] = []
+        if not self.needs_depth:
+            idle += ["lens.f_number", "lens.focus_distance_m"]
+        if not self.counts_electrons:
+            idle += ["noise.full_well_electrons", "noise.headroom_ev"]
+        if not self.needs_seed:
+            idle += ["specimen"]
+        return {name: value for name, value in document.items() if name not in idle}
+
+    @property
+    def counts_electrons(self) -> bool:
+        """Whether light is counted in electrons; the well then saturates."""
+        noise, pixels = self.noise, self.pixels
+        return bool(noise.shot or noise.read_electrons or noise.adc_bits or pixels.dead_rate or pixels.hot_rate)
+
+    @property
+    def needs_seed(self) -> bool:
+        """Whether chance decides anything: noise, or the places of faulty pixels, dirt and drops."""
+        noise, pixels, soiling = self.noise, self.pixels, self.soiling
+        return bool(
+            noise.shot or noise.read_electrons or pixels.dead_rate or pixels.hot_rate or soiling.dirt or soiling.drops
+        )
+
+    @property
+    def needs_depth(self) -> bool:
+        """Whether the picture depends on how far away things are."""
+        return self.lens.f_number > 0.0
+
+    @property
+    def needs_focal_length(self) -> bool:
+        """Whether the picture depends on the camera's field of view."""
+        return self.needs_depth or self.lens.vignetting > 0.0 or not self.distortion.identity
+
+    def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
+        """This setting with the ``sensor.…`` values of a variant put in, e.g. ``{"sensor.exposure_ev": 0.5}``.
+
+        Raises:
+            UnknownName: a path below ``sensor`` that no field answers to.
+            InvalidInput: a path outside ``sensor``.
+            pydantic.ValidationError: a value outside the field's range.
+        """
+        if not sensor:
+            return self
+        values = self.model_dump()
+        for path, value in sensor.items():
+            root, _, name = path.partition(".")
+            if root != SENSOR_ROOT:
+                raise InvalidInput("not a parameter of the sensor", field=path, limit="paths below 'sensor'")
+            if name not in SENSOR_PARAMETERS:
+                known = [f"{SENSOR_ROOT}.{known}" for known in SENSOR_PARAMETERS]
+                raise UnknownName("sensor parameter", path, known, field=path)
+            group, _, field = name.rpartition(".")
+            (values[group] if group else values)[field] = value
+        return SensorSetting.model_validate(values)
+
+
+_NO_DISTORTION: Final = Distortion()
+#: What every document holds, since it always did.
+_ALWAYS: Final = frozenset({"exposure_ev", "curve", "gamma"})
