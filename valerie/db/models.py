@@ -118,6 +118,7 @@ class Product(Base):
     #: What must be done first.
     input_a: Mapped[str | None] = mapped_column(Digest)
     input_b: Mapped[str | None] = mapped_column(Digest)
+    input_c: Mapped[str | None] = mapped_column(Digest)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
     #: Unix seconds; a lease that ended belongs to nobody.
@@ -134,6 +135,13 @@ class Product(Base):
     __table_args__ = (
         Index("ix_products_input_a", "input_a"),
         Index("ix_products_input_b", "input_b"),
+        # Few products have a third input: only pictures that depend on depth.
+        Index(
+            "ix_products_input_c",
+            "input_c",
+            sqlite_where=text("input_c IS NOT NULL"),
+            postgresql_where=text("input_c IS NOT NULL"),
+        ),
         # The sweeper and the window look only at what is unfinished: a small index however large the table.
         Index(
             "ix_products_unfinished",
@@ -184,6 +192,8 @@ class Evaluation(Base):
     function_index: Mapped[int] = mapped_column(primary_key=True)
     prediction: Mapped[str] = mapped_column(Digest)
     scores: Mapped[str] = mapped_column(Digest)
+    #: The sensor distorts: visibility in its pictures hangs on ``scores`` instead of on the frame's truth.
+    distorted: Mapped[bool] = mapped_column(default=False)
 
     __table_args__ = (
         ForeignKeyConstraint(
@@ -198,7 +208,10 @@ class Evaluation(Base):
 
 
 class PersonView(Base):
-    """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person."""
+    """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person.
+
+    ``truth`` is an evaluation product where the sensor distorts: its rows are of the truth as that sensor sees it.
+    """
 
     __tablename__ = "person_views"
 

@@ -21,6 +21,7 @@ from sqlalchemy import (
     func,
     literal,
     literal_column,
+    or_,
     select,
     text,
     update,
@@ -35,6 +36,7 @@ from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Produc
 Ready = tuple[str, str, str, str]
 
 _READY_COLUMNS = (Product.digest, Product.kind, Product.route, Product.cache_group)
+_INPUTS = (Product.input_a, Product.input_b, Product.input_c)
 #: Spelled out and not bound: SQLite uses a partial index only for a condition that it can read in the statement. Whatever looks
 #: for unfinished products without their digests needs this, or it reads the whole table.
 _UNFINISHED = Product.state.in_([literal_column(f"'{state}'") for state in ("waiting", "ready", "running")])
@@ -49,12 +51,13 @@ _TRY_AGAIN: dict[str, Any] = {
     "sent_at": None,
 }
 _INPUTS_DONE = text(
-    "NOT EXISTS (SELECT 1 FROM products AS i WHERE i.digest IN (products.input_a, products.input_b) AND i.state <> 'done')"
+    "NOT EXISTS (SELECT 1 FROM products AS i"
+    " WHERE i.digest IN (products.input_a, products.input_b, products.input_c) AND i.state <> 'done')"
 )
 
 
-#: (digest, kind, route, cache group, input a, input b) of a product that a run links to.
-Wanted = tuple[str, str, str, str, str | None, str | None]
+#: (digest, kind, route, cache group, inputs a, b and c) of a product that a run links to.
+Wanted = tuple[str, str, str, str, str | None, str | None, str | None]
 
 
 def insert_wanted(connection: Connection, rows: Sequence[Wanted]) -> None:
@@ -62,7 +65,7 @@ def insert_wanted(connection: Connection, rows: Sequence[Wanted]) -> None:
     insert_rows(
         connection,
         Product,
-        ("digest", "kind", "route", "cache_group", "input_a", "input_b", "state", "attempts"),
+        ("digest", "kind", "route", "cache_group", "input_a", "input_b", "input_c", "state", "attempts"),
         [(*row, "waiting", 0) for row in rows],
         on_conflict=(
             "(digest) DO UPDATE SET state = 'waiting', attempts = 0, error = NULL, lease_owner = NULL, lease_until = NULL,"
@@ -96,8 +99,8 @@ def promote_dependents(connection: Connection, inputs: Iterable[str], now: float
     one product at the same time, the later then sees both.
     """
     done = list(inputs)
-    condition = _among(connection, Product.input_a, done) | _among(connection, Product.input_b, done)
-    return _promote(connection, condition, now)
+    among = [_among(connection, column, done) for column in _INPUTS]
+    return _promote(connection, or_(*among), now)
 
 
 def promote_all(connection: Connection, now: float) -> list[Ready]:
@@ -308,7 +311,7 @@ def fail_dependents(connection: Connection, failed: Sequence[str], now: float) -
         cause = causes.pop()
         rows = connection.execute(
             update(Product)
-            .where(Product.state == "waiting", (Product.input_a == cause) | (Product.input_b == cause))
+            .where(Product.state == "waiting", or_(*(column == cause for column in _INPUTS)))
             .values(state="failed", error={"cause": cause}, finished_at=now)
             .returning(Product.digest)
         )
@@ -375,7 +378,7 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
     """Sweep: whatever waits for a failed input fails too."""
     failed = connection.execute(
         text(
-            "SELECT DISTINCT i.digest FROM products AS w JOIN products AS i ON i.digest IN (w.input_a, w.input_b) "
+            "SELECT DISTINCT i.digest FROM products AS w JOIN products AS i ON i.digest IN (w.input_a, w.input_b, w.input_c) "
             "WHERE w.state IN ('waiting','ready','running') AND w.state = 'waiting' AND i.state = 'failed'"
         )
     ).scalars()

@@ -6,7 +6,21 @@ from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
-from sqlalchemy import BigInteger, Connection, Double, Row, Select, String, and_, func, literal, or_, select, tuple_
+from sqlalchemy import (
+    BigInteger,
+    Connection,
+    Double,
+    Row,
+    Select,
+    String,
+    and_,
+    case,
+    func,
+    literal,
+    or_,
+    select,
+    tuple_,
+)
 from sqlalchemy.orm import aliased
 
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Score, Variant
@@ -89,7 +103,7 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
         .join(Frame, _OF_FRAME)
         .join(Variant, _OF_VARIANT)
         .join(Score, Score.digest == Evaluation.scores)
-        .join(PersonView, PersonView.truth == Frame.truth)
+        .join(PersonView, PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth))
         .outerjoin(
             PersonScore,
             and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),

@@ -82,15 +82,16 @@ class Feeder:
                 continue
             for camera in cameras:
                 background, layer, truth, evaluations = self._inputs.frame(assignment, camera)
-                want(background, (background, "background", engine_route, background, None, None))
-                want(layer, (layer, "layer", engine_route, background, None, None))
-                want(truth, (truth, "truth", truth_route, background, None, None))
+                want(background, (background, "background", engine_route, background, None, None, None))
+                want(layer, (layer, "layer", engine_route, background, None, None, None))
+                want(truth, (truth, "truth", truth_route, background, None, None, None))
                 rows.frames.append((run_id, index, camera, 0, background, layer, truth))
-                for sensor, function, prediction, scores in evaluations:
+                for sensor, function, prediction, scores, needs_depth, distorted in evaluations:
                     route, group = targets[function]
-                    want(prediction, (prediction, "prediction", route, group, layer, background))
-                    want(scores, (scores, "evaluation", EVAL_QUEUE, "", prediction, truth))
-                    rows.evaluations.append((run_id, index, camera, 0, sensor, function, prediction, scores))
+                    depth = truth if needs_depth else None
+                    want(prediction, (prediction, "prediction", route, group, layer, background, depth))
+                    want(scores, (scores, "evaluation", EVAL_QUEUE, "", prediction, truth, None))
+                    rows.evaluations.append((run_id, index, camera, 0, sensor, function, prediction, scores, distorted))
         return rows
 
 
@@ -108,4 +109,4 @@ class _Rows:
 _VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
 _KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
 _FRAME: Final = (*_KEY, "background", "layer", "truth")
-_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores")
+_EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +12,11 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.parameters.assignment import digest
+from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.pictures import FUNCTION_KINDS, PAINTING_REVISION, FramePainter
 from valerie.pipeline.resolution import resolve_stored
-from valerie.sensing.sensor import REVISION as SENSING_REVISION
-from valerie.sensing.settings import SensorSetting
 
 #: Kinds that are drawn from the ground truth alone, and from the picture alone (a prediction apart).
 _OF_TRUTH = ("truth", "instances", "depth")
@@ -31,26 +29,18 @@ class PictureSource:
 
     Attributes:
         kind: one of `valerie.pipeline.pictures.KINDS`.
-        background, layer, truth, prediction: digests; ``prediction`` is None where no function looked.
-        sensor: the setting.
-        assignment: path to value; its ``sensor.*`` part changes the picture.
+        capture: the frame and the sensor that sees it.
+        prediction: digest; None where no function looked.
     """
 
     kind: str
-    background: str
-    layer: str
-    truth: str
+    capture: Capture
     prediction: str | None
-    sensor: SensorSetting
-    assignment: Mapping[str, Any]
 
     @property
     def tag(self) -> str:
         """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
-        products = (self.background, self.layer, self.truth, self.prediction or "")
-        radiometry = {path: value for path, value in self.assignment.items() if path.startswith("sensor.")}
-        setting = self.sensor.model_dump(exclude={"name"})
-        return digest("picture", PAINTING_REVISION, SENSING_REVISION, self.kind, products, setting, radiometry)
+        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, self.prediction or "")
 
 
 def find(
@@ -84,20 +74,21 @@ def find(
     chosen = next(
         (one for one in evaluations if (one.sensor_index, one.function_index) == (sensor_index, function_index)), None
     )
-    missing = [states[product] for product in _needed(kind, row) if states[product] != "done"]
+    capture = capture_of(
+        resolved,
+        sensor_index=sensor_index,
+        camera_index=camera,
+        assignment=row.assignment,
+        background=row.background,
+        layer=row.layer,
+        truth=row.truth,
+    )
+    missing = [states[product] for product in _needed(kind, capture) if states[product] != "done"]
     if kind in FUNCTION_KINDS and chosen is not None and chosen.prediction_state != "done":
         missing.append(chosen.prediction_state)
     if missing:
         raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")
-    return PictureSource(
-        kind=kind,
-        background=row.background,
-        layer=row.layer,
-        truth=row.truth,
-        prediction=None if chosen is None else chosen.prediction,
-        sensor=spec.sensors[sensor_index],
-        assignment=row.assignment,
-    )
+    return PictureSource(kind, capture, None if chosen is None else chosen.prediction)
 
 
 def draw(context: Context, source: PictureSource) -> NDArray[np.uint8]:
@@ -107,24 +98,18 @@ def draw(context: Context, source: PictureSource) -> NDArray[np.uint8]:
         UnknownName: no such kind, or it needs a function and the run has none.
         MissingInput: an object is gone.
     """
-    return FramePainter(ProductReader(context.store)).paint(
-        source.kind,
-        background=source.background,
-        layer=source.layer,
-        truth=source.truth,
-        prediction=source.prediction,
-        sensor=source.sensor,
-        assignment=source.assignment,
-    )
+    painter = FramePainter(ProductReader(context.store))
+    return painter.paint(source.kind, capture=source.capture, prediction=source.prediction)
 
 
-def _needed(kind: str, row: Any) -> tuple[str, ...]:
+def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
     """Digests of what a kind of picture is drawn from, besides a prediction."""
+    if kind == "prediction":
+        return ()
+    image, truth = (capture.background, capture.layer), (capture.truth,)
     if kind in _OF_TRUTH:
-        return (row.truth,)
-    if kind in _OF_IMAGE:
-        return (row.background, row.layer)
-    return () if kind == "prediction" else (row.background, row.layer, row.truth)
+        return truth
+    return image if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth)
 
 
 def _index(what: str, name: str | None, names: Sequence[str]) -> int:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,9 @@ from PIL import Image
 
 from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
+from valerie.pipeline.capture import Capture
 from valerie.pipeline.makers.inputs import ProductReader
-from valerie.rendering.base import GroundTruth, LinearImage
-from valerie.sensing.sensor import develop
-from valerie.sensing.settings import SensorSetting
+from valerie.rendering.base import GroundTruth
 
 #: Kinds of picture that a frame has by itself, and those that show what a function made of it.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
@@ -25,12 +23,6 @@ KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
 PAINTING_REVISION: Final = 1
 
 _HIT, _MISS, _FALSE = (0, 158, 115), (213, 94, 0), (204, 121, 167)  # Okabe and Ito: told apart by everyone
-
-
-def picture_of(image: LinearImage, sensor: SensorSetting, assignment: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """What the function under test sees: (H, W, 3) uint8 sRGB, with the ``sensor.*`` values of the variant."""
-    varied = {path: value for path, value in assignment.items() if path.startswith("sensor.")}
-    return develop(image.pixels, sensor.with_assignment(varied))
 
 
 class FramePainter:
@@ -43,19 +35,15 @@ class FramePainter:
         self,
         kind: str,
         *,
-        background: str,
-        layer: str,
-        truth: str,
+        capture: Capture,
         prediction: str | None,
-        sensor: SensorSetting,
-        assignment: Mapping[str, Any],
     ) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 sRGB.
 
         Args:
             kind: one of `KINDS`.
-            background, layer, truth, prediction: digests of finished products.
-            sensor, assignment: make the picture from the linear image.
+            capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
+            prediction: digest of a finished product.
 
         Raises:
             UnknownName: no such kind, or it needs a prediction and there is none.
@@ -65,22 +53,22 @@ class FramePainter:
         if kind not in known:
             raise UnknownName("kind of picture", kind, known, field="kind")
         if kind == "truth":
-            return colorize(self._reader.truth(truth).class_map)
+            return colorize(capture.seen_truth(self._reader).class_map)
         if kind == "instances":
-            return _instances(self._reader.truth(truth))
+            return _instances(capture.seen_truth(self._reader))
         if kind == "depth":
-            return _depth(self._reader.truth(truth).depth)
+            return _depth(capture.seen_truth(self._reader).depth)
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
-        picture = picture_of(self._reader.frame(background, layer), sensor, assignment)
+        picture = capture.picture(self._reader)
         if kind == "truth-overlay":
-            return _blend(picture, colorize(self._reader.truth(truth).class_map), None, 0.5)
+            return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
         if kind == "picture" or prediction is None:
             return picture
         predicted = self._reader.prediction(prediction)
         if kind == "overlay":
             return _blend(picture, colorize(to_label_ids(predicted)), predicted != VOID, 0.5)
-        return _errors(picture, to_train_ids(self._reader.truth(truth).class_map), predicted)
+        return _errors(picture, to_train_ids(capture.seen_truth(self._reader).class_map), predicted)
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:

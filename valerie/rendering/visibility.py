@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -93,17 +93,27 @@ def _absent(instance_id: int) -> Visibility:
 def _present(
     person: PersonTruth, truth: GroundTruth, scene: Scene, roots: Mapping[int, Node], camera: Camera
 ) -> Visibility:
+    seen = measure_pixels(person, truth)
+    root = roots.get(person.instance_id)
+    if root is None:
+        return seen
+    offset = scene.world_transform(root.path)[:3, 3] - camera.position
+    forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+    return replace(seen, distance_m=float(np.linalg.norm(offset)), depth_m=float(offset @ forward))
+
+
+def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
+    """What the pixels alone tell of a person: everything but its distances.
+
+    Args:
+        person: of ``truth``.
+        truth: of the picture.
+    """
     visible = truth.instance_map == person.instance_id
     area, amodal = int(np.count_nonzero(visible)), int(np.count_nonzero(person.amodal))
     reason = None
     if area == 0:
         reason = HIDDEN if amodal else OUTSIDE
-    distance = depth = None
-    root = roots.get(person.instance_id)
-    if root is not None:
-        offset = scene.world_transform(root.path)[:3, 3] - camera.position
-        forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
-        distance, depth = float(np.linalg.norm(offset)), float(offset @ forward)
     return Visibility(
         instance_id=person.instance_id,
         pixel_area=area,
@@ -111,8 +121,8 @@ def _present(
         pixel_area_amodal=amodal,
         occlusion_rate=1.0 - area / amodal if amodal else None,
         truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
-        distance_m=distance,
-        depth_m=depth,
+        distance_m=None,
+        depth_m=None,
         box=_box(visible),
         amodal_box=_box(person.amodal),
         undefined_reason=reason,

@@ -5,9 +5,10 @@ Per frame (variant, camera): ::
     background   asset, everything that is not below a movable node, camera, resolution, engine
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
-    prediction   background, layer, sensor response, function
+    prediction   background, layer, sensor response, function; truth, where the sensor needs depth
     evaluation   prediction, truth
 
+A sensor that distorts is in the prediction's digest, and so in that of the evaluation, which distorts the truth likewise.
 "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and numeric class, as the run
 pinned them at submission. Names of runs, variants, sensors and parameters are inputs of nothing: equal work has equal
 digests.
@@ -22,10 +23,10 @@ from typing import Any, Final, NamedTuple
 from valerie.parameters.assignment import DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.runs.resolution import ResolvedRun
+from valerie.runs.sensors import response, sensor_values
 from valerie.runs.states import ProductKind
 from valerie.scene.variation import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
-from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever equal predictions and truths give other counts.
 EVALUATION_REVISION: Final = 1
@@ -40,12 +41,16 @@ class EvaluationDigests(NamedTuple):
         sensor_index: place in ``spec.sensors``.
         function_index: place in ``spec.functions``.
         prediction, scores: digests of the prediction and of the evaluation.
+        needs_depth: the prediction waits for the truth, whose depth its sensor needs.
+        distorted: the sensor distorts, so the evaluation measures visibility itself.
     """
 
     sensor_index: int
     function_index: int
     prediction: str
     scores: str
+    needs_depth: bool = False
+    distorted: bool = False
 
 
 class FrameDigests(NamedTuple):
@@ -72,6 +77,7 @@ class ProductInputs:
         self._manifest = resolved.manifest
         self._cameras = resolved.cameras
         self._sensors = spec.sensors
+        self._seed = spec.seed
         engine = {"name": spec.renderer, **_pinned(pins["engine"])}
         resolution = spec.resolution.model_dump()
         self._background: list[DigestPrefix] = []
@@ -101,13 +107,15 @@ class ProductInputs:
         truth = self._truth[camera_index].digest(inputs.geometry)
         evaluations = []
         # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
-        radiometry = {path: value for path, value in inputs.sensor.items() if path in assignment}
+        sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
         for sensor_index, setting in enumerate(self._sensors):
-            response = _response(setting, canonical_json(radiometry))
+            document, *asks = response(setting, sensor, self._seed)
+            needs_depth, _ = asks
             for function_index, prefix in enumerate(self._predictions):
-                prediction = prefix.digest(background, layer, response)
+                depth = (truth,) if needs_depth else ()
+                prediction = prefix.digest(background, layer, document, *depth)
                 scores = self._evaluation.digest(prediction, truth)
-                evaluations.append(EvaluationDigests(sensor_index, function_index, prediction, scores))
+                evaluations.append(EvaluationDigests(sensor_index, function_index, prediction, scores, *asks))
         return FrameDigests(background, layer, truth, tuple(evaluations))
 
     def _hash_background(self, camera_index: int, inputs: bytes) -> str:
@@ -125,11 +133,3 @@ def _pinned(pin: Mapping[str, Any]) -> dict[str, Any]:
 def _function(pin: Mapping[str, Any]) -> dict[str, Any]:
     # A function that states no revision is in its first.
     return {"digest": pin["digest"], "numeric_class": pin["numeric_class"], "revision": pin.get("revision", 1)}
-
-
-@lru_cache(maxsize=4096)
-def _response(setting: SensorSetting, radiometry: bytes) -> bytes:
-    """The canonical form of a setting with a variant's values put in; its name makes no pixel."""
-    import orjson
-
-    return canonical_json(setting.with_assignment(orjson.loads(radiometry)).model_dump(exclude={"name"}))

@@ -22,6 +22,7 @@ from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
+from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.scene.manifest import Manifest
 
 #: Variants of a run, unless the caller allows another number.
@@ -102,6 +103,9 @@ def resolve(
         raise InvalidInputs([_placed(spec, problem) for problem in resolver.problems])
     if max_variants is not None and space.size > max_variants:
         raise InvalidInputs([_placed(spec, _too_many(space.size, max_variants, "blocks"))])
+    resolver.check_sensors(space)
+    if resolver.problems:
+        raise InvalidInputs([_placed(spec, problem) for problem in resolver.problems])
     resolver.look_for_oversights(space)
     return ResolvedRun(
         spec=spec,
@@ -319,11 +323,27 @@ class _Resolver:
             self.problems.append(problem)
             return None
 
+    def check_sensors(self, space: ParameterSpace) -> None:
+        """What sensors need of the cameras is declared; warn of what they cost and of values without effect."""
+        used = _used(space) | {self._paths[name] for name in self.spec.constants}
+        cameras = self.spec.cameras if self.spec.cameras is not None else self.manifest.cameras
+        for i, sensor in enumerate(self.spec.sensors):
+            needs = needed_by(sensor, used)
+            untold = [camera for camera in cameras if focal_length_path(camera) not in self.manifest.by_path]
+            if needs.focal_length is not None and untold:
+                problem = f"{needs.focal_length} needs the camera's focal length, which the asset does not declare"
+                limit = f"a parameter {focal_length_path(untold[0])} in its manifest"
+                self.problems.append(InvalidInput(problem, field=f"sensors.{i}", value=untold[0], limit=limit))
+            if needs.depth is not None:
+                self.warnings.append(
+                    f"sensor {sensor.name}: {needs.depth} needs depth: its pictures wait for the ground truth too, and "
+                    "are not shared by variants with other truth"
+                )
+            self.warnings += [f"sensor {sensor.name}: {text}" for text in needs.idle]
+
     def look_for_oversights(self, space: ParameterSpace) -> None:
         """Warn of what is legal and probably not meant."""
-        used = {v.path for block in space.blocks for v in block.variations}
-        used |= {path for block in space.blocks for path in block.constants or ()}
-        used |= {path for block in space.blocks for point in block.points for path in point}
+        used = _used(space)
         constant = {self._paths[name] for name in self.spec.constants}
         for i, block in enumerate(space.blocks):
             place = self.spec.field(f"blocks.{i}.vary")
@@ -353,6 +373,13 @@ class _Resolver:
         for path in self._unitless:
             definition = self._by_path[path]
             yield f"{definition.name}: numbers without unit are in {definition.unit}"
+
+
+def _used(space: ParameterSpace) -> set[str]:
+    """Paths that any block varies, holds constant or mentions in a point."""
+    used = {v.path for block in space.blocks for v in block.variations}
+    used |= {path for block in space.blocks for path in block.constants or ()}
+    return used | {path for block in space.blocks for point in block.points for path in point}
 
 
 def _shown(value: Value, definition: ParameterDefinition) -> str:

@@ -74,12 +74,21 @@ def _coefficient(name: str, limit: float, description: str) -> SensorParameter:
 
 
 _ROWS: Final = (
-    SensorParameter("exposure_ev", _FLOAT, "EV", -16, 16, 0.0, "stops of exposure", usual=(-4.0, 4.0)),
-    SensorParameter("gain_db", _FLOAT, "dB", 0, 48, 0.0, "amplification after the light was counted; 6 dB double"),
+    SensorParameter(
+        "exposure_ev", _FLOAT, "EV", -16, 16, 0.0,
+        "stops of exposure: the linear image is multiplied by 2 ** exposure_ev", usual=(-4.0, 4.0),
+    ),
+    SensorParameter(
+        "gain_db", _FLOAT, "dB", 0, 48, 0.0,
+        "amplification after the light was counted, 10 ** (gain_db / 20): noise grows with it",
+    ),
     SensorParameter(
         "curve", _CHOICE, "", None, None, "filmic", "tone curve", choices=("srgb", "filmic", "aces", "blender-filmic")
     ),
-    SensorParameter("gamma", _FLOAT, "", 0.1, 10, 1.0, "applied after the tone curve", usual=(0.5, 3.0)),
+    SensorParameter(
+        "gamma", _FLOAT, "", 0.1, 10, 1.0,
+        "after the tone curve the display value becomes v ** (1 / gamma); the paper uses 1.5", usual=(0.5, 3.0),
+    ),
     SensorParameter(
         "white_balance.temperature_k", _FLOAT, "K", 2500, 15000, 6504.0,
         "colour temperature that the camera takes for white; above 6504 the picture is warmer",

@@ -61,7 +61,9 @@ def _interpolated(lattice: Floats, corner: NDArray[np.int32], part: Floats, size
     last = first + strides.sum()
     third = last - strides[smallest]
     one = np.float32(1.0)
-    mixed: Floats = lattice[first] * (one - a) + lattice[second] * (a - b) + lattice[third] * (b - c) + lattice[last] * c
+    mixed: Floats = (
+        lattice[first] * (one - a) + lattice[second] * (a - b) + lattice[third] * (b - c) + lattice[last] * c
+    )
     return mixed
 
 

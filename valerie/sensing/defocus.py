@@ -69,7 +69,7 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
 
 def _layers(radius: Floats, largest: float) -> list[tuple[float, NDArray[np.bool_]]]:
     """(radius of the disc, pixels), from the farthest to the nearest."""
-    size = np.clip(np.abs(radius), 0.0, largest)
+    size: Floats = np.minimum(np.abs(radius), np.float32(largest))
     level = np.where(size < _SHARP, 0, 1 + np.floor(np.log(np.maximum(size, _SHARP) / _SHARP) / np.log(_STEP)))
     signed = (np.where(radius < 0.0, -level, level)).astype(np.int32)
     found = []

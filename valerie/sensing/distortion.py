@@ -29,6 +29,8 @@ from valerie.sensing.settings import Distortion
 _STEPS: Final = 8
 #: Samples along each border, and of the radius.
 _SAMPLES: Final = 2048
+#: Coefficients below this move no pixel of any picture.
+_NOTHING: Final = 1e-12
 #: Share of the largest radius that a lens can show which is made use of: at the end it folds.
 _BEFORE_FOLD: Final = 0.98
 
@@ -53,7 +55,8 @@ class PixelMap:
         height, width = self.x.shape
         column = np.clip(np.floor(self.x + 0.5), 0, width - 1)
         row = np.clip(np.floor(self.y + 0.5), 0, height - 1)
-        return (row * width + column).astype(np.intp)
+        flat: NDArray[np.intp] = (row * width + column).astype(np.intp)
+        return flat
 
 
 @lru_cache(maxsize=4)  # 16 bytes for each pixel
@@ -76,9 +79,7 @@ def pixel_map(distortion: Distortion, width: int, height: int, focal_px: float) 
     return PixelMap(*found, zoom)
 
 
-def shown_within(
-    distortion: Distortion, width: int, height: int, focal_px: float, zoom: float
-) -> NDArray[np.bool_]:
+def shown_within(distortion: Distortion, width: int, height: int, focal_px: float, zoom: float) -> NDArray[np.bool_]:
     """(H, W) bool: which pixels of the pinhole image are shown inside the distorted picture.
 
     Args:
@@ -90,9 +91,10 @@ def shown_within(
     y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
     seen_x, seen_y = distort(distortion, x, y)
     scale = focal_px * zoom
-    inside = (np.abs(seen_x) * scale <= half_x + 0.5) & (np.abs(seen_y) * scale <= half_y + 0.5)
+    inside: NDArray[np.bool_] = (np.abs(seen_x) * scale <= half_x + 0.5) & (np.abs(seen_y) * scale <= half_y + 0.5)
     # Beyond the fold a lens would draw rays back inwards; they are not shown.
-    return inside & (x * x + y * y <= fold_radius(distortion) ** 2)
+    inside &= x * x + y * y <= fold_radius(distortion) ** 2
+    return inside
 
 
 def distort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -138,7 +140,8 @@ def fold_radius(distortion: Distortion) -> float:
     """The ideal radius up to which farther out is shown farther out; infinite for lenses that never fold."""
     d = distortion
     # d/dr (r + k1 r³ + k2 r⁵ + k3 r⁷), a polynomial in r².
-    roots = np.roots([7.0 * d.k3, 5.0 * d.k2, 3.0 * d.k1, 1.0])
+    coefficients = [7.0 * d.k3, 5.0 * d.k2, 3.0 * d.k1, 1.0]
+    roots = np.roots([c if abs(c) > _NOTHING else 0.0 for c in coefficients])
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots.real), 1.0)) & (roots.real > 0)]
     return float(np.sqrt(real.min())) if real.size else float("inf")
 

@@ -28,9 +28,7 @@ _NORMAL_FROM: Final = 64.0
 Floats = NDArray[np.float32]
 
 
-def expose(
-    values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.random.Generator | None = None
-) -> Floats:
+def expose(values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.random.Generator | None = None) -> Floats:
     """Count light.
 
     Args:

@@ -26,9 +26,9 @@ def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.f
     flat = image.reshape(height * width, *image.shape[2:])
     if image.ndim == 3:
         across, down = across[..., None], down[..., None]
-    upper = flat[first]
+    upper: NDArray[np.float32] = flat[first]
     upper += (flat[first + right] - upper) * across
-    lower = flat[first + below]
+    lower: NDArray[np.float32] = flat[first + below]
     lower += (flat[first + below + right] - lower) * across
     lower -= upper
     lower *= down

@@ -42,7 +42,7 @@ REVISION: Final = 1
 #: Width of the sensor that focal lengths in millimetres are meant on, as everywhere in the scene.
 SENSOR_WIDTH_MM: Final = 36.0
 #: The largest finite float16 stands for infinite light.
-_BRIGHTEST: Final = np.float32(65504.0)
+_BRIGHTEST: Final = 65504.0
 
 Floats = NDArray[np.float32]
 
@@ -105,9 +105,7 @@ def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.f
 
 def _bends_light(setting: SensorSetting) -> bool:
     lens, soiling = setting.lens, setting.soiling
-    return bool(
-        setting.needs_focal_length or lens.chromatic_aberration or soiling.dirt or soiling.drops
-    )
+    return bool(setting.needs_focal_length or lens.chromatic_aberration or soiling.dirt or soiling.drops)
 
 
 def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
@@ -171,18 +169,17 @@ def _counted(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
     return expose(exposed, setting.noise, gain=gain, generator=noise)
 
 
-def _shown(
-    values: NDArray[np.float16] | Floats, factors: list[float], setting: SensorSetting
-) -> NDArray[np.uint8]:
+def _shown(values: NDArray[np.float16] | Floats, factors: list[float], setting: SensorSetting) -> NDArray[np.uint8]:
     """From camera values, times a factor per channel, to 8 bits."""
     if setting.curve == "blender-filmic":
         light = np.nan_to_num(values.astype(np.float32, copy=False), nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
         display = blender_filmic(light * np.array(factors, np.float32))
         if setting.gamma != 1.0:
             display = display ** np.float32(1.0 / setting.gamma)
-        return np.floor(display * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+        picture: NDArray[np.uint8] = np.floor(display * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+        return picture
     if values.dtype != np.float16:
-        values = np.minimum(values, _BRIGHTEST).astype(np.float16)
+        values = np.minimum(values, np.float32(_BRIGHTEST)).astype(np.float16)
     bits = np.ascontiguousarray(values).view(np.uint16)
     tables = [_table(factor, setting.curve, setting.gamma) for factor in factors]
     # mode="clip" spares numpy the range check; every uint16 is a valid index.

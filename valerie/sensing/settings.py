@@ -89,19 +89,14 @@ class SensorSetting(BaseModel):
 
     Attributes:
         name: name in the spec and in results.
-        exposure_ev: stops; the linear image is multiplied by ``2 ** exposure_ev``.
-        gain_db: amplification after the light was counted, ``10 ** (gain_db / 20)``: noise grows with it.
         curve: ``filmic`` (Hable), ``blender-filmic``, ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see
             `valerie.sensing.curves`.
-        gamma: the display value becomes ``v ** (1 / gamma)``, as Blender's view gamma (the paper, section 6, uses 1.5).
         white_balance: what the camera takes for white.
         lens: focus, fall-off of light and dispersion.
         distortion: Brown–Conrady; truth is distorted by the same map.
         soiling: dirt and drops on the front glass.
         noise: photon counting, read noise and converter.
         pixels: dead and hot pixels.
-        jpeg_quality: of a JPEG that the picture goes through; 0: none.
-        specimen: which camera of its kind: where its faulty pixels, dirt and drops are, and its noise.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -127,12 +122,12 @@ class SensorSetting(BaseModel):
             yield name, getattr(getattr(self, group) if group else self, field)
 
     def document(self) -> dict[str, Any]:
-        """Exposure, curve and gamma, and of the rest what differs from its default, by name below ``sensor``: what the
-        identity of a spec and of a picture is made of. New effects leave the documents of old settings as they were."""
+        """Exposure, curve and gamma, and of the rest what differs from its default, by name below ``sensor``.
+
+        The identity of a spec and of a picture is made of it: new effects leave those of old settings as they were.
+        """
         return {
-            name: value
-            for name, value in self.values()
-            if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
+            name: value for name, value in self.values() if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
         }
 
     def response(self) -> dict[str, Any]:

@@ -101,9 +101,7 @@ def _patches(
     return Patches(opacity, x, y)
 
 
-def _put(
-    opacity: Floats, x: Floats, y: Floats, center: tuple[float, float], radii: tuple[float, float]
-) -> int:
+def _put(opacity: Floats, x: Floats, y: Floats, center: tuple[float, float], radii: tuple[float, float]) -> int:
     """Lay a patch over the others; returns how many pixels it covers at least half that were covered less before."""
     height, width = opacity.shape
     left, right = max(int(center[0] - radii[0]), 0), min(int(center[0] + radii[0]) + 2, width)

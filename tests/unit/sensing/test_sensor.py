@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput
 from valerie.sensing.curves import CURVES
 from valerie.sensing.sensor import develop, respond
 from valerie.sensing.settings import SensorSetting
@@ -101,26 +100,3 @@ def test_a_view_of_an_image_gives_the_picture_of_its_copy() -> None:
 def test_an_image_of_another_type_is_refused() -> None:
     with pytest.raises(InvalidInput, match="float32"):
         develop(np.zeros((2, 2, 3), np.float32), SensorSetting())  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"exposure_ev": np.nan}, {"gamma": 0.0}, {"curve": "agx"}, {"name": ""}, {"iso": 100}]
-)
-def test_a_wrong_setting_is_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(ValidationError):
-        SensorSetting.model_validate(wrong)
-
-
-def test_a_variant_replaces_only_the_sensor_values_that_it_names() -> None:
-    setting = SensorSetting(name="dark", gamma=1.5).with_assignment({"sensor.exposure_ev": -1.0})
-    assert setting == SensorSetting(name="dark", gamma=1.5, exposure_ev=-1.0)
-
-
-def test_a_misspelt_sensor_parameter_names_its_neighbour() -> None:
-    with pytest.raises(UnknownName, match=r"sensor\.exposure_ev"):
-        SensorSetting().with_assignment({"sensor.exposure": 1.0})
-
-
-def test_a_path_outside_the_sensor_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="sensor"):
-        SensorSetting().with_assignment({"scene.gamma": 1.0})

@@ -5,14 +5,21 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from valerie.db import results
+from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
 from valerie.labels import to_train_ids
 from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
+from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.makers.person_views import view_row
+from valerie.pipeline.makers.resolved import RunCache
+from valerie.rendering.base import GroundTruth
+from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs
 
 
@@ -20,14 +27,25 @@ class EvaluateMaker:
     """Integer counting: the same result on every machine."""
 
     def __init__(self, context: Context) -> None:
+        self._context = context
+        self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
         started = time.process_time()
-        if job.prediction is None:
+        if job.prediction is None or job.sensor_index is None:
             raise InferenceError(f"product {job.digest} is no evaluation")
-        truth = self._reader.truth(job.truth)
+        capture = capture_of(
+            self._runs.run(job.run_id).resolved,
+            sensor_index=job.sensor_index,
+            camera_index=job.camera_index,
+            assignment=job.assignment,
+            background=job.background,
+            layer=job.layer,
+            truth=job.truth,
+        )
+        truth = capture.seen_truth(self._reader)
         prediction = self._reader.prediction(job.prediction)
         matrix = confusion_matrix(to_train_ids(truth.class_map), prediction)
         packed = codecs.encode_counts(matrix)
@@ -48,7 +66,20 @@ class EvaluateMaker:
                 }
                 for person in persons
             ),
+            person_views=self._views(job, truth) if capture.distorted else (),
         )
+
+    def _views(self, job: Job, truth: GroundTruth) -> tuple[dict[str, Any], ...]:
+        """The rows of the frame's own truth with everything that is measured in pixels measured again."""
+        with reading(self._context.engine) as connection:
+            rows = [dict(row._mapping) for row in results.person_views(connection, job.truth)]  # noqa: SLF001  # public
+        drawn = {person.instance_id: person for person in truth.persons}
+        for row in rows:
+            row["truth"] = job.digest
+            if row["instance_id"] in drawn:
+                measured = view_row(job.digest, measure_pixels(drawn[row["instance_id"]], truth))
+                row |= {name: value for name, value in measured.items() if name not in ("distance_m", "depth_m")}
+        return tuple(rows)
 
 
 def _ratios(matrix: ConfusionMatrix) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from valerie import plugins
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
+from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.resolved import RunCache
-from valerie.pipeline.pictures import picture_of
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -38,8 +38,16 @@ class InferMaker:
         function = self._function(name, pin["digest"])
         if function.numeric_class != pin["numeric_class"]:
             raise TransientError(f"{name} runs as {function.numeric_class} here; the run pinned {pin['numeric_class']}")
-        image = self._reader.frame(job.background, job.layer)
-        picture = picture_of(image, spec.sensors[job.sensor_index], job.assignment)
+        capture = capture_of(
+            run.resolved,
+            sensor_index=job.sensor_index,
+            camera_index=job.camera_index,
+            assignment=job.assignment,
+            background=job.background,
+            layer=job.layer,
+            truth=job.truth,
+        )
+        picture = capture.picture(self._reader)
         prediction = function.predict(picture)
         if prediction.shape != picture.shape[:2]:
             raise InferenceError(f"{name} answered {prediction.shape} for a picture of {picture.shape[:2]}")

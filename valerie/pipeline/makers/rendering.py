@@ -9,6 +9,7 @@ from valerie import plugins
 from valerie.db.products import Finished, Job
 from valerie.errors import TransientError
 from valerie.pipeline.context import Context
+from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
 from valerie.rendering.base import Renderer, View
 from valerie.scene.variation import apply
@@ -38,9 +39,7 @@ class RenderMaker:
             from valerie.rendering.visibility import measure
 
             truth = self._truth_pass(run.pins["truth"]["numeric_class"]).truth(scene, view)
-            views = tuple(_view_row(job.digest, one) for one in measure(truth, scene, view)) or (
-                _no_person(job.digest),
-            )
+            views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
             data = codecs.encode_truth(truth)
         else:
             engine = self._engine(resolved.spec.renderer, run.pins["engine"]["numeric_class"])
@@ -75,43 +74,3 @@ def _require_class(name: str, actual: str, pinned: str) -> None:
     """A driver that changed under a running worker must not mix its pixels into a run."""
     if actual != pinned:
         raise TransientError(f"{name} runs as {actual} here, but the run pinned {pinned}")
-
-
-def _view_row(truth: str, view: Any) -> dict[str, Any]:
-    return {
-        "truth": truth,
-        "instance_id": view.instance_id,
-        "pixel_area": view.pixel_area,
-        "pixel_area_percent": view.pixel_area_percent,
-        "pixel_area_amodal": view.pixel_area_amodal,
-        "occlusion_rate": view.occlusion_rate,
-        "truncation_rate": view.truncation_rate,
-        "distance_m": view.distance_m,
-        "depth_m": view.depth_m,
-        "box": _corners(view.box),
-        "amodal_box": _corners(view.amodal_box),
-        "undefined_reason": view.undefined_reason,
-    }
-
-
-def _corners(box: tuple[int, int, int, int] | None) -> list[int] | None:
-    """(x, y, width, height) to [x0, y0, x1, y1], end exclusive."""
-    return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
-
-
-def _no_person(truth: str) -> dict[str, Any]:
-    """A frame without any person still has its row, so that it is missing from no result in silence."""
-    return {
-        "truth": truth,
-        "instance_id": 0,
-        "pixel_area": 0,
-        "pixel_area_percent": 0.0,
-        "pixel_area_amodal": 0,
-        "occlusion_rate": None,
-        "truncation_rate": None,
-        "distance_m": None,
-        "depth_m": None,
-        "box": None,
-        "amodal_box": None,
-        "undefined_reason": "absent",
-    }

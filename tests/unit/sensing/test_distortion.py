@@ -1,0 +1,119 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from valerie.sensing.distortion import distort, fold_radius, pixel_map, shown_within, undistort
+from valerie.sensing.settings import Distortion
+
+WIDTH, HEIGHT, FOCAL = 160, 90, 222.0
+CASES = [
+    Distortion(k1=-0.3, k2=0.1, p1=0.01, p2=-0.005, k3=0.02),
+    Distortion(k1=0.4),
+    Distortion(k1=-0.9),
+    Distortion(p1=0.03, p2=0.02),
+    Distortion(k2=-0.5, k3=0.3),
+]
+coefficients = st.builds(
+    Distortion,
+    k1=st.floats(-1, 1), k2=st.floats(-1, 1), k3=st.floats(-1, 1), p1=st.floats(-0.02, 0.02), p2=st.floats(-0.02, 0.02),
+)  # fmt: skip
+
+
+def opencv(d: Distortion) -> np.ndarray:
+    return np.array([d.k1, d.k2, d.p1, d.p2, d.k3])
+
+
+def camera(focal: float) -> np.ndarray:
+    return np.array([[focal, 0, (WIDTH - 1) / 2], [0, focal, (HEIGHT - 1) / 2], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("d", CASES)
+def test_the_map_is_that_of_opencv(d: Distortion) -> None:
+    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+    places = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-10)
+    expected = cv2.undistortPoints(
+        places, camera(FOCAL * found.zoom), opencv(d), R=None, P=camera(FOCAL), criteria=criteria
+    ).reshape(HEIGHT, WIDTH, 2)
+    np.testing.assert_allclose(found.x, expected[..., 0], atol=0.01)
+    np.testing.assert_allclose(found.y, expected[..., 1], atol=0.01)
+
+
+@pytest.mark.parametrize("d", CASES)
+def test_opencv_undistorts_the_distorted_picture_back_to_the_pinhole_image(d: Distortion) -> None:
+    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+    back_x, back_y = cv2.initUndistortRectifyMap(
+        camera(FOCAL * found.zoom), opencv(d), None, camera(FOCAL), (WIDTH, HEIGHT), cv2.CV_32FC1
+    )
+    # Where a pixel of the distorted picture comes from, read at where OpenCV says a pinhole pixel is shown.
+    again_x = cv2.remap(found.x.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
+    again_y = cv2.remap(found.y.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
+    inside = (back_x > 1) & (back_x < WIDTH - 2) & (back_y > 1) & (back_y < HEIGHT - 2)
+    assert inside.mean() > 0.3
+    rows, columns = np.nonzero(inside)
+    np.testing.assert_allclose(again_x[inside], columns, atol=0.06)
+    np.testing.assert_allclose(again_y[inside], rows, atol=0.06)
+
+
+@given(coefficients, st.floats(40.0, 2000.0))
+def test_every_pixel_of_the_picture_was_rendered(d: Distortion, focal: float) -> None:
+    found = pixel_map(d, WIDTH, HEIGHT, focal)
+    assert found.zoom >= 1.0
+    # A corner that tangential terms pull may be a quarter of a pixel beyond the samples of the border.
+    assert found.x.min() > -0.25
+    assert found.x.max() < WIDTH - 0.75
+    assert found.y.min() > -0.25
+    assert found.y.max() < HEIGHT - 0.75
+
+
+@given(coefficients)
+def test_undistorting_is_the_inverse_of_distorting(d: Distortion) -> None:
+    reach = min(0.8 * fold_radius(d), 0.5)
+    angles, radii = np.linspace(0.0, 6.0, 24), np.linspace(0.0, reach, 16)[:, None]
+    x, y = radii * np.cos(angles), radii * np.sin(angles)
+    again_x, again_y = undistort(d, *distort(d, x, y))
+    np.testing.assert_allclose(again_x, x, atol=1e-9)
+    np.testing.assert_allclose(again_y, y, atol=1e-9)
+
+
+def test_without_coefficients_every_pixel_stays() -> None:
+    found = pixel_map(Distortion(), WIDTH, HEIGHT, FOCAL)
+    assert found.zoom == 1.0
+    np.testing.assert_array_equal(found.nearest(), np.arange(WIDTH * HEIGHT).reshape(HEIGHT, WIDTH))
+
+
+def test_barrel_draws_in_and_pincushion_draws_out() -> None:
+    barrel, pincushion = (
+        pixel_map(Distortion(k1=-0.3), WIDTH, HEIGHT, FOCAL),
+        pixel_map(Distortion(k1=0.3), WIDTH, HEIGHT, FOCAL),
+    )
+    assert barrel.zoom > 1.0
+    assert pincushion.zoom == 1.0
+    # Near the centre a barrel is the enlargement alone, and further out less.
+    middle, edge = np.diff(barrel.x[HEIGHT // 2])[[WIDTH // 2, 0]]
+    assert middle < edge
+    middle, edge = np.diff(pincushion.x[HEIGHT // 2])[[WIDTH // 2, 0]]
+    assert middle > edge
+
+
+@pytest.mark.parametrize("d", CASES)
+def test_shown_pixels_are_those_that_the_map_reads(d: Distortion) -> None:
+    found = pixel_map(d, WIDTH, HEIGHT, FOCAL)
+    within = shown_within(d, WIDTH, HEIGHT, FOCAL, found.zoom)
+    read = np.zeros(WIDTH * HEIGHT, np.bool_)
+    read[found.nearest().ravel()] = True
+    read = read.reshape(HEIGHT, WIDTH)
+
+    def grown(mask: np.ndarray) -> np.ndarray:
+        return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+
+    # At the border a pixel may be read for a place half a pixel away; what is shrunk may be passed over.
+    assert not (read & ~grown(within)).any()
+    assert not (within & ~grown(read)).any()
+
+
+def test_a_lens_folds_where_farther_out_would_be_shown_farther_in() -> None:
+    assert fold_radius(Distortion(k1=-0.3)) == pytest.approx(np.sqrt(1 / 0.9))
+    assert fold_radius(Distortion(k1=0.3)) == np.inf

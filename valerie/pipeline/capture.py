@@ -1,0 +1,132 @@
+"""How one sensor setting sees one frame: the picture, and the truth in step with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.parameters.assignment import digest
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.rendering.base import GroundTruth, PersonTruth
+from valerie.runs.sensors import focal_length_mm, setting_of, short_document
+from valerie.runs.spec import ResolvedRun
+from valerie.scene.model import freeze
+from valerie.sensing.distortion import pixel_map, shown_within
+from valerie.sensing.sensor import REVISION, Shot, develop, focal_length_px
+from valerie.sensing.settings import SensorSetting
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """A frame and the camera that takes it.
+
+    Attributes:
+        background, layer, truth: digests of the frame's products.
+        setting: with the variant's own values put in.
+        focal_length_mm: of the camera in this variant; None where the asset does not tell and the setting does not ask.
+        run_seed: of the run.
+    """
+
+    background: str
+    layer: str
+    truth: str
+    setting: SensorSetting
+    focal_length_mm: float | None
+    run_seed: int
+
+    @property
+    def distorted(self) -> bool:
+        """Whether the truth as seen differs from the frame's."""
+        return not self.setting.distortion.identity
+
+    @property
+    def tag(self) -> str:
+        """32 hexadecimal characters that stand for all of it."""
+        products = (self.background, self.layer, self.truth)
+        return digest("capture", REVISION, products, short_document(self.setting, self.run_seed))
+
+    def picture(self, reader: ProductReader) -> NDArray[np.uint8]:
+        """What a function under test sees: (H, W, 3) uint8 sRGB.
+
+        Raises:
+            MissingInput: an object is gone.
+        """
+        image = reader.frame(self.background, self.layer)
+        depth = reader.truth(self.truth).depth if self.setting.needs_depth else None
+        shot = Shot(self.focal_length_mm, depth, self.run_seed, (self.background, self.layer))
+        return develop(image.pixels, self.setting, shot)
+
+    def seen_truth(self, reader: ProductReader) -> GroundTruth:
+        """The ground truth in step with the picture.
+
+        Raises:
+            MissingInput: an object is gone.
+        """
+        truth = reader.truth(self.truth)
+        if not self.distorted or self.focal_length_mm is None:
+            return truth
+        return distorted_truth(truth, self.setting, self.focal_length_mm)
+
+
+def capture_of(
+    resolved: ResolvedRun,
+    *,
+    sensor_index: int,
+    camera_index: int,
+    assignment: Mapping[str, Any],
+    background: str,
+    layer: str,
+    truth: str,
+) -> Capture:
+    """The capture of a frame of a run.
+
+    Args:
+        resolved: the run.
+        sensor_index, camera_index: places in the run's sensors and cameras.
+        assignment: of the variant.
+        background, layer, truth: digests of the frame's products.
+    """
+    return Capture(
+        background=background,
+        layer=layer,
+        truth=truth,
+        setting=setting_of(resolved.spec.sensors[sensor_index], assignment),
+        focal_length_mm=focal_length_mm(resolved.manifest, resolved.cameras[camera_index], assignment),
+        run_seed=resolved.spec.seed,
+    )
+
+
+def distorted_truth(truth: GroundTruth, setting: SensorSetting, focal_length: float) -> GroundTruth:
+    """Ground truth as a distorting lens shows it: every map by the nearest pixel of the same map that moves the image.
+
+    What of a person lies beyond the border of the rendered image has no pixels to be moved. The whole person is therefore
+    counted in pixels of the picture by the share of it that the picture shows, so that the truncation rate is the share of
+    the person's pinhole pixels (on the padded canvas) that are not shown.
+
+    Args:
+        truth: of the pinhole camera.
+        setting: its distortion counts.
+        focal_length: millimetres, on a sensor 36 mm wide.
+    """
+    height, width = truth.class_map.shape
+    focal_px = focal_length_px(focal_length, width)
+    found = pixel_map(setting.distortion, width, height, focal_px)
+    index = found.nearest()
+    within = shown_within(setting.distortion, width, height, focal_px, found.zoom)
+
+    def person(one: PersonTruth) -> PersonTruth:
+        amodal = one.amodal.ravel()[index]
+        shown, seen = int(np.count_nonzero(one.amodal & within)), int(np.count_nonzero(amodal))
+        whole = round(one.padded_pixels * seen / shown) if shown and seen else one.padded_pixels
+        return replace(one, amodal=freeze(amodal), padded_pixels=max(whole, seen))
+
+    return GroundTruth(
+        class_map=freeze(truth.class_map.ravel()[index]),
+        instance_map=freeze(truth.instance_map.ravel()[index]),
+        depth=freeze(truth.depth.ravel()[index]),
+        persons=tuple(person(one) for one in truth.persons),
+    )

@@ -1,0 +1,48 @@
+"""Rows of the visibility of persons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from valerie.rendering.visibility import Box, Visibility
+
+
+def view_row(truth: str, view: Visibility) -> dict[str, Any]:
+    """The row of one person in one truth (or in an evaluation whose sensor distorts)."""
+    return {
+        "truth": truth,
+        "instance_id": view.instance_id,
+        "pixel_area": view.pixel_area,
+        "pixel_area_percent": view.pixel_area_percent,
+        "pixel_area_amodal": view.pixel_area_amodal,
+        "occlusion_rate": view.occlusion_rate,
+        "truncation_rate": view.truncation_rate,
+        "distance_m": view.distance_m,
+        "depth_m": view.depth_m,
+        "box": _corners(view.box),
+        "amodal_box": _corners(view.amodal_box),
+        "undefined_reason": view.undefined_reason,
+    }
+
+
+def _corners(box: Box | None) -> list[int] | None:
+    """(x, y, width, height) to [x0, y0, x1, y1], end exclusive."""
+    return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
+
+
+def no_person(truth: str) -> dict[str, Any]:
+    """A frame without any person still has its row, so that it is missing from no result in silence."""
+    return {
+        "truth": truth,
+        "instance_id": 0,
+        "pixel_area": 0,
+        "pixel_area_percent": 0.0,
+        "pixel_area_amodal": 0,
+        "occlusion_rate": None,
+        "truncation_rate": None,
+        "distance_m": None,
+        "depth_m": None,
+        "box": None,
+        "amodal_box": None,
+        "undefined_reason": "absent",
+    }
