@@ -100,9 +100,7 @@ def _canonical(value: Any) -> Any:
     if kind is float:
         return _canonical_float(value)
     if kind is dict:
-        return {
-            key: _canonical_float(item) if type(item) is float else _canonical(item) for key, item in value.items()
-        }
+        return {key: _canonical_float(item) if type(item) is float else _canonical(item) for key, item in value.items()}
     if kind is list or kind is tuple:
         return [_canonical(item) for item in value]
     if isinstance(value, Mapping):

@@ -49,6 +49,12 @@ class Capture:
         products = (self.background, self.layer, self.truth)
         return digest("capture", REVISION, products, short_document(self.setting, self.run_seed))
 
+    def zoom(self, width: int, height: int) -> float:
+        """How much the picture is enlarged so that a distorting lens shows no more than was rendered; 1 without distortion."""
+        if not self.distorted or self.focal_length_mm is None:
+            return 1.0
+        return pixel_map(self.setting.distortion, width, height, focal_length_px(self.focal_length_mm, width)).zoom
+
     def picture(self, reader: ProductReader) -> NDArray[np.uint8]:
         """What a function under test sees: (H, W, 3) uint8 sRGB.
 

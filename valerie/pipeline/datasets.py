@@ -11,7 +11,7 @@ import json
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -29,10 +29,11 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailable
 from valerie.parameters.assignment import digest
+from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.makers.resolved import RunCache, StoredRun
-from valerie.pipeline.pictures import picture_of
 from valerie.pipeline.selection import (
     ChosenFrame,
     FrameKey,
@@ -229,7 +230,11 @@ class _Export:
     def write(self, frame: ChosenFrame, root: Path) -> dict[str, Any]:
         """Write one frame's files; its fragment of the common documents."""
         split, formats = self.split(frame), self.settings.formats
-        made = self._labelled(frame)
+        capture = self._capture(frame)
+        if capture.distorted:
+            seen = capture.seen_truth(self._reader)
+            frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
+        made = self._labelled(frame, capture)
         picture = cityscapes.write_picture(root, split, made)
         height, width = made.class_map.shape
         fragment: dict[str, Any] = {"name": str(made.name), "split": split}
@@ -255,15 +260,27 @@ class _Export:
             fragment["rows"] = [{**known, **row, **values} for row in frame.persons]
         return fragment
 
-    def _labelled(self, frame: ChosenFrame) -> LabelledFrame:
+    def _capture(self, frame: ChosenFrame) -> Capture:
+        return capture_of(
+            self.resolved,
+            sensor_index=self.sensor,
+            camera_index=frame.key[1],
+            assignment=frame.assignment,
+            background=frame.background,
+            layer=frame.layer,
+            truth=frame.truth,
+        )
+
+    def _labelled(self, frame: ChosenFrame, capture: Capture) -> LabelledFrame:
         spec = self.resolved.spec
-        truth = self._reader.truth(frame.truth)
-        image = self._reader.frame(frame.background, frame.layer)
+        truth = capture.seen_truth(self._reader)
         camera: dict[str, Any] = {}
         if "cityscapes" in self.settings.formats:
             scene = apply(frame.assignment, self._runs.asset(self.stored))
             size = spec.resolution
-            camera = camera_document(scene.cameras[self.resolved.cameras[frame.key[1]]], size.width, size.height)
+            own = scene.cameras[self.resolved.cameras[frame.key[1]]]
+            own = replace(own, focal_length_mm=own.focal_length_mm * capture.zoom(size.width, size.height))
+            camera = camera_document(own, size.width, size.height)
         persons = {
             row["instance_id"]: {name: row[name] for name in _OF_PERSON}
             for row in frame.persons
@@ -271,7 +288,7 @@ class _Export:
         }
         return LabelledFrame(
             name=self.name(frame),
-            picture=picture_of(image, spec.sensors[self.sensor], frame.assignment),
+            picture=capture.picture(self._reader),
             class_map=truth.class_map,
             instance_map=truth.instance_map,
             camera=camera,

@@ -63,7 +63,8 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
     light = np.zeros((*linear.shape[:2], 4), np.float32)
     for disc, mask in layers:
         _lay_over(light, linear, mask, disc)
-    blurred: Floats = light[..., :3] / np.maximum(light[..., 3:], np.float32(1e-6))
+    blurred = light[..., :3]
+    blurred /= np.maximum(light[..., 3:], np.float32(1e-6))
     return blurred
 
 

@@ -16,10 +16,9 @@ from valerie.metrics.scores import frame_scores, pacc
 from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.makers.person_views import view_row
+from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.makers.resolved import RunCache
 from valerie.rendering.base import GroundTruth
-from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs
 
 
@@ -73,13 +72,7 @@ class EvaluateMaker:
         """The rows of the frame's own truth with everything that is measured in pixels measured again."""
         with reading(self._context.engine) as connection:
             rows = [dict(row._mapping) for row in results.person_views(connection, job.truth)]  # noqa: SLF001  # public
-        drawn = {person.instance_id: person for person in truth.persons}
-        for row in rows:
-            row["truth"] = job.digest
-            if row["instance_id"] in drawn:
-                measured = view_row(job.digest, measure_pixels(drawn[row["instance_id"]], truth))
-                row |= {name: value for name, value in measured.items() if name not in ("distance_m", "depth_m")}
-        return tuple(rows)
+        return tuple({**measured_again(row, truth), "truth": job.digest} for row in rows)
 
 
 def _ratios(matrix: ConfusionMatrix) -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from valerie.rendering.visibility import Box, Visibility
+from valerie.rendering.base import GroundTruth
+from valerie.rendering.visibility import Box, Visibility, measure_pixels
 
 
 def view_row(truth: str, view: Visibility) -> dict[str, Any]:
@@ -46,3 +48,18 @@ def no_person(truth: str) -> dict[str, Any]:
         "amodal_box": None,
         "undefined_reason": "absent",
     }
+
+
+def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]:
+    """The row of one person with everything that is measured in pixels taken from another truth of the same scene.
+
+    Args:
+        row: any of the columns of `valerie.db.models.PersonView`, and others, which stay.
+        truth: as a distorting sensor sees it.
+    """
+    person = next((one for one in truth.persons if one.instance_id == row["instance_id"]), None)
+    if person is None:  # absent, or nobody at all
+        return dict(row)
+    measured = view_row("", measure_pixels(person, truth))
+    kept = ("truth", "distance_m", "depth_m")
+    return {name: measured[name] if name in measured and name not in kept else value for name, value in row.items()}

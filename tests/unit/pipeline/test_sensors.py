@@ -1,0 +1,194 @@
+"""Runs that vary sensors, through the real pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.acceptance.system import spec, write_box_street
+from tests.unit.pipeline.harness import Pipeline
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.pipeline import frames, gc, lifecycle
+from valerie.pipeline.replay import replay_frame
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.tables import read_table
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+
+FRAMES = 4
+BENT = {"name": "bent", "distortion": {"k1": -0.9}}
+
+
+@pytest.fixture(scope="session")
+def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The boxes with every parameter of the sensor declared."""
+    folder = tmp_path_factory.mktemp("assets")
+    write_box_street(folder / "box-street")
+    file = folder / "box-street" / "manifest.yaml"
+    document = yaml.safe_load(file.read_text())
+    known = {parameter["path"] for parameter in document["parameters"]}
+    new = [row.definition().model_dump(mode="json") for row in SENSOR_PARAMETERS.values()]
+    document["parameters"] += [one for one in new if one["path"] not in known]
+    file.write_text(yaml.safe_dump(document))
+    return folder
+
+
+@pytest.fixture
+def pipeline(tmp_path: Path, assets: Path) -> Pipeline:
+    return Pipeline(tmp_path / "one", assets)
+
+
+def small(**more: Any) -> dict[str, Any]:
+    return spec(xs=2, ys=2, cameras=["camera-2"], **more)
+
+
+def table(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
+    found: list[dict[str, Any]] = read_table(pipeline.context.engine, run_id, resolved).arrow.to_pylist()
+    return found
+
+
+def all_views(pipeline: Pipeline, digest: str) -> list[dict[str, Any]]:
+    with reading(pipeline.context.engine) as connection:
+        return [dict(row._mapping) for row in results.person_views(connection, digest)]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        BENT,
+        {"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}},
+        {"name": "noisy", "noise": {"shot": True, "read_electrons": 3}},
+        {"name": "drops", "soiling": {"drops": 0.2}},
+    ],
+)
+def test_a_run_with_another_sensor_renders_nothing(pipeline: Pipeline, given: dict[str, Any]) -> None:
+    pipeline.run(pipeline.submit(small()))
+    assert pipeline.made() == {"background": 1, "layer": 4, "truth": 4, "prediction": 4, "evaluation": 4}
+    assert pipeline.run(pipeline.submit(small(sensors=[given]))) == "completed"
+    assert pipeline.made() == {"prediction": FRAMES, "evaluation": FRAMES}
+
+
+def test_a_run_that_varies_the_sensor_renders_one_frame_for_all_values(pipeline: Pipeline) -> None:
+    vary = {"sensor.noise.read_electrons": {"homogeneous": {"from": 0, "to": 40, "step": 10}}}
+    run = pipeline.submit(small(vary=vary, constants={"sensor.noise.shot": True, "sensor.distortion.k1": 0.2}))
+    assert pipeline.run(run) == "completed"
+    assert pipeline.made() == {"background": 1, "layer": 1, "truth": 1, "prediction": 5, "evaluation": 5}
+    assert len(table(pipeline, run)) == 10
+
+
+def test_visibility_behind_a_distorting_sensor_is_measured_as_it_is_seen(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[{"name": "plain"}, BENT]))
+    assert pipeline.run(run) == "completed"
+    rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
+    plain = [row["pixel_area"] for row in rows if row["sensor"] == "plain"]
+    bent = [row["pixel_area"] for row in rows if row["sensor"] == "bent"]
+    assert plain == [32 * 18] * FRAMES
+    assert all(area > 32 * 18 for area in bent)  # what a barrel leaves in the picture is enlarged
+    # tp and fn count the same pixels that visibility counts.
+    for row in rows:
+        assert row["tp"] + row["fn"] == row["pixel_area"]
+
+
+def test_distances_and_absent_persons_stay_as_they_are(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[BENT]))
+    pipeline.run(run)
+    with reading(pipeline.context.engine) as connection:
+        frame = results.frame(connection, run, 0, 0)
+        (one,) = results.frame_evaluations(connection, run, 0, 0)
+    before, after = all_views(pipeline, frame.truth), all_views(pipeline, one.scores)
+    assert [row["instance_id"] for row in after] == [row["instance_id"] for row in before]
+    for name in ("distance_m", "depth_m"):
+        assert [row[name] for row in after] == [row[name] for row in before]
+    assert [row["undefined_reason"] for row in after] == [row["undefined_reason"] for row in before]
+
+
+def test_a_sensor_without_distortion_keeps_no_views_of_its_own(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[{"name": "noisy", "noise": {"shot": True}}]))
+    pipeline.run(run)
+    with reading(pipeline.context.engine) as connection:
+        (one,) = results.frame_evaluations(connection, run, 0, 0)
+    assert all_views(pipeline, one.scores) == []
+
+
+def test_noise_is_the_same_in_a_replay_and_in_another_deployment(
+    pipeline: Pipeline, tmp_path: Path, assets: Path
+) -> None:
+    noisy = [{"name": "noisy", "noise": {"shot": True, "full_well_electrons": 200}, "soiling": {"dirt": 0.1}}]
+    run = pipeline.submit(small(sensors=noisy))
+    pipeline.run(run)
+    assert [one.verdict for one in replay_frame(pipeline.context, run, 2, 0)] == ["equal"] * 5
+    other = Pipeline(tmp_path / "other", assets)
+    again = other.submit(small(sensors=noisy))
+    other.run(again)
+    strip = ("run_id", "frame_id")
+    first, second = ([{k: v for k, v in row.items() if k not in strip} for row in table(*one)]
+                     for one in ((pipeline, run), (other, again)))  # fmt: skip
+    assert first == second
+
+
+def test_another_run_seed_has_other_noise_and_the_same_plain_pictures(pipeline: Pipeline) -> None:
+    sensors = [{"name": "plain"}, {"name": "noisy", "noise": {"shot": True, "full_well_electrons": 200}}]
+    pipeline.run(pipeline.submit(small(sensors=sensors)))
+    pipeline.made()
+    pipeline.run(pipeline.submit(small(sensors=sensors, seed=1)))
+    assert pipeline.made() == {"prediction": FRAMES, "evaluation": FRAMES}
+
+
+def test_pictures_for_people_show_truth_in_step_with_the_sensor(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[{"name": "plain"}, BENT]))
+    pipeline.run(run)
+
+    def shown(kind: str, sensor: str) -> np.ndarray:
+        return frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind=kind, sensor=sensor))
+
+    for kind in ("picture", "truth", "instances", "depth", "truth-overlay", "errors"):
+        assert shown(kind, "plain").shape == shown(kind, "bent").shape
+    for kind in ("picture", "truth", "instances"):
+        assert (shown(kind, "plain") != shown(kind, "bent")).any()
+
+
+def test_a_picture_with_defocus_waits_for_the_truth(pipeline: Pipeline) -> None:
+    given = [{"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}}]
+    run = pipeline.submit(small(sensors=given))
+    pipeline.step()
+    waiting = [row for row in pipeline.products() if row.kind == "prediction"]
+    truths = {row.digest for row in pipeline.products() if row.kind == "truth"}
+    assert {row.input_c for row in waiting} == truths
+    assert pipeline.run(run) == "completed"
+
+
+def test_a_truth_that_fails_fails_the_picture_that_needs_its_depth(pipeline: Pipeline) -> None:
+    from valerie.errors import RenderingError
+
+    def break_truth(job: Any) -> None:
+        if job.kind == "truth":
+            raise RenderingError("no truth today")
+
+    pipeline.makers["render"].before = break_truth
+    run = pipeline.submit(small(sensors=[{"name": "deep", "lens": {"f_number": 1.4}}]))
+    assert pipeline.run(run) == "completed-with-failures"
+    assert {row.state for row in pipeline.products() if row.kind == "prediction"} == {"failed"}
+
+
+def test_deleting_a_run_frees_the_views_of_its_sensors(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(sensors=[BENT]))
+    pipeline.run(run)
+    with reading(pipeline.context.engine) as connection:
+        (one,) = results.frame_evaluations(connection, run, 0, 0)
+    lifecycle.delete(pipeline.context, run)
+    gc.collect(pipeline.context)
+    assert all_views(pipeline, one.scores) == []
+
+
+def test_the_makers_of_this_file_are_those_of_the_product(pipelines: Callable[..., Pipeline]) -> None:
+    # A frame of the small asset has a person that the blank truth draws, and one that is absent.
+    pipeline = pipelines("two")
+    run = pipeline.submit(small())
+    pipeline.run(run)
+    assert {row["undefined_reason"] for row in table(pipeline, run)} == {None, "absent"}

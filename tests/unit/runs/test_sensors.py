@@ -1,0 +1,112 @@
+from typing import Any
+
+import pytest
+
+from valerie.errors import InvalidInputs
+from valerie.runs.inputs import ProductInputs
+from valerie.runs.sensors import focal_length_mm
+from valerie.runs.spec import ResolvedRun, parse, resolve
+from valerie.scene.asset import asset_manifest
+from valerie.scene.manifest import Manifest
+from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+from valerie.testing.assets import simple_manifest
+
+
+@pytest.fixture(scope="module")
+def street() -> Manifest:
+    return asset_manifest("urban-street")[0]
+
+
+def resolved(manifest: Manifest, **given: Any) -> ResolvedRun:
+    return resolve(parse({"name": "one", "asset": manifest.name, "functions": ["f"], **given}), manifest)
+
+
+def test_the_generated_street_declares_every_parameter_of_the_sensor(street: Manifest) -> None:
+    declared = {d.path.removeprefix("sensor."): d for d in street.parameters if d.path.startswith("sensor.")}
+    assert set(declared) == set(SENSOR_PARAMETERS)
+    for name, row in SENSOR_PARAMETERS.items():
+        assert (declared[name].type, declared[name].unit, declared[name].default) == (row.type, row.unit, row.neutral)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("sensor.noise.read_electrons", "4 electrons"),
+        ("sensor.lens.focus_distance_m", "150 cm"),
+        ("sensor.noise.shot", True),
+        ("sensor.curve", "blender-filmic"),
+        ("sensor.jpeg_quality", 40),
+        ("sensor.pixels.hot_rate", "0.1 %"),
+        ("sensor.specimen", 3),
+    ],
+)
+def test_every_kind_of_parameter_can_be_set_in_a_spec(street: Manifest, name: str, value: Any) -> None:
+    space = resolved(street, constants={name: value}).space
+    assert name in space[0].values
+
+
+def test_focal_length_is_the_variants_or_the_assets(street: Manifest) -> None:
+    path = "scene.camera-1.focal_length_mm"
+    assert focal_length_mm(street, "camera-1", {}) == street.by_path[path].default
+    assert focal_length_mm(street, "camera-1", {path: 24.0}) == 24.0
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"sensors": [{"distortion": {"k1": 0.1}}]},
+        {"sensors": [{"lens": {"vignetting": 1}}]},
+        {"sensors": [{"lens": {"f_number": 2}}]},
+    ],
+)
+def test_an_effect_that_needs_an_undeclared_focal_length_is_refused(given: dict[str, Any]) -> None:
+    manifest = simple_manifest()  # only its second camera declares one
+    with pytest.raises(InvalidInputs, match=r"scene\.camera-1\.focal_length_mm"):
+        resolved(manifest, **given)
+    resolved(manifest, **given, cameras=["camera-2"])
+
+
+def test_a_plan_says_that_defocus_waits_for_the_truth(street: Manifest) -> None:
+    (warning,) = resolved(street, sensors=[{"name": "fast", "lens": {"f_number": 2}}]).warnings
+    assert "fast" in warning
+    assert "depth" in warning
+    varied = resolved(street, vary={"sensor.lens.f_number": {"choice": [1.4, 2.8]}}).warnings
+    assert any("depth" in text for text in varied)
+
+
+@pytest.mark.parametrize(
+    ("vary", "reason"),
+    [
+        ({"sensor.lens.focus_distance_m": {"choice": [2, 5]}}, "lens.f_number"),
+        ({"sensor.noise.full_well_electrons": {"choice": [2000, 5000]}}, "noise.shot"),
+        ({"sensor.specimen": {"choice": [1, 2]}}, "soiling.dirt"),
+    ],
+)
+def test_a_plan_warns_of_values_that_change_nothing(street: Manifest, vary: dict[str, Any], reason: str) -> None:
+    (warning,) = resolved(street, vary=vary).warnings
+    assert "changes nothing" in warning
+    assert reason in warning
+
+
+@pytest.mark.parametrize(
+    ("sensor", "seeded", "with_truth"),
+    [
+        ({}, False, False),
+        ({"lens": {"vignetting": 1}}, False, False),
+        ({"noise": {"shot": True}}, True, False),
+        ({"soiling": {"drops": 0.1}}, True, False),
+        ({"lens": {"f_number": 2}}, False, True),
+    ],
+)
+def test_a_prediction_depends_on_seed_and_truth_only_where_its_sensor_does(
+    street: Manifest, pins: dict[str, Any], sensor: dict[str, Any], *, seeded: bool, with_truth: bool
+) -> None:
+    pins = {**pins, "functions": {"f": next(iter(pins["functions"].values()))}}
+
+    def prediction(seed: int = 0, revision: int = 1) -> str:
+        run = resolved(street, sensors=[sensor], seed=seed)
+        own = {**pins, "truth": {**pins["truth"], "revision": revision}}
+        return ProductInputs(run, asset_digest="a", pins=own).frame({}, 0).evaluations[0].prediction
+
+    assert (prediction(seed=1) != prediction()) is seeded
+    assert (prediction(revision=9) != prediction()) is with_truth
