@@ -151,11 +151,13 @@ def function_file_bytes(
         "std": json.dumps(std),
         **provenance,
     }
-    return _with_sorted_header(save(halves, metadata=entries))
+    return safetensors_bytes(halves, entries)
 
 
-def _with_sorted_header(data: bytes) -> bytes:
-    """Write the header again with sorted keys: the library leaves the order of the metadata to chance."""
+def safetensors_bytes(tensors: Mapping[str, NDArray[np.floating]], entries: Mapping[str, str]) -> bytes:
+    """The bytes of a safetensors file; equal inputs give equal bytes, whatever their order."""
+    data: bytes = save({name: tensors[name] for name in sorted(tensors)}, metadata=dict(entries))
+    # The library leaves the order of the metadata to chance: the header is written again with sorted keys.
     size = int.from_bytes(data[:8], "little")
     header = json.dumps(
         json.loads(data[8 : 8 + size]), sort_keys=True, separators=(",", ":"), ensure_ascii=False

@@ -170,7 +170,8 @@ class ResNet(nn.Module):
         #: Channels of the four feature maps.
         self.channels = tuple(settings.width * factor * self._expansion for factor in (1, 2, 4, 8))
         for module in self.modules():
-            if isinstance(module, nn.Conv2d):
+            # On the meta device there is nothing to draw, and torch would load its compiler to find that out.
+            if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
