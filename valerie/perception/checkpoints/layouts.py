@@ -220,6 +220,8 @@ LAYOUTS: Final[tuple[Layout, ...]] = (
             "deeplabv3plus-r101c-os16",
             "deeplabv3plus-r50c-os8",
             "deeplabv3plus-r50c-os8-aligned",
+            "deeplabv3plus-r18c-os8",
+            "deeplabv3plus-r18c-os8-aligned",
         ),
         ignored=("auxiliary_head.",),
         units=_IMAGENET_8_BIT,

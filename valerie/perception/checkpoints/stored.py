@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.checkpoints.unpickling import Array, Inert, Storage, Tensor, load_plain, storage_kind
+from valerie.perception.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_kind
 
 #: Larger files are refused unread. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
@@ -24,7 +24,6 @@ MAX_BYTES: Final = 4 * 2**30
 _MAX_INNER_PICKLE: Final = 64 * 2**20
 _MAX_ENTRIES: Final = 100_000
 _MAX_SAFETENSORS_HEADER: Final = 100_000_000
-_MAX_DEPTH: Final = 8
 
 _ZIP: Final = b"PK\x03\x04"
 #: What torch.save wrote first into its older format, and the version after it.
@@ -235,17 +234,24 @@ def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
         raise InvalidInput(
             "the file holds no weights", field=field, limit=f"tensors by name, alone or in {_CONTAINERS}"
         )
-    entries: dict[str, object] = {}
-    if inside:
-        _flatten({name: value for name, value in objects.items() if name != inside}, "", entries, 0)
-    return StoredCheckpoint(tensors, entries, kind)
+    beside = {name: value for name, value in objects.items() if name != inside} if inside else {}
+    return StoredCheckpoint(tensors, _flattened(beside), kind)
 
 
-def _flatten(values: Mapping[Any, Any], before: str, into: dict[str, object], depth: int) -> None:
-    for name, value in values.items():
-        if isinstance(value, Tensor | Array | Inert | Storage) or depth > _MAX_DEPTH:
-            continue
-        if isinstance(value, dict):
-            _flatten(value, f"{before}{name}.", into, depth + 1)
-        elif isinstance(value, str | int | float | list | tuple):
-            into[f"{before}{name}"] = value
+def _flattened(values: Mapping[Any, Any]) -> dict[str, object]:
+    """Text, numbers and lists of nested dictionaries by dotted name.
+
+    Each dictionary is entered once: a pickle can put one of them in many places, and a few of those make endless names.
+    """
+    flat: dict[str, object] = {}
+    seen = {id(values)}
+    waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
+    while waiting:
+        before, mapping = waiting.pop()
+        for name, value in mapping.items():
+            if isinstance(value, dict) and id(value) not in seen:
+                seen.add(id(value))
+                waiting.append((f"{before}{name}.", value))
+            elif isinstance(value, str | int | float | list | tuple):
+                flat[f"{before}{name}"] = value
+    return flat

@@ -2,7 +2,7 @@
 
 A name says the network, its ResNet, and where it departs from the plain form:
 
-- ``r50c``, ``r101c``: the ResNet has a deep stem; DeepLabV3+ is then mmsegmentation's, with separable convolutions.
+- ``r18c``, ``r50c``, ``r101c``: the ResNet has a deep stem; DeepLabV3+ is then mmsegmentation's, with separable convolutions.
 - ``r103``: Detectron2's deep stem of twice the width.
 - ``os8``, ``os16``: output stride of the ResNet under DeepLabV3+; 16 where nothing is said.
 - ``aligned``: bilinear resampling with aligned corners.
@@ -31,12 +31,13 @@ def _deeplab(depth: int, output_stride: int = 16) -> DeepLabSettings:
     return DeepLabSettings(ResNetSettings(depth, output_stride=output_stride), rates)
 
 
-def _separable_deeplab(depth: int) -> DeepLabSettings:
+def _separable_deeplab(depth: int, *, channels: int = 512, low_level: int = 48) -> DeepLabSettings:
     return DeepLabSettings(
-        ResNetSettings(depth, output_stride=8, stem="deep"),
+        ResNetSettings(depth, output_stride=8, stem="deep", dilate_both=False),
         rates=(12, 24, 36),
-        pyramid_channels=512,
-        decoder_channels=512,
+        pyramid_channels=channels,
+        low_level_channels=low_level,
+        decoder_channels=channels,
         decoder_convs=2,
         separable=True,
         project_kernel=3,
@@ -64,6 +65,7 @@ _MULTI_GRID: Final = replace(
     backbone=ResNetSettings(101, output_stride=16, stem="deep", last_dilations=(1, 2, 4)),
     rates=(6, 12, 18),
 )
+_R18C: Final = _separable_deeplab(18, channels=128, low_level=12)
 _R103: Final = DeepLabSettings(
     ResNetSettings(101, output_stride=16, stem="deep", stem_channels=128, last_dilations=(2, 4, 8)),
     decoder_convs=2,
@@ -75,6 +77,9 @@ _R103: Final = DeepLabSettings(
 ARCHITECTURES: Final[Mapping[str, NetworkSettings]] = MappingProxyType(
     {
         "deeplabv3plus-small": _DEEPLAB_SMALL,
+        "deeplabv3plus-r18": _deeplab(18),
+        "deeplabv3plus-r18c-os8": _R18C,
+        "deeplabv3plus-r18c-os8-aligned": replace(_R18C, align_corners=True),
         "deeplabv3plus-r50": _deeplab(50),
         "deeplabv3plus-r50-os8": _deeplab(50, 8),
         "deeplabv3plus-r101": _deeplab(101),
@@ -86,6 +91,7 @@ ARCHITECTURES: Final[Mapping[str, NetworkSettings]] = MappingProxyType(
         "deeplabv3plus-r101c-os16": _MULTI_GRID,
         "deeplabv3plus-r103": _R103,
         "semantic-fpn-small": _FPN_SMALL,
+        "semantic-fpn-r18": _fpn(18),
         "semantic-fpn-r50": _fpn(50),
         "semantic-fpn-r101": _fpn(101),
         "semantic-fpn-r50c": _deep_fpn(50),

@@ -45,6 +45,8 @@ class ResNetSettings:
             not in its 3×3 convolution.
         last_dilations: dilation of each block of the last stage ("multi-grid"); None: as `output_stride` says, where the
             first block of a dilated stage still sees the finer grid of the stage before.
+        dilate_both: in a dilated stage of a ResNet of depth 34 or less, both convolutions of a block are dilated, not the
+            first alone.
     """
 
     depth: int
@@ -54,6 +56,7 @@ class ResNetSettings:
     stem_channels: int | None = None
     stride_in_1x1: bool = False
     last_dilations: tuple[int, ...] | None = None
+    dilate_both: bool = True
 
 
 class BasicBlock(nn.Module):
@@ -61,11 +64,20 @@ class BasicBlock(nn.Module):
 
     expansion: Final = 1
 
-    def __init__(self, channels_in: int, channels: int, stride: int, dilation: int, shortcut: nn.Module | None) -> None:
+    def __init__(
+        self,
+        channels_in: int,
+        channels: int,
+        stride: int,
+        dilation: int,
+        shortcut: nn.Module | None,
+        *,
+        dilate_both: bool = True,
+    ) -> None:
         super().__init__()
         self.conv1 = _conv3x3(channels_in, channels, stride, dilation)
         self.bn1 = nn.BatchNorm2d(channels)
-        self.conv2 = _conv3x3(channels, channels, 1, dilation)
+        self.conv2 = _conv3x3(channels, channels, 1, dilation if dilate_both else 1)
         self.bn2 = nn.BatchNorm2d(channels)
         self.relu = nn.ReLU(inplace=True)
         self.downsample = shortcut
@@ -200,7 +212,8 @@ class ResNet(nn.Module):
 
     def _block(self, channels: int, stride: int, dilation: int, shortcut: nn.Module | None) -> nn.Module:
         if self._expansion == BasicBlock.expansion:
-            return BasicBlock(self._channels, channels, stride, dilation, shortcut)
+            both = self._settings.dilate_both
+            return BasicBlock(self._channels, channels, stride, dilation, shortcut, dilate_both=both)
         in_1x1 = self._settings.stride_in_1x1
         return Bottleneck(self._channels, channels, stride, dilation, shortcut, stride_in_1x1=in_1x1)
 

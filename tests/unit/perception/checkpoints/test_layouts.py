@@ -35,6 +35,7 @@ WHOLE = {
 OTHERS = {
     "deeplabv3plus-r50": ["deeplabv3plus-r50-os8"],
     "deeplabv3plus-r50c-os8": ["deeplabv3plus-r50c-os8-aligned"],
+    "deeplabv3plus-r18c-os8": ["deeplabv3plus-r18c-os8-aligned"],
     "semantic-fpn-r50c": [],
     "semantic-fpn-r50-gn": [],
     "semantic-fpn-r101-gn-plain": [],

@@ -108,6 +108,19 @@ def test_what_training_keeps_beside_the_weights_does_no_harm(save, zipped: bool)
     assert stored.entries["meta.nested.mean"] == [1, 2]
 
 
+def test_a_dictionary_in_many_places_is_entered_once(save) -> None:
+    inner: dict[str, object] = {"leaf": 1}
+    for _ in range(30):
+        inner = {str(place): inner for place in range(30)}  # 30 to the power of 30 leaves
+    assert list(read_stored(save({"state_dict": weights(), "meta": inner})).entries.values()) == [1]
+
+
+def test_a_dictionary_that_holds_itself_is_entered_once(save) -> None:
+    itself: dict[str, object] = {"epoch": 3}
+    itself["again"] = itself
+    assert read_stored(save({"state_dict": weights(), "meta": itself})).entries == {"meta.epoch": 3}
+
+
 def test_the_prefix_of_data_parallel_training_is_dropped(save) -> None:
     stored = read_stored(save({"state_dict": {f"module.{name}": tensor for name, tensor in weights().items()}}))
     assert list(stored.tensors) == list(weights())

@@ -61,6 +61,13 @@ def test_a_multi_grid_gives_each_block_of_the_last_stage_its_dilation() -> None:
     assert dilations(ResNetSettings(50, output_stride=16, last_dilations=(2, 4, 8))) == expected
 
 
+@pytest.mark.parametrize(("both", "second"), [(True, 4), (False, 1)])
+def test_the_second_convolution_of_a_basic_block_may_stay_plain(both: bool, second: int) -> None:
+    with torch.device("meta"):
+        block = ResNet(ResNetSettings(18, output_stride=8, dilate_both=both)).layer4[1]
+    assert (block.conv1.dilation[0], block.conv2.dilation[0]) == (4, second)
+
+
 # Each 3×3 convolution has 9 · in · out parameters, each normalisation 2 per channel; the rest is the plain ResNet.
 @pytest.mark.parametrize(("stem_channels", "more_in_layer1"), [(64, 0), (128, 64 * 64 + 64 * 256)])
 def test_a_deep_stem_is_three_small_convolutions(stem_channels: int, more_in_layer1: int) -> None:
