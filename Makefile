@@ -31,6 +31,10 @@ run: setup ## Run a validation from a spec (SPEC=examples/first-run.yaml) and sh
 up: setup ## Start server, workers and dashboard, and stay until Ctrl-C
 	@exec $(VENV)/bin/valerie up --end-with-parent
 
+.PHONY: example-loop
+example-loop: setup ## Find a weakness, train against it, compare before and after (var/example-loop/)
+	@exec $(PYTHON_BIN) -m examples.retraining.loop
+
 ##@ Develop
 
 .PHONY: setup-dev

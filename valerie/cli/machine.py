@@ -1,4 +1,4 @@
-"""Commands about this machine: one worker, one frame again, training, tidying up."""
+"""Commands about this machine: one worker, one frame again, tidying up."""
 
 from __future__ import annotations
 
@@ -71,16 +71,6 @@ def replay(
         _show(made)
     if not all(one.agrees for one in made):
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)
-
-
-def train(context: typer.Context) -> None:
-    """Train a function under test: `train frames …` renders a data set, `train fit …` learns from it.
-
-    `valerie train frames --help` and `valerie train fit --help` list the options.
-    """
-    from valerie.perception.training.__main__ import main
-
-    raise typer.Exit(main(context.args))
 
 
 def gc(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli import assets, datasets, evaluation, machine, runs, specs
+from valerie.cli import assets, datasets, evaluation, machine, runs, specs, training
 from valerie.cli.shell import guarded
 
 _HELP = """Validation of perception DNNs of automated vehicles by systematic variation of synthetic scenes.
@@ -58,11 +58,7 @@ app.command(rich_help_panel=_PARTS)(evaluation.evaluate)
 app.add_typer(datasets.app, name="dataset", rich_help_panel=_PARTS)
 app.add_typer(assets.app, name="asset", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.worker)
-app.command(
-    rich_help_panel=_PARTS,
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
-    options_metavar="frames|fit",
-)(machine.train)
+app.add_typer(training.app, name="train", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.gc)
 app.command(rich_help_panel=_PARTS)(machine.migrate)
 

@@ -5,20 +5,25 @@ Training streets have seeds from 1000 on, held-out ones 900 to 999; seed 0, the 
 
 from __future__ import annotations
 
+import json
+import math
 import multiprocessing
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from valerie.analysis.region import Region
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
 from valerie.pipeline import training_scenes
 from valerie.pipeline.training_scenes import crowd_asset, draw_scene
+from valerie.pipeline.training_targets import Target
 from valerie.rendering.base import View
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor
@@ -29,6 +34,8 @@ Split = Literal["train", "held-out"]
 #: Street seeds of each split.
 SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 _TRIES: Final = 10
+#: Scenes that are drawn for one frame that must lie in a region; most cost 6 CPU-ms.
+_TARGET_DRAWS: Final = 5_000
 
 
 class FrameSettings(BaseModel):
@@ -40,6 +47,11 @@ class FrameSettings(BaseModel):
         per_street: frames of each.
         width, height: pixels.
         asset: a generated asset that takes a ``seed``.
+        arguments: other arguments of the generator.
+        first_seed: where the street seeds begin; None: with the split.
+        region: None, or what a frame must show: at least one person for whom all bounds hold
+            (`valerie.pipeline.training_targets`). Scenes are drawn until one does.
+        broad_share: of the frames, where a region is given: those that need not lie in it.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,6 +62,20 @@ class FrameSettings(BaseModel):
     width: Annotated[int, Field(ge=32, le=8192)] = 960
     height: Annotated[int, Field(ge=32, le=8192)] = 540
     asset: str = "urban-street"
+    arguments: dict[str, Any] = {}
+    first_seed: Annotated[int, Field(ge=0)] | None = None
+    region: Region | None = None
+    broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+    def is_targeted(self, number: int) -> bool:
+        """Whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
+        if self.region is None:
+            return False
+        return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
+
+    def street(self, seed: int) -> dict[str, Any]:
+        """The asset of one street, as `load_asset` takes it."""
+        return {"name": self.asset, **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
         """Street seeds, ascending.
@@ -58,6 +84,11 @@ class FrameSettings(BaseModel):
             InvalidInput: the split has fewer.
         """
         seeds = SEEDS[self.split]
+        if self.first_seed is not None:
+            if self.first_seed not in seeds:
+                limit = f"{seeds[0]}…{seeds[-1]}"
+                raise InvalidInput(f"no seed of {self.split}", field="first_seed", value=self.first_seed, limit=limit)
+            seeds = seeds[seeds.index(self.first_seed) :]
         if self.streets > len(seeds):
             raise InvalidInput("more streets than seeds", field="streets", value=self.streets, limit=len(seeds))
         return seeds[: self.streets]
@@ -99,26 +130,39 @@ def render_frames(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         numeric_class = pool.submit(_numeric_class).result()
-    write_index(folder, shards, _provenance(settings, seeds, numeric_class))
+    write_index(folder, shards, _provenance(settings, seeds, numeric_class, shards))
     return FrameFolder(folder)
 
 
 def render_street(folder: Path, seed: int, settings: FrameSettings) -> Shard:
     """Render the frames of one street in this process, and write its shard."""
-    asset = load_asset({"name": settings.asset, "seed": seed})
-    return write_shard(folder, seed, frames_of(asset, seed, settings))
+    asset = load_asset(settings.street(seed))
+    draws = Draws()
+    shard = write_shard(folder, seed, frames_of(asset, seed, settings, draws))
+    return shard if settings.region is None else shard.model_copy(update={"drawn": draws.count})
 
 
-def frames_of(asset: SceneAsset, seed: int, settings: FrameSettings) -> Iterator[TrainingFrame]:
+@dataclass(slots=True)
+class Draws:
+    """How many scenes were drawn so far."""
+
+    count: int = 0
+
+
+def frames_of(
+    asset: SceneAsset, seed: int, settings: FrameSettings, draws: Draws | None = None
+) -> Iterator[TrainingFrame]:
     """The frames of one street, one after the other, from this process's GL context.
 
     Args:
         asset: the street.
         seed: of the street, and of everything that is drawn.
         settings: number and size of frames.
+        draws: counts what is drawn.
 
     Raises:
         RenderingError: no usable image after several draws.
+        InvalidInput: hardly any drawn scene lies in the region.
     """
     from valerie.rendering.ground_truth import TruthPass
     from valerie.rendering.raster.context import process_context
@@ -127,19 +171,34 @@ def frames_of(asset: SceneAsset, seed: int, settings: FrameSettings) -> Iterator
     context = process_context()
     renderer, truth_pass = RasterRenderer(context), TruthPass(context)
     crowd = crowd_asset(asset)
+    draws = draws if draws is not None else Draws()
     try:
         for number in range(settings.per_street):
-            for attempt in range(_TRIES):
-                drawn = draw_scene(crowd, np.random.default_rng([training_scenes.REVISION, seed, number, attempt]))
+            target = Target(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+            unusable = 0
+            for attempt in range(_TRIES if target is None else _TARGET_DRAWS):
+                rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
+                drawn = draw_scene(crowd, rng) if target is None else draw_scene(crowd, rng, as_made=target.as_made)
+                draws.count += 1
                 view = View(drawn.camera, settings.width, settings.height)
+                if target is not None and not target.possible(drawn):
+                    continue
+                truth = truth_pass.truth(drawn.scene, view)
+                if target is not None and not target.hit(drawn, truth, view):
+                    continue
                 try:
                     image = renderer.full(drawn.scene, view)
                     break
                 except RenderingError:
                     # A camera that sees nothing but sky or a wall; the next attempt draws another scene.
-                    if attempt == _TRIES - 1:
+                    unusable += 1
+                    if unusable == _TRIES:
                         raise
-            truth = truth_pass.truth(drawn.scene, view)
+            else:
+                raise InvalidInput(
+                    f"no drawn scene of street {seed} lies in the region", field="region",
+                    value=str(settings.region), limit=f"one of {_TARGET_DRAWS:,} draws",
+                )  # fmt: skip
             yield TrainingFrame(develop(image.pixels, drawn.sensor), to_train_ids(truth.class_map), seed)
     finally:
         truth_pass.close()
@@ -152,12 +211,20 @@ def _numeric_class() -> str:
     return process_context().numeric_class
 
 
-def _provenance(settings: FrameSettings, seeds: range, numeric_class: str) -> dict[str, str]:
+def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shards: list[Shard]) -> dict[str, str]:
     from valerie.rendering import ground_truth
     from valerie.rendering.raster.renderer import RasterRenderer
 
-    _, first_digest = asset_manifest({"name": settings.asset, "seed": seeds[0]})
+    _, first_digest = asset_manifest(settings.street(seeds[0]))
+    more: dict[str, str] = {}
+    if settings.arguments:
+        more["asset-arguments"] = json.dumps(settings.arguments, sort_keys=True)
+    if settings.region is not None:
+        more["region"] = settings.region.model_dump_json()
+        more["broad-share"] = f"{settings.broad_share:g}"
+        more["scenes-drawn"] = str(sum(shard.drawn or 0 for shard in shards))
     return {
+        **more,
         "asset": settings.asset,
         "asset-digest-of-first-street": first_digest,
         "frame-revisions": (

@@ -39,6 +39,8 @@ _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
 _SHOE: Final = "shoe-"
 _SKIN: Final = "skin"
 _NEUTRAL: Final = "neutral/"
+#: Share of worn things that keep the character's own colour.
+AS_MADE: Final = 1 / 6
 _TRIES: Final = 200
 
 
@@ -98,8 +100,13 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
     )
 
 
-def draw_scene(asset: SceneAsset, rng: np.random.Generator) -> TrainingScene:
+def draw_scene(asset: SceneAsset, rng: np.random.Generator, *, as_made: float = AS_MADE) -> TrainingScene:
     """Draw one frame's scene from an asset that `crowd_asset` made.
+
+    Args:
+        asset: the street with its crowd.
+        rng: all choices come from it.
+        as_made: share of worn things that keep the character's own colour.
 
     Raises:
         InvalidInput: no free place for a camera was found.
@@ -117,7 +124,7 @@ def draw_scene(asset: SceneAsset, rng: np.random.Generator) -> TrainingScene:
     scene = replace(
         scene,
         nodes=_resized(scene, manifest, rng),
-        materials=_recoloured(scene, manifest, rng),
+        materials=_recoloured(scene, manifest, rng, as_made),
         cameras={**scene.cameras, camera.name: camera},
         environment=replace(scene.environment, turbidity=float(rng.uniform(2.0, 6.0))),
     )
@@ -199,8 +206,8 @@ def _resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict
     return nodes
 
 
-def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Material]:
-    """Every worn thing in a colour of its own (one in six stays as made); skin darker by a factor per person."""
+def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_made: float) -> dict[str, Material]:
+    """Every worn thing in a colour of its own (a share stays as made); skin darker by a factor per person."""
     materials = dict(scene.materials)
     for person in manifest.persons:
         skin = float(rng.uniform(0.3, 1.1))
@@ -213,7 +220,7 @@ def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> d
         for name in sorted(names):
             material = materials[name]
             if _is_worn(name):
-                if rng.random() < 1 / 6:
+                if rng.random() < as_made:
                     continue
                 texture = material.base_color_texture
                 neutral = None if texture is None else f"{_NEUTRAL}{texture}"

@@ -13,8 +13,8 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from valerie.errors import InvalidInput, ValerieError
-from valerie.perception.function_file import read_header
 from valerie.perception.training.frames import FrameFolder, Shard
+from valerie.perception.training.provenance import training_provenance
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -80,21 +80,8 @@ def _fit(options: argparse.Namespace) -> None:
     model = train(
         settings, frames, held_out=held_out, progress=tell, checkpoint=options.checkpoint, start_from=options.start_from
     )
-    provenance = {f"frames-{name}": text for name, text in frames.listing.provenance.items()}
-    provenance |= {
-        "frames": str(len(frames)),
-        "frames-digest": frames.digest,
-        "held-out-digest": held_out.digest,
-        "held-out-street-seeds": held_out.listing.provenance.get("street-seeds", "unknown"),
-        "licence": "Apache-2.0",
-        "trained-by": "python -m valerie.perception.training fit",
-    }
-    if options.start_from is not None:
-        before = read_header(options.start_from)
-        provenance["started-from"] = before.digest
-        provenance["steps-before"] = str(
-            int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
-        )
+    provenance = training_provenance(frames, held_out, options.start_from)
+    provenance["trained-by"] = "python -m valerie.perception.training fit"
     data = model.to_bytes(provenance)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_bytes(data)

@@ -58,6 +58,7 @@ class Shard(BaseModel):
         street_seed: of all its frames.
         sizes: (height, width) of each frame.
         sha256: of the file.
+        drawn: scenes that were drawn to get these frames; None where every draw was taken.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -66,6 +67,7 @@ class Shard(BaseModel):
     street_seed: int
     sizes: tuple[tuple[int, int], ...]
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    drawn: int | None = None
 
 
 class FrameIndex(BaseModel):
@@ -110,7 +112,7 @@ def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, 
     """List the shards; the folder is complete, and can be read, from then on."""
     ordered = tuple(sorted(shards, key=lambda shard: shard.street_seed))
     index = FrameIndex(format=FORMAT, shards=ordered, provenance=dict(sorted(provenance.items())))
-    (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(), indent=1) + "\n")
+    (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(exclude_none=True), indent=1) + "\n")
 
 
 class FrameFolder(Sequence[TrainingFrame]):

@@ -1,0 +1,124 @@
+"""The loop back to training, end to end: validate, find the weak region, train against it, validate again.
+
+Trains twice from the same weights for the same number of steps: on frames drawn until they show the weakness, and on as many
+frames drawn anywhere. What came out, good or bad, is printed and written (``comparison.json``, ``comparison.png``).
+
+    make example-loop
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
+from valerie.cli.datasets import Lines
+from valerie.pipeline.comparison import compare_versions
+from valerie.pipeline.context import open_context
+from valerie.pipeline.opening import open_reference
+from valerie.pipeline.retraining import RetrainSettings, find_weakness, retrain
+from valerie.settings import load_settings
+
+HERE = Path(__file__).parent
+FUNCTION = "semantic-fpn-small"
+
+
+def main() -> int:
+    options = _parser().parse_args()
+    out, data = options.out, options.out / "data"
+    started = time.monotonic()
+    _say("1. validate (products that are there already are not made again)")
+    run_id = _validate(data)
+    context = open_context(load_settings(data_dir=data))
+    try:
+        _say(f"2. read where {FUNCTION} is weak: {options.where}")
+        weakness = find_weakness(context, run_id, options.where, FUNCTION)
+        _say(f"   {weakness.selected} of {weakness.evaluated} persons; region: {weakness.region}")
+        settings = RetrainSettings(
+            frames=options.frames, streets=options.streets, steps=options.steps, batch=4, held_out_frames=0
+        )
+        versions = [FUNCTION]
+        made: dict[str, object] = {}
+        for name, targeted in (("targeted", True), ("random", False)):
+            _say(f"3. {name} frames, and {settings.steps} steps of training on them")
+            lines = Lines("steps")
+            retrained = retrain(
+                weakness,
+                out / f"{name}.safetensors",
+                settings.model_copy(update={"targeted": targeted}),
+                folder=out / name,
+                processes=options.processes,
+                threads=options.threads,
+                on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
+                on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
+                    now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
+                ),
+            )
+            _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
+            versions.append(str(retrained.file))
+            made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "digest": retrained.digest}
+        _say("4. the same validation again: the same frames, nothing is rendered")
+        lines = Lines("frames")
+        comparison = compare_versions(
+            context,
+            run_id,
+            versions,
+            open_function=lambda name: open_reference(name, threads=options.threads),
+            where=options.where,
+            region=weakness.region,
+            progress=lines.tell,
+        )
+    finally:
+        context.engine.dispose()
+    Console(highlight=False, width=None if sys.stdout.isatty() else 150).print(comparison_renderable(comparison))
+    document = {
+        "run": run_id,
+        "function": FUNCTION,
+        "where": options.where,
+        "region": weakness.region.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json"),
+        "training_sets": made,
+        "seconds": round(time.monotonic() - started),
+        **comparison.as_document(),
+    }
+    (out / "comparison.json").write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    title = f"{FUNCTION}, before and after {settings.steps} steps on {settings.frames} frames"
+    draw_comparison(comparison, out / "comparison.png", title=title)
+    _say(f"\nwrote {out / 'comparison.json'} and {out / 'comparison.png'}")
+    return 0
+
+
+def _validate(data: Path) -> str:
+    """Run the validation through the real system; its id."""
+    command = [sys.executable, "-m", "valerie", "run", str(HERE / "validation.yaml"), "--data-dir", str(data), "--json"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env={**os.environ})
+    events = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return str(next(event["run"] for event in events if event["event"] == "finished"))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("var/example-loop"), help="folder of everything that is made")
+    parser.add_argument("--where", default="pacc < 0.5 and distance_m > 25", help="the weakness")
+    parser.add_argument("--frames", type=int, default=24, help="training frames of each kind")
+    parser.add_argument("--streets", type=int, default=3)
+    parser.add_argument("--steps", type=int, default=120)
+    parser.add_argument("--threads", type=int, default=1, help="torch's CPU threads")
+    parser.add_argument("--processes", type=int, default=1, help="that render")
+    return parser
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

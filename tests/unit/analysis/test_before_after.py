@@ -1,0 +1,134 @@
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from valerie.analysis.before_after import Comparison, aligned, compare
+from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.labels import PERSON
+from valerie.metrics.collection import CollectionScores, collection_scores
+
+N = 40
+DISTANCE = np.linspace(10.0, 49.0, N)
+
+
+def table(function: str, pacc: np.ndarray, *, fp: int = 10, order: np.ndarray | None = None) -> EvaluationTable:
+    """One person of 100 pixels per frame; the x of each is another situation."""
+    order = np.arange(N) if order is None else order
+    tp = np.rint(100 * pacc).astype(int)[order]
+    return EvaluationTable.from_columns(
+        {
+            "run_id": ["r"] * len(order),
+            "variant_index": order,
+            "frame_id": [f"r.{i}.0.0" for i in order],
+            "camera": [f"camera-{i % 2 + 1}" for i in order],
+            "character": ["yellow" if i % 4 < 2 else "black" for i in order],
+            "sensor": ["default"] * len(order),
+            "function": [function] * len(order),
+            "instance_id": [24_001] * len(order),
+            "pixel_area": [100] * len(order),
+            "pixel_area_percent": [0.1] * len(order),
+            "pixel_area_amodal": [100] * len(order),
+            "occlusion_rate": [0.0] * len(order),
+            "truncation_rate": [0.0] * len(order),
+            "distance_m": DISTANCE[order],
+            "depth_m": DISTANCE[order],
+            "tp": tp,
+            "fn": 100 - tp,
+            "pacc": tp / 100,
+            "undefined_reason": [None] * len(order),
+            "precision": tp / np.maximum(tp + fp, 1),
+            "iou": tp / (100 + fp),
+            "pixel_accuracy": [0.9] * len(order),
+            "fp": [fp] * len(order),
+            "scene.person-1.pos.x": order.astype(float),
+        },
+        {"scene.person-1.pos.x": "FLOAT"},
+    )
+
+
+def scores(tp: int, fp: int, road: int = 1000) -> CollectionScores:
+    matrix = np.zeros((19, 20), np.int64)
+    matrix[0, 0], matrix[0, PERSON.train_id] = road, fp
+    matrix[PERSON.train_id, PERSON.train_id], matrix[PERSON.train_id, 0] = tp, 100 - tp
+    return collection_scores([matrix])
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    """The second version sees far persons better by 30 points and near ones worse by 20."""
+    before = np.full(N, 0.6)
+    after = np.where(DISTANCE >= 30, 0.9, 0.4)
+    return compare(
+        {"old": (table("old", before), scores(60, 10)), "new": (table("new", after, fp=40), scores(65, 400))},
+        more_groups={"far": DISTANCE >= 30},
+    )
+
+
+def test_every_group_has_both_averages_of_both_versions(comparison: Comparison) -> None:
+    everyone = comparison.groups[0]
+    assert (everyone.name, everyone.persons, everyone.frames) == ("all persons", N, N)
+    old, new = everyone.sides
+    assert old.pacc_mean == old.pacc_pooled == pytest.approx(0.6)
+    assert old.precision_pooled == pytest.approx(60 / 70)
+    assert new.iou_mean == pytest.approx(np.where(DISTANCE >= 30, 90 / 140, 40 / 140).mean())
+    assert (old.detected, new.detected) == (1.0, pytest.approx(float((DISTANCE >= 30).mean())))
+    assert (old.false_pixels, new.false_pixels) == (10 * N, 40 * N)
+
+
+def test_a_difference_is_paired_and_has_an_interval(comparison: Comparison) -> None:
+    far = next(group for group in comparison.groups if group.name == "far")
+    difference, interval = far.differences[0]
+    assert difference == pytest.approx(0.3)
+    assert interval is not None
+    assert interval.low == pytest.approx(0.3)  # the same in every situation
+    names = [group.name for group in comparison.groups]
+    assert {"distance 10–20 m", "character black", "camera camera-1", "not occluded (≤ 5 %)"} <= set(names)
+
+
+def test_what_got_worse_is_said_as_plainly_as_what_got_better(comparison: Comparison) -> None:
+    better, worse = comparison.changes(1)
+    assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
+    assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (-20.0 points" in line for line in worse)
+    assert any("class road: pooled IoU" in line for line in worse)
+    assert any("person precision, pooled: 85.7 → " in line for line in worse)
+    document = comparison.as_document()
+    assert document["changes"]["new"]["worse"] == worse
+
+
+def test_rows_are_matched_by_frame_and_person() -> None:
+    one = table("old", np.full(N, 0.5))
+    other = table("new", np.full(N, 0.5), order=np.arange(N - 1, 4, -1))
+    first, second = aligned([one, other])
+    assert len(first) == len(second) == N - 5
+    assert first.arrow["frame_id"].to_pylist() == second.arrow["frame_id"].to_pylist()
+    with pytest.raises(InvalidInput, match="other frames"):
+        compare({"old": (one, scores(1, 1)), "new": (other, scores(1, 1))})
+
+
+def test_one_version_is_no_comparison() -> None:
+    with pytest.raises(InvalidInput, match="two"):
+        compare({"old": (table("old", np.full(N, 0.5)), scores(1, 1))})
+
+
+def test_the_table_shows_every_version_and_both_lists(comparison: Comparison) -> None:
+    sink = StringIO()
+    Console(file=sink, width=160, color_system=None).print(comparison_renderable(comparison))
+    text = sink.getvalue()
+    assert "new, better:" in text
+    assert "new, worse:" in text
+    assert "+30.0 [+30, +30]" in text
+    assert text.count("  old ") >= len(comparison.groups)
+
+
+def test_the_picture_is_drawn(comparison: Comparison, tmp_path: Path) -> None:
+    draw_comparison(comparison, tmp_path / "pictures" / "comparison.png", title="old and new")
+    with Image.open(tmp_path / "pictures" / "comparison.png") as image:
+        pixels = np.asarray(image.convert("RGB"))
+    assert pixels.shape[1] > 1000
+    assert (pixels == [0x00, 0x72, 0xB2]).all(axis=2).any()  # the second version's colour

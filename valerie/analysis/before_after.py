@@ -1,0 +1,270 @@
+"""The same validation with several versions of a function: side by side, what got worse as plainly as what got better.
+
+All versions looked at the same frames, so differences are paired: rows are matched, and intervals draw whole situations
+(`valerie.analysis.intervals`). Every score stands in both averages: frame mean and pooled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.binning import bin_edges
+from valerie.analysis.frames import characters, frame_counts, present
+from valerie.analysis.intervals import Interval, Resampler
+from valerie.analysis.table import EvaluationTable
+from valerie.errors import InvalidInput
+from valerie.metrics.collection import CollectionScores
+
+_DISTANCE_BIN_M: Final = 10.0
+_OCCLUSION: Final = (
+    ("not occluded (≤ 5 %)", -1.0, 0.05),
+    ("occluded 5–50 %", 0.05, 0.5),
+    ("occluded > 50 %", 0.5, 1.0),
+)
+#: Changes of a class's IoU below this many percentage points are not called better or worse.
+_CLASS_STEP: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One version on one group of persons; ratios in [0, 1], None where undefined.
+
+    Attributes:
+        pacc_mean, pacc_pooled: over the group's persons: each weighs the same, each pixel weighs the same.
+        detected: share of persons with pACC ≥ the threshold.
+        precision_mean, precision_pooled, iou_mean, iou_pooled: of the frames that show the group's persons.
+        false_pixels: pixels of these frames that are called person and belong to none.
+    """
+
+    pacc_mean: float | None
+    pacc_pooled: float | None
+    detected: float | None
+    precision_mean: float | None
+    precision_pooled: float | None
+    iou_mean: float | None
+    iou_pooled: float | None
+    false_pixels: int
+
+
+@dataclass(frozen=True, slots=True)
+class GroupComparison:
+    """One group of persons under all versions.
+
+    Attributes:
+        name: which persons.
+        persons: person-frames with a defined pACC.
+        frames: frames that show them.
+        sides: per version, in order; the first is "before".
+        differences: mean pACC of each later version minus the first's, with a 95 % interval where situations suffice.
+    """
+
+    name: str
+    persons: int
+    frames: int
+    sides: tuple[Side, ...]
+    differences: tuple[tuple[float, Interval | None], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All groups and classes.
+
+    Attributes:
+        versions: names, "before" first.
+        threshold: of the detection rate.
+        groups: all persons first, then the parts.
+        classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
+        overall: all-class score to (frame mean, pooled) per version.
+    """
+
+    versions: tuple[str, ...]
+    threshold: float
+    groups: tuple[GroupComparison, ...]
+    classes: Mapping[str, tuple[tuple[float | None, float | None], ...]]
+    overall: Mapping[str, tuple[tuple[float | None, float | None], ...]]
+
+    def changes(self, version: int) -> tuple[list[str], list[str]]:
+        """(better, worse) in sentences for one later version; each with its numbers, the largest first.
+
+        Of groups: where the interval of the difference leaves out 0. Of classes: where IoU moved by a point or more.
+        """
+        found: list[tuple[float, str]] = []
+        for group in self.groups:
+            difference, interval = group.differences[version - 1]
+            if interval is not None and (interval.low > 0 or interval.high < 0):
+                span = f"[{100 * interval.low:+.1f}, {100 * interval.high:+.1f}]"
+                text = f"{group.name}: mean pACC {_arrow(group, version)} ({100 * difference:+.1f} points, 95 % {span})"
+                found.append((difference, text))
+        for name, sides in self.classes.items():
+            before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
+            if abs(after - before) >= _CLASS_STEP:
+                moved = f"{100 * before:.1f} → {100 * after:.1f} %"
+                found.append((after - before, f"class {name}: pooled IoU {moved}"))
+        whole = self.groups[0].sides
+        for name in ("precision_pooled", "iou_pooled"):
+            one, other = getattr(whole[0], name), getattr(whole[version], name)
+            if one is not None and other is not None and abs(other - one) >= _CLASS_STEP:
+                words = name.replace("_pooled", ", pooled")
+                found.append((other - one, f"person {words}: {100 * one:.1f} → {100 * other:.1f} %"))
+        found.sort(key=lambda item: -abs(item[0]))
+        return [text for step, text in found if step > 0], [text for step, text in found if step < 0]
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON values; for each later version also what got better and what got worse."""
+        verdicts = {}
+        for number, name in enumerate(self.versions[1:], start=1):
+            better, worse = self.changes(number)
+            verdicts[name] = {"better": better, "worse": worse}
+        return {
+            "versions": list(self.versions),
+            "threshold": self.threshold,
+            "groups": [asdict(group) for group in self.groups],
+            "classes": {name: [list(side) for side in sides] for name, sides in self.classes.items()},
+            "overall": {name: [list(side) for side in sides] for name, sides in self.overall.items()},
+            "changes": verdicts,
+        }
+
+
+def compare(
+    versions: Mapping[str, tuple[EvaluationTable, CollectionScores]],
+    *,
+    more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
+    threshold: float = 0.5,
+    seed: int = 0,
+) -> Comparison:
+    """Compare versions of a function on the same frames.
+
+    Args:
+        versions: name to long table (one function, one sensor setting) and scores; the first is "before". Rows are those
+            of `aligned`: the same persons in the same frames, in the same order.
+        more_groups: name to (N,) bool over the first table's rows: groups beside those that are always made (distance,
+            occlusion, character, camera).
+        threshold: of the detection rate.
+        seed: of the bootstrap.
+
+    Raises:
+        InvalidInput: fewer than two versions, or tables of other rows.
+    """
+    if len(versions) < 2:
+        raise InvalidInput("nothing to compare", field="versions", value=list(versions), limit="at least two")
+    tables = [table for table, _ in versions.values()]
+    first = tables[0]
+    for name, table in zip(versions, tables, strict=True):
+        if row_keys(table) != row_keys(first):
+            raise InvalidInput("rows of other frames or persons", field=name)
+    resampler = Resampler(first.situations, seed=seed)
+    masks = {"all persons": present(first), **(more_groups or {}), **_parts(first)}
+    groups = [
+        group
+        for name, mask in masks.items()
+        if (group := _group(name, mask, tables, resampler, threshold)).persons or name == "all persons"
+    ]
+    scores = [scores for _, scores in versions.values()]
+    classes = {
+        scores[0].classes[k].label.name: tuple(
+            (one.classes[k].iou.pooled, one.classes[k].pacc.pooled) for one in scores
+        )
+        for k in range(len(scores[0].classes))
+        if any(one.classes[k].iou.pooled is not None for one in scores)
+    }
+    overall = {
+        name: tuple((one.overall[name].frames.mean, one.overall[name].pooled) for one in scores)
+        for name in ("pixel_accuracy", "miou", "macc", "fwiou")
+    }
+    return Comparison(tuple(versions), threshold, tuple(groups), classes, overall)
+
+
+def row_keys(table: EvaluationTable) -> list[tuple[str, int | None]]:
+    """(frame, instance) of every row: what must be equal, row for row, between versions."""
+    frames, instances = table.arrow["frame_id"].to_pylist(), table.arrow["instance_id"].to_pylist()
+    return list(zip(frames, instances, strict=True))
+
+
+def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
+    """The rows that all tables have, in the order of the first; one function and sensor setting each."""
+    keys = [row_keys(table) for table in tables]
+    common = set(keys[0]).intersection(*keys[1:])
+    order = [key for key in keys[0] if key in common]
+    made = []
+    for table, own in zip(tables, keys, strict=True):
+        place = {key: i for i, key in enumerate(own)}
+        made.append(EvaluationTable(table.arrow.take([place[key] for key in order]), table.parameters))
+    return made
+
+
+def _parts(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
+    """Distance, occlusion, character and camera."""
+    parts: dict[str, NDArray[np.bool_]] = {}
+    distance, occlusion = table.numbers("distance_m"), table.numbers("occlusion_rate")
+    seen = np.isfinite(distance) & np.isfinite(table.numbers("pacc"))
+    if seen.any():
+        edges = bin_edges(float(distance[seen].min()), float(distance[seen].max()), _DISTANCE_BIN_M)
+        for low, high in pairwise(edges):
+            parts[f"distance {low:g}–{high:g} m"] = (distance >= low) & (distance < high)
+    for name, low, high in _OCCLUSION:
+        parts[name] = (occlusion > low) & (occlusion <= high)
+    for kind, names in (("character", characters(table)), ("camera", table.codes("camera").names)):
+        if len(names) > 1:
+            parts |= {f"{kind} {name}": table.codes(kind).where(name) for name in names}
+    return parts
+
+
+def _group(
+    name: str,
+    mask: NDArray[np.bool_],
+    tables: Sequence[EvaluationTable],
+    resampler: Resampler,
+    threshold: float,
+) -> GroupComparison:
+    paccs = [table.numbers("pacc") for table in tables]
+    defined = mask & np.isfinite(paccs[0])  # visibility decides, so it is the same in all versions
+    frames = np.unique(tables[0].evaluations[mask])
+    sides = tuple(_side(table, defined, frames, threshold) for table in tables)
+    differences: list[tuple[float, Interval | None]] = []
+    for pacc in paccs[1:]:
+        if not defined.any():
+            differences.append((0.0, None))
+            continue
+        difference, replicates = resampler.mean(pacc - paccs[0], defined)
+        differences.append((difference, resampler.interval(replicates, defined)))
+    return GroupComparison(name, int(defined.sum()), len(frames), sides, tuple(differences))
+
+
+def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float) -> Side:
+    pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
+    counts = frame_counts(table)
+    hit, false, missed = counts.tp[frames], counts.fp[frames], counts.fn[frames]
+    return Side(
+        pacc_mean=_mean(pacc),
+        pacc_pooled=_ratio(tp.sum(), (tp + fn).sum()),
+        detected=_mean((pacc >= threshold).astype(np.float64)),
+        precision_mean=_mean_ratio(hit, hit + false),
+        precision_pooled=_ratio(hit.sum(), (hit + false).sum()),
+        iou_mean=_mean_ratio(hit, hit + false + missed),
+        iou_pooled=_ratio(hit.sum(), (hit + false + missed).sum()),
+        false_pixels=int(false.sum()),
+    )
+
+
+def _arrow(group: GroupComparison, version: int) -> str:
+    before, after = group.sides[0].pacc_mean or 0.0, group.sides[version].pacc_mean or 0.0
+    return f"{100 * before:.1f} → {100 * after:.1f} %"
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _ratio(part: Any, whole: Any) -> float | None:
+    return float(part) / float(whole) if whole else None
+
+
+def _mean_ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> float | None:
+    some = whole > 0
+    return float((part[some] / whole[some]).mean()) if some.any() else None

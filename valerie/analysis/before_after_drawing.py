@@ -1,0 +1,130 @@
+"""A comparison of versions for people: tables in a terminal, and one picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from valerie.analysis.before_after import Comparison
+
+#: Okabe and Ito: told apart by everyone.
+_COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
+_MARKERS: Final = ("o", "D", "s", "^", "v")
+
+
+def comparison_renderable(comparison: Comparison) -> RenderableType:
+    """Groups, classes, and what got better and worse, for a rich console."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column("persons", no_wrap=True)
+    headings = ("n", "pACC mean", "pooled", f"≥ {comparison.threshold:g}", "precision", "IoU", "false px")
+    for name in headings:
+        table.add_column(name, justify="right", no_wrap=True)
+    for group in comparison.groups:
+        table.add_row(Text(group.name, style="bold"), f"{group.persons:,}")
+        for number, (version, side) in enumerate(zip(comparison.versions, group.sides, strict=True)):
+            mean = _percent(side.pacc_mean)
+            if number:
+                difference, interval = group.differences[number - 1]
+                span = f" [{100 * interval.low:+.0f}, {100 * interval.high:+.0f}]" if interval is not None else ""
+                mean += f"  {100 * difference:+.1f}{span}" if group.persons else ""
+            table.add_row(
+                f"  {version}",
+                "",
+                mean,
+                _percent(side.pacc_pooled),
+                _percent(side.detected),
+                f"{_percent(side.precision_mean)} / {_percent(side.precision_pooled)}",
+                f"{_percent(side.iou_mean)} / {_percent(side.iou_pooled)}",
+                f"{side.false_pixels:,}",
+            )
+    classes = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
+    classes.add_column("all classes: mean / pooled")
+    for version in comparison.versions:
+        classes.add_column(version, justify="right")
+    for name, sides in comparison.overall.items():
+        classes.add_row(name, *(f"{_percent(mean)} / {_percent(pooled)}" for mean, pooled in sides))
+    classes.add_section()
+    classes.add_row(Text("pooled IoU / recall", style="dim"))
+    for name, sides in comparison.classes.items():
+        classes.add_row(name, *(f"{_percent(iou)} / {_percent(recall)}" for iou, recall in sides))
+    note = (
+        "In per cent; differences of the mean pACC to the first version with 95 % intervals; precision and IoU are of the "
+        "frames that show the group's persons: mean / pooled. Groups selected by the first version's own scores favour every "
+        "later version: what was bad by chance is less bad the next time."
+    )
+    parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
+    for number, version in enumerate(comparison.versions[1:], start=1):
+        better, worse = comparison.changes(number)
+        for title, lines in (("better", better), ("worse", worse)):
+            parts.append(Text(f"\n{version}, {title}:", style="bold"))
+            parts += [Text(f"  {line}") for line in lines or [f"nothing is clearly {title}"]]
+    return Group(*parts)
+
+
+def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
+    """One picture: mean pACC per group and pooled IoU per class, all versions on one line.
+
+    Args:
+        comparison: what to draw.
+        path: PNG or SVG file to write.
+        title: above the picture.
+    """
+    from matplotlib.figure import Figure
+
+    groups = [group for group in comparison.groups if group.persons]
+    classes = list(comparison.classes.items())
+    rows = max(len(groups), len(classes))
+    figure = Figure(figsize=(13, 1.9 + 0.42 * rows), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    for place, group in enumerate(groups):
+        values = [side.pacc_mean for side in group.sides]
+        pooled = [side.pacc_pooled for side in group.sides]
+        _line(left, place, values, pooled)
+    left.set_yticks(range(len(groups)), [f"{group.name}  (n = {group.persons})" for group in groups])
+    left.set_xlabel("pACC of persons, %: filled: frame mean, hollow: pooled")
+    for place, (_, sides) in enumerate(classes):
+        _line(right, place, [side[0] for side in sides], None)
+    right.set_yticks(range(len(classes)), [name for name, _ in classes])
+    right.set_xlabel("IoU per class, pooled, %")
+    for axes, count in ((left, len(groups)), (right, len(classes))):
+        axes.set_xlim(-3, 103)
+        axes.set_ylim(count - 0.5, -0.5)
+        axes.grid(axis="x", color="#dddddd")
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        axes.tick_params(axis="y", length=0)
+    handles = [
+        left.plot([], [], marker=_MARKERS[i % 5], color=_COLORS[i % 5], linestyle="none", label=version)[0]
+        for i, version in enumerate(comparison.versions)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def _line(axes: object, place: int, values: list[float | None], pooled: list[float | None] | None) -> None:
+    """All versions of one row: joined by a line, in colours of their own."""
+    from matplotlib.axes import Axes
+
+    assert isinstance(axes, Axes)
+    known = [100 * value for value in values if value is not None]
+    if known:
+        axes.plot([min(known), max(known)], [place, place], color="#bbbbbb", linewidth=1.5, zorder=1)
+    for number, value in enumerate(values):
+        color, marker = _COLORS[number % 5], _MARKERS[number % 5]
+        if value is not None:
+            axes.scatter(100 * value, place, color=color, marker=marker, s=46, zorder=3)
+        other = None if pooled is None else pooled[number]
+        if other is not None:
+            axes.scatter(100 * other, place, facecolor="none", edgecolor=color, marker=marker, s=46, zorder=2)
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f}"

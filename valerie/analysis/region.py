@@ -1,0 +1,184 @@
+"""Where a function is weak, as a region of what can be measured and varied: ranges, arcs and choices.
+
+A selection of rows (`valerie.analysis.where`) is turned into bounds on those quantities that the selection *narrows*: what it
+leaves as wide as the run had it is no part of the weakness, and stays free. Bounds hold the middle of the selected rows,
+so that a few outliers do not blow the region up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import TURN, ParameterType
+
+#: Share of the selected rows that the bounds of one quantity hold.
+_COVERED: Final = 0.9
+#: A quantity is part of the region if its bounds are at most this part of the run's.
+_NARROWER: Final = 0.8
+
+
+class Range(BaseModel):
+    """Numbers from ``low`` to ``high``, both ends included."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    kind: Literal["range"] = "range"
+    low: float
+    high: float
+
+    def holds(self, value: Any) -> bool:
+        return value is not None and self.low <= float(value) <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:g} … {self.high:g}"
+
+
+class Arc(BaseModel):
+    """Angles from ``start``, counter-clockwise over ``width``, degrees."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    kind: Literal["arc"] = "arc"
+    start: Annotated[float, Field(ge=0, lt=TURN)]
+    width: Annotated[float, Field(ge=0, le=TURN)]
+
+    def holds(self, value: Any) -> bool:
+        return value is not None and (float(value) - self.start) % TURN <= self.width
+
+    def __str__(self) -> str:
+        return f"{self.start:g}° … {(self.start + self.width) % TURN:g}°"
+
+
+class Choices(BaseModel):
+    """Names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    kind: Literal["choices"] = "choices"
+    names: tuple[str, ...]
+
+    def holds(self, value: Any) -> bool:
+        return value in self.names
+
+    def __str__(self) -> str:
+        return ", ".join(self.names)
+
+
+Bound = Annotated[Range | Arc | Choices, Field(discriminator="kind")]
+
+
+class Region(BaseModel):
+    """Bounds by name of the quantity; without any, everything is inside.
+
+    Attributes:
+        bounds: quantity to bound.
+        rows: how many rows the bounds were read from.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    bounds: dict[str, Bound] = {}
+    rows: int = 0
+
+    def holds(self, values: Mapping[str, Any]) -> bool:
+        """Whether all bounds hold; a quantity that is missing is outside."""
+        return all(bound.holds(values.get(name)) for name, bound in self.bounds.items())
+
+    def allows(self, values: Mapping[str, Any]) -> bool:
+        """Whether those bounds hold whose quantity ``values`` knows: the others are not measured yet."""
+        return all(bound.holds(values[name]) for name, bound in self.bounds.items() if name in values)
+
+    def __str__(self) -> str:
+        return "; ".join(f"{name} {bound}" for name, bound in self.bounds.items()) or "everything"
+
+
+def region_of(
+    selected: Iterable[Mapping[str, Any]],
+    everything: Iterable[Mapping[str, Any]],
+    quantities: Mapping[str, ParameterType],
+) -> Region:
+    """Read the region of some rows.
+
+    Args:
+        selected: the rows that are weak.
+        everything: all rows of the run; they say what a bound must be narrower than.
+        quantities: what the region may speak of, and the type of each.
+
+    Raises:
+        InvalidInput: no row is selected.
+    """
+    inside, rows = list(selected), list(everything)
+    if not inside:
+        raise InvalidInput("selects no row of the run", field="where")
+    bounds: dict[str, Bound] = {}
+    for name, kind in quantities.items():
+        some = [row[name] for row in inside if row.get(name) is not None]
+        every = [row[name] for row in rows if row.get(name) is not None]
+        bound = _bound(some, every, kind) if some else None
+        if bound is not None:
+            bounds[name] = bound
+    return Region(bounds=bounds, rows=len(inside))
+
+
+def _bound(some: Sequence[Any], every: Sequence[Any], kind: ParameterType) -> Bound | None:
+    if kind in (ParameterType.CATEGORICAL, ParameterType.BOOL):
+        return _choices([str(value) for value in some], {str(value) for value in every})
+    numbers, all_numbers = np.asarray(some, np.float64), np.asarray(every, np.float64)
+    if kind is ParameterType.ANGLE:
+        return _arc(numbers, all_numbers)
+    return _range(numbers, all_numbers)
+
+
+def _choices(some: Sequence[str], known: set[str]) -> Choices | None:
+    """The commonest names that cover the selected rows; None if that is all of them."""
+    counts = {name: some.count(name) for name in set(some)}
+    chosen: list[str] = []
+    for name in sorted(counts, key=lambda name: (-counts[name], name)):
+        if sum(counts[one] for one in chosen) >= 0.95 * len(some):
+            break
+        chosen.append(name)
+    return Choices(names=tuple(sorted(chosen))) if set(chosen) != known else None
+
+
+def _range(some: NDArray[np.float64], every: NDArray[np.float64]) -> Range | None:
+    tail = (1.0 - _COVERED) / 2
+    # Values that occurred, not values between them: a grid's own steps decide.
+    low, high = (float(x) for x in np.quantile(some, (tail, 1.0 - tail), method="closest_observation"))
+    whole = float(every.max() - every.min())
+    if high - low > _NARROWER * whole or whole == 0.0:
+        return None
+    values = np.unique(every)
+    below, above = values[values < low], values[values > high]
+    # Half way to what the selection leaves out: a single step of a grid has a width too.
+    margins = [float(low - below[-1]) / 2] if below.size else []
+    margins += [float(above[0] - high) / 2] if above.size else []
+    margin = max(margins, default=0.0) if low == high else None
+    return Range(
+        low=low - (float(low - below[-1]) / 2 if below.size else margin or 0.0),
+        high=high + (float(above[0] - high) / 2 if above.size else margin or 0.0),
+    )
+
+
+def _arc(some: NDArray[np.float64], every: NDArray[np.float64]) -> Arc | None:
+    start, width = _shortest_arc(some, _COVERED)
+    _, whole = _shortest_arc(every, 1.0)
+    if whole == 0.0 or width > _NARROWER * whole:
+        return None
+    values = np.unique(every % TURN)
+    outside = values[(values - start) % TURN > width + 1e-9]
+    before = float(((start - outside) % TURN).min()) / 2 if outside.size else 0.0
+    after = float(((outside - start - width) % TURN).min()) / 2 if outside.size else 0.0
+    return Arc(start=(start - before) % TURN, width=min(width + before + after, TURN))
+
+
+def _shortest_arc(angles: NDArray[np.float64], share: float) -> tuple[float, float]:
+    """(start, width) of the shortest arc that holds a share of the angles, degrees."""
+    ordered = np.sort(angles % TURN)
+    count = max(1, math.ceil(share * len(ordered)))
+    twice = np.concatenate([ordered, ordered + TURN])
+    widths = twice[count - 1 : count - 1 + len(ordered)] - ordered
+    first = int(np.argmin(widths))
+    return float(ordered[first]), float(widths[first])

@@ -1,0 +1,203 @@
+"""`valerie train`: frames, fitting, and the loop from a run's weak region back to a new version of a function."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from valerie.cli.shell import DataDir, Json, command_name, console, context_of, say, settings_of
+from valerie.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from valerie.analysis.before_after import Comparison
+    from valerie.perception.training.fit import TrainingProgress
+    from valerie.perception.training.frames import Shard
+    from valerie.pipeline.retraining import Retrained, Weakness
+
+app = typer.Typer(help="Train functions under test: on frames drawn anywhere, or where a run found them weak.")
+
+_PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU threads.")]
+
+
+@app.callback(invoke_without_command=True)
+def train(
+    context: typer.Context,
+    run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run that found the weakness.")] = None,
+    where: Annotated[
+        str | None,
+        typer.Option("--where", metavar="EXPRESSION", help='Its rows that are weak: "pacc < 0.5 and distance_m > 25".'),
+    ] = None,
+    function: Annotated[
+        str | None, typer.Option("--function", metavar="NAME", help="Which of the run's; may be left out for one.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Function file to write (….safetensors).")
+    ] = None,
+    frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
+    streets: Annotated[int, typer.Option("--streets", min=1, help="Streets to spread them over.")] = 8,
+    broad_share: Annotated[
+        float, typer.Option("--broad-share", min=0.0, max=0.99, help="Of the frames, drawn anywhere.")
+    ] = 0.5,
+    anywhere: Annotated[
+        bool, typer.Option("--anywhere", help="Draw all frames anywhere: the control to compare with.")
+    ] = False,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300,
+    learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 3e-4,
+    batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the training.")] = 0,
+    held_out_frames: Annotated[
+        int, typer.Option("--held-out-frames", min=0, help="For the figures on the card; 0 for none.")
+    ] = 20,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="That render.")] = 1,
+    threads: Threads = 1,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Train a new version of a function on fresh frames of the region where a run found it weak, and compare.
+
+    `train frames` and `train fit` train from scratch; `train compare` compares versions on a run's frames.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if run is None:
+        typer.echo(context.get_help())
+        raise typer.Exit
+    if where is None or out is None:
+        raise InvalidInput("this is needed too", field="--where" if where is None else "--out")
+    if out.suffix != ".safetensors":
+        raise InvalidInput("not the name of a function file", field="--out", value=str(out), limit="….safetensors")
+    if out.exists():
+        raise InvalidInput("is there already; a version is never written over", field="--out", value=str(out))
+    from valerie.pipeline.retraining import RetrainSettings, find_weakness, retrain
+
+    settings = RetrainSettings(
+        frames=frames,
+        streets=streets,
+        broad_share=broad_share,
+        targeted=not anywhere,
+        steps=steps,
+        learning_rate=learning_rate,
+        batch=batch,
+        seed=seed,
+        held_out_frames=held_out_frames,
+    )
+    with context_of(data_dir) as deployment:
+        weakness = find_weakness(deployment, run, where, function)
+        _say_weakness(weakness)
+        folder = settings_of(data_dir).data_dir.parent / "training" / out.stem
+        made = retrain(
+            weakness,
+            out,
+            settings,
+            folder=folder,
+            processes=processes,
+            threads=threads,
+            on_street=_say_street,
+            on_step=_Steps(),
+        )
+    _say_made(made, folder)
+    comparison = _compare(run, [weakness.function, str(out)], where, threads, data_dir)
+    _show(comparison, as_json=as_json)
+
+
+@app.command(context_settings=_PASSED_ON, options_metavar="DIR [OPTIONS]")
+def frames(context: typer.Context) -> None:
+    """Render a training set: `valerie train frames DIR --streets 100`."""
+    from valerie.perception.training.__main__ import main
+
+    raise typer.Exit(main(["frames", *context.args]))
+
+
+@app.command(context_settings=_PASSED_ON, options_metavar="ARCHITECTURE --frames DIR --held-out DIR --out FILE")
+def fit(context: typer.Context) -> None:
+    """Train one network from a folder of frames."""
+    from valerie.perception.training.__main__ import main
+
+    raise typer.Exit(main(["fit", *context.args]))
+
+
+@app.command()
+def compare(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="The validation: its frames are looked at again.")],
+    versions: Annotated[
+        list[str],
+        typer.Option("--version", metavar="FUNCTION", help="Name or function file; give two or more, before first."),
+    ],
+    where: Annotated[
+        str, typer.Option("--where", metavar="EXPRESSION", help="Show the selected persons and their region apart.")
+    ] = "",
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.png", help="Also draw it.")] = None,
+    threads: Threads = 1,
+    as_json: Json = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Compare versions of a function on a run's frames, side by side; nothing is rendered."""
+    comparison = _compare(run, versions, where, threads, data_dir)
+    if picture is not None:
+        from valerie.analysis.before_after_drawing import draw_comparison
+
+        draw_comparison(comparison, picture, title=f"run {run}")
+        say(f"wrote {picture}")
+    _show(comparison, as_json=as_json)
+
+
+def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: Path | None) -> Comparison:
+    from valerie.cli.datasets import Lines
+    from valerie.pipeline.comparison import compare_versions
+    from valerie.pipeline.opening import open_reference
+    from valerie.pipeline.retraining import selected_region
+
+    lines = Lines("frames")
+    with context_of(data_dir) as deployment:
+        return compare_versions(
+            deployment,
+            run,
+            versions,
+            open_function=lambda name: open_reference(name, threads=threads),
+            where=where,
+            region=selected_region(deployment, run, where, versions[0]) if where else None,
+            progress=lines.tell,
+        )
+
+
+def _show(comparison: Comparison, *, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(comparison.as_document(), ensure_ascii=False))
+        return
+    from valerie.analysis.before_after_drawing import comparison_renderable
+
+    console().print(comparison_renderable(comparison))
+
+
+def _say_weakness(weakness: Weakness) -> None:
+    say(f"{weakness.where}: {weakness.selected:,} of {weakness.evaluated:,} persons of {weakness.function}")
+    say(f"region: {weakness.region}")
+
+
+def _say_street(shard: Shard) -> None:
+    drawn = f" of {shard.drawn:,} drawn scenes" if shard.drawn is not None else ""
+    say(f"street {shard.street_seed}: {len(shard.sizes)} frames{drawn}")
+
+
+def _say_made(made: Retrained, folder: Path) -> None:
+    first, last = made.street_seeds
+    say(f"{made.frames:,} frames kept of {made.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
+    say(f"wrote {made.file}, digest {made.digest[:12]}, after {made.steps} steps")
+    say(f"use it: {command_name()} evaluate --dataset DIR --function {made.file}")
+
+
+class _Steps:
+    """Progress of the training, one line now and then."""
+
+    def __init__(self) -> None:
+        from valerie.cli.datasets import Lines
+
+        self._lines = Lines("steps")
+
+    def __call__(self, now: TrainingProgress) -> None:
+        self._lines.tell(now.step, now.steps, now.step / max(now.elapsed_s, 1e-9), f"loss {now.loss:.3f}")

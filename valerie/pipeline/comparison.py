@@ -1,0 +1,190 @@
+"""Versions of a function on the frames of one run: nothing is rendered, the stored frames are looked at again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.before_after import Comparison, aligned, compare, row_keys
+from valerie.analysis.region import Region
+from valerie.analysis.table import COLUMNS, EvaluationTable
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InferenceError, InvalidInput
+from valerie.labels import to_train_ids
+from valerie.metrics.collection import collection_scores
+from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.instances import person_counts
+from valerie.metrics.scores import frame_scores, pacc
+from valerie.perception.base import PerceptionFunction
+from valerie.pipeline.context import Context
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.opening import display_name
+from valerie.pipeline.pictures import picture_of
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.selection import ChosenFrame, FrameKey, evaluated_rows, finished_frames, function_index, run_where
+from valerie.pipeline.tables import varied_types
+from valerie.pipeline.training_targets import run_values
+from valerie.runs.spec import ResolvedRun
+from valerie.storage import codecs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Looked:
+    """One version on the run's frames (first sensor setting).
+
+    Attributes:
+        table: the long table of this function alone.
+        matrices: (19, 20) per frame.
+    """
+
+    table: EvaluationTable
+    matrices: dict[FrameKey, ConfusionMatrix]
+
+
+def compare_versions(
+    context: Context,
+    run_id: str,
+    references: Sequence[str],
+    *,
+    open_function: Callable[[str], PerceptionFunction],
+    where: str = "",
+    region: Region | None = None,
+    progress: Callable[[int, int, float, str], None] = lambda *_: None,
+) -> Comparison:
+    """Compare functions on a run's frames; the first is "before".
+
+    Args:
+        context: of the deployment.
+        run_id: of the validation.
+        references: names or function files; what the run evaluated already is read, the rest looks at the frames now.
+        open_function: opens a reference.
+        where: persons selected by this expression, *by the first function's scores*, form a group, the others another.
+        region: persons in it form a group, the others another: unlike a selection by scores, this one does not favour
+            any later version by chance alone.
+        progress: called after every frame with done, total, frames per second and the function.
+
+    Raises:
+        NotFound, InvalidInput, UnknownName: no such run, function or column.
+        Conflict: the run has no finished frames.
+        InferenceError: a function failed.
+    """
+    if len(references) < 2 or len({display_name(one) for one in references}) < len(references):
+        raise InvalidInput("name two or more different functions", field="versions", value=list(references))
+    with reading(context.engine) as connection:
+        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+        frames = list(finished_frames(connection, run_id, resolved))
+    if not frames:
+        raise Conflict(f"run {run_id} has no finished frames yet")
+    looked: dict[str, Looked] = {}
+    for reference in references:
+        if reference in resolved.spec.functions:
+            looked[reference] = _stored(context, run_id, resolved, reference)
+        else:
+            looked[display_name(reference)] = _look(context, resolved, frames, reference, open_function, progress)
+    tables = aligned([one.table for one in looked.values()])
+    keys = sorted(set.intersection(*(set(one.matrices) for one in looked.values())))
+    versions = {
+        name: (table, collection_scores([one.matrices[key] for key in keys]))
+        for (name, one), table in zip(looked.items(), tables, strict=True)
+    }
+    groups = _groups(context, run_id, resolved, tables[0], next(iter(looked)), where, region)
+    return compare(versions, more_groups=groups, threshold=resolved.spec.detection_threshold, seed=resolved.spec.seed)
+
+
+def _groups(
+    context: Context,
+    run_id: str,
+    resolved: ResolvedRun,
+    table: EvaluationTable,
+    before: str,
+    where: str,
+    region: Region | None,
+) -> dict[str, NDArray[np.bool_]]:
+    """Rows that are selected, and rows in the region, each with its opposite."""
+    groups: dict[str, NDArray[np.bool_]] = {}
+    if not where and region is None:
+        return groups
+    stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
+    with reading(context.engine) as connection:
+        assigned = {
+            (row["frame_id"], row["instance_id"]): row for _, row in evaluated_rows(connection, run_id, resolved)
+        }
+    # The first version's scores over all that is assigned.
+    rows = [{**assigned.get(key, {}), **stored[key]} for key in row_keys(table)]
+    there = np.array([row["instance_id"] is not None for row in rows], np.bool_)
+    if region is not None:
+        inside = np.array(
+            [bool(row["instance_id"]) and region.holds(run_values(row, resolved)) for row in rows], np.bool_
+        )
+        groups["in the region"], groups["outside the region"] = inside, there & ~inside
+    if where:
+        condition = run_where(where, resolved)
+        chosen = np.array([condition.holds(row) for row in rows], np.bool_)
+        groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & there, there & ~chosen
+    return groups
+
+
+def _stored(context: Context, run_id: str, resolved: ResolvedRun, function: str) -> Looked:
+    index = function_index(function, resolved)
+    varied = varied_types(resolved)
+    with reading(context.engine) as connection:
+        rows = [row for _, row in evaluated_rows(connection, run_id, resolved, sensor=0, function=index)]
+        found = results.predictions(connection, run_id, 0, index)
+    table = EvaluationTable.from_rows(({name: row.get(name) for name in _columns(varied)} for row in rows), varied)
+    return Looked(table, {key: codecs.decode_counts(packed) for key, (_, packed) in found.items()})
+
+
+def _look(
+    context: Context,
+    resolved: ResolvedRun,
+    frames: Sequence[ChosenFrame],
+    reference: str,
+    open_function: Callable[[str], PerceptionFunction],
+    progress: Callable[[int, int, float, str], None],
+) -> Looked:
+    """Predict every frame in this process, and count as the evaluation stage does."""
+    varied, name = varied_types(resolved), display_name(reference)
+    reader, sensor = ProductReader(context.store), resolved.spec.sensors[0]
+    rows: list[dict[str, object]] = []
+    matrices: dict[FrameKey, ConfusionMatrix] = {}
+    function = open_function(reference)
+    started = time.monotonic()
+    try:
+        for done, frame in enumerate(frames, start=1):
+            picture = picture_of(reader.frame(frame.background, frame.layer), sensor, frame.assignment)
+            predicted = function.predict(picture)
+            if predicted.shape != picture.shape[:2]:
+                raise InferenceError(f"{name} answered {predicted.shape} for a picture of {picture.shape[:2]}")
+            truth = reader.truth(frame.truth)
+            matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), predicted)
+            scores = frame_scores(matrix)
+            counted = {one.instance_id: one for one in person_counts(truth, predicted)}
+            for person in frame.persons:
+                counts = counted.get(person["instance_id"])
+                tp, fn = (counts.tp, counts.fn) if counts is not None else (0, 0)
+                row = {
+                    **person,
+                    **{path: frame.assignment.get(path) for path in varied},
+                    "function": name,
+                    "tp": tp,
+                    "fn": fn,
+                    "pacc": pacc(tp, fn),
+                    "precision": scores.precision,
+                    "iou": scores.iou,
+                    "pixel_accuracy": scores.pixel_accuracy,
+                    "fp": scores.counts.fp,
+                }
+                rows.append({column: row.get(column) for column in _columns(varied)})
+            progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
+    finally:
+        function.close()
+    return Looked(EvaluationTable.from_rows(rows, varied), matrices)
+
+
+def _columns(varied: dict[str, str]) -> tuple[str, ...]:
+    return (*(name for name, *_ in COLUMNS), *varied)
