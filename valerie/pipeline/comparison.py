@@ -21,10 +21,11 @@ from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import PerceptionFunction
+from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.opening import display_name
-from valerie.pipeline.pictures import picture_of
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import ChosenFrame, FrameKey, evaluated_rows, finished_frames, function_index, run_where
 from valerie.pipeline.tables import varied_types
@@ -149,26 +150,35 @@ def _look(
 ) -> Looked:
     """Predict every frame in this process, and count as the evaluation stage does."""
     varied, name = varied_types(resolved), display_name(reference)
-    reader, sensor = ProductReader(context.store), resolved.spec.sensors[0]
+    reader = ProductReader(context.store)
     rows: list[dict[str, object]] = []
     matrices: dict[FrameKey, ConfusionMatrix] = {}
     function = open_function(reference)
     started = time.monotonic()
     try:
         for done, frame in enumerate(frames, start=1):
-            picture = picture_of(reader.frame(frame.background, frame.layer), sensor, frame.assignment)
+            capture = capture_of(
+                resolved,
+                sensor_index=0,
+                camera_index=frame.key[1],
+                assignment=frame.assignment,
+                background=frame.background,
+                layer=frame.layer,
+                truth=frame.truth,
+            )
+            picture, truth = capture.picture(reader), capture.seen_truth(reader)
             predicted = function.predict(picture)
             if predicted.shape != picture.shape[:2]:
                 raise InferenceError(f"{name} answered {predicted.shape} for a picture of {picture.shape[:2]}")
-            truth = reader.truth(frame.truth)
             matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), predicted)
             scores = frame_scores(matrix)
             counted = {one.instance_id: one for one in person_counts(truth, predicted)}
             for person in frame.persons:
+                seen = measured_again(person, truth) if capture.distorted else person
                 counts = counted.get(person["instance_id"])
                 tp, fn = (counts.tp, counts.fn) if counts is not None else (0, 0)
                 row = {
-                    **person,
+                    **seen,
                     **{path: frame.assignment.get(path) for path in varied},
                     "function": name,
                     "tp": tp,

@@ -230,8 +230,6 @@ def retrain(
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
         RenderingError, MissingDependency: as the raster engine and torch.
     """
-    import torch
-
     from valerie.perception.training.fit import train
 
     wanted = settings.frame_settings(
@@ -243,7 +241,6 @@ def retrain(
     _require_same(folder, {"frames": wanted.model_dump(mode="json"), "training": settings.model_dump(mode="json")})
     frames = _frames(folder / "frames", wanted, processes, on_street)
     held_out = _held_out(folder / "held-out", settings, wanted, processes)
-    torch.set_num_threads(threads)
     model = train(
         _training_settings(weakness.header, settings),
         frames,
@@ -251,6 +248,7 @@ def retrain(
         progress=on_step,
         checkpoint=folder / "checkpoint.safetensors",
         start_from=weakness.file,
+        threads=threads,
     )
     drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
     provenance = training_provenance(frames, held_out, weakness.file)

@@ -59,8 +59,6 @@ def _frames(options: argparse.Namespace) -> None:
 
 
 def _fit(options: argparse.Namespace) -> None:
-    import torch
-
     from valerie.perception.training.fit import TrainingProgress, train
     from valerie.perception.training.settings import TrainingSettings
 
@@ -69,7 +67,6 @@ def _fit(options: argparse.Namespace) -> None:
     }
     settings = TrainingSettings.model_validate(given)
     frames, held_out = FrameFolder(options.frames), FrameFolder(options.held_out)
-    torch.set_num_threads(options.threads)
 
     def tell(now: TrainingProgress) -> None:
         if now.step % 50 == 0 or now.figures is not None:
@@ -78,7 +75,13 @@ def _fit(options: argparse.Namespace) -> None:
             _say(f"  held out: {now.figures.as_text()}")
 
     model = train(
-        settings, frames, held_out=held_out, progress=tell, checkpoint=options.checkpoint, start_from=options.start_from
+        settings,
+        frames,
+        held_out=held_out,
+        progress=tell,
+        checkpoint=options.checkpoint,
+        start_from=options.start_from,
+        threads=options.threads,
     )
     provenance = training_provenance(frames, held_out, options.start_from)
     provenance["trained-by"] = "python -m valerie.perception.training fit"

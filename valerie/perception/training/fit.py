@@ -101,6 +101,7 @@ def train(
     progress: Callable[[TrainingProgress], None] = lambda _: None,
     checkpoint: Path | None = None,
     start_from: Path | None = None,
+    threads: int | None = None,
 ) -> TrainedModel:
     """Train one network from scratch, from the weights of a function file, or go on from a checkpoint.
 
@@ -113,12 +114,15 @@ def train(
             on from it, to the same weights as without the interruption.
         start_from: a function file of the same architecture whose weights and normalisation are the beginning; the
             schedule is a new one.
+        threads: torch's CPU threads in this process from now on; None leaves them. Part of what makes runs repeatable.
 
     Raises:
         InvalidInput: no frames, a street in both sets, a checkpoint of another run, a file of another architecture.
         UnknownName: the architecture.
     """
     _require_apart(frames, held_out)
+    if threads is not None:
+        torch.set_num_threads(threads)
     device = _device(settings)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(settings.seed)
