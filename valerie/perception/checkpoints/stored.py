@@ -176,7 +176,7 @@ def _read_torch_stream(stream: _Bounded, field: str) -> Any:
     """The objects of torch.save's older format: pickles one after another, then the numbers of each storage."""
     version = load_plain(stream, field=field)
     if version != _STREAM_VERSION:
-        raise InvalidInput("another version of torch's format", field=field, value=version, limit=_STREAM_VERSION)
+        raise InvalidInput("another version of torch's format", field=field, limit=_STREAM_VERSION)
     system = load_plain(stream, field=field)
     if not isinstance(system, dict) or system.get("little_endian") is not True:
         raise InvalidInput("numbers in another byte order", field=field, limit="little endian")

@@ -22,11 +22,14 @@ from valerie.errors import InvalidInput
 
 #: A pickle remembers objects under numbers; larger ones than this would only make the reader reserve memory.
 _MAX_MEMO: Final = 1_000_000
+_MAX_LEAVES: Final = 1_000_000
 _MAX_DIMENSIONS: Final = 8
 _DTYPE: Final = re.compile(r"[fiub][1248]|\?")
 
 #: Opcodes that make instances of classes in older ways, or refer to registries and buffers outside the file.
 _FORBIDDEN: Final = frozenset({"INST", "OBJ", "EXT1", "EXT2", "EXT4", "NEXT_BUFFER", "READONLY_BUFFER", "PERSID"})
+
+_PUTS: Final = frozenset({"PUT", "BINPUT", "LONG_BINPUT"})
 
 #: torch's storage classes to numpy's dtypes; bfloat16, which numpy lacks, is kept as its 16 bits.
 STORAGE_DTYPES: Final[Mapping[str, np.dtype[Any]]] = MappingProxyType(
@@ -169,7 +172,7 @@ class _Dtype:
 
     def __init__(self, code: object, *_: object) -> None:
         if not isinstance(code, str) or not _DTYPE.fullmatch(code):
-            raise _Refused(f"an array of kind {code!r}")
+            raise _Refused(f"an array of kind {_shown(code)}")
         self.value: np.dtype[Any] = np.dtype(code)
 
     def __setstate__(self, state: Any) -> None:
@@ -209,14 +212,62 @@ def load_plain(stream: ByteStream, *, field: str, storage: Callable[[Any], Stora
 
 
 def _look_through(stream: ByteStream) -> None:
-    """Check opcodes, names and lengths before anything is built."""
+    """Check opcodes, names, lengths and the depth of tuples before anything is built."""
+    weights = _TupleWeights()
     for opcode, argument, _ in pickletools.genops(cast("IO[bytes]", stream)):
         if opcode.name in _FORBIDDEN:
             raise _Refused(f"the opcode {opcode.name}")
         if opcode.name == "GLOBAL":
             _stand_in(*str(argument).split(" ", 1))
-        if opcode.name in ("PUT", "BINPUT", "LONG_BINPUT") and int(argument or 0) > _MAX_MEMO:
+        if opcode.name in _PUTS and int(argument or 0) > _MAX_MEMO:
             raise _Refused(f"more than {_MAX_MEMO} remembered objects")
+        weights.step(opcode, argument)
+
+
+class _TupleWeights:
+    """How many leaves each tuple on the reader's stack has, counted as often as they appear.
+
+    Forty tuples that each hold the one before twice are a few hundred bytes, but a million million leaves to whoever hashes
+    the last one as the key of a dictionary.
+    """
+
+    def __init__(self) -> None:
+        self._stack: list[int | None] = []  # None is a mark
+        self._memo: dict[int, int | None] = {}
+
+    def step(self, opcode: pickletools.OpcodeInfo, argument: object) -> None:
+        """Follow one opcode.
+
+        Raises:
+            _Refused: a tuple with too many leaves.
+        """
+        if opcode.name in _PUTS:
+            self._memo[int(str(argument))] = self._stack[-1]
+        elif opcode.name == "MEMOIZE":
+            self._memo[len(self._memo)] = self._stack[-1]
+        elif opcode.name in ("GET", "BINGET", "LONG_BINGET"):
+            self._stack.append(self._memo[int(str(argument))])
+        elif opcode.name == "MARK":
+            self._stack.append(None)
+        elif opcode.name == "DUP":
+            self._stack.append(self._stack[-1])
+        else:
+            taken = self._take(opcode.stack_before)
+            # A call may give back what it was given.
+            heavy = opcode.name.startswith("TUPLE") or opcode.name == "REDUCE"
+            weight = 1 + sum(taken) if heavy else 1
+            if weight > _MAX_LEAVES:
+                raise _Refused(f"a tuple of more than {_MAX_LEAVES} leaves")
+            self._stack.extend(weight for _ in opcode.stack_after)
+
+    def _take(self, before: list[pickletools.StackObject]) -> list[int]:
+        taken: list[int] = []
+        count = len(before)
+        if pickletools.markobject in before:
+            while (top := self._stack.pop()) is not None:
+                taken.append(top)
+            count = before.index(pickletools.markobject)
+        return taken + [self._stack.pop() or 1 for _ in range(count)]
 
 
 class _Unpickler(pickle.Unpickler):
@@ -244,6 +295,11 @@ def storage_kind(kind: object, count: object) -> Storage:
     return Storage(kind.name, _count(count, "a storage's size"))
 
 
+def _shown(value: object) -> str:
+    """A value for a message; of anything nested only its kind, since writing it out may never end."""
+    return repr(value) if isinstance(value, int | str | None) else type(value).__name__
+
+
 def _stand_in(module: str, name: str) -> Any:
     module = module.replace("numpy._core.", "numpy.core.")
     if module == "torch" and name in STORAGE_DTYPES:
@@ -269,7 +325,7 @@ def _scalar(dtype: object, data: object = b"") -> object:
 def _encode(text: object, encoding: object = "latin1") -> bytes:
     # Protocol 2 writes bytes as text that has to be encoded; nothing else uses this.
     if not isinstance(text, str) or encoding not in ("latin1", "latin-1"):
-        raise _Refused(f"text in {encoding!r}")
+        raise _Refused(f"text in {_shown(encoding)}")
     return text.encode("latin1")
 
 
@@ -290,13 +346,13 @@ def _array(data: object, dtype: object, shape: tuple[int, ...], order: Any) -> N
 
 def _count(value: object, what: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**48:
-        raise _Refused(f"{what} of {value!r}")
+        raise _Refused(f"{what} of {_shown(value)}")
     return value
 
 
 def _counts(value: object, what: str) -> tuple[int, ...]:
     if not isinstance(value, tuple | list) or len(value) > _MAX_DIMENSIONS:
-        raise _Refused(f"{what} of {value!r}")
+        raise _Refused(f"{what} of {_shown(value)}")
     return tuple(_count(each, what) for each in value)
 
 
