@@ -140,6 +140,8 @@ class OutputDocument(_Part):
         classes: in the order of channels or ids; or the name of a list in `CLASS_LISTS`.
         class_map: name or id of a class to a Cityscapes class or ``void``; see `valerie.perception.class_maps`.
         threshold: with a single class: the value above which a pixel is of it; None: 0 for logits, 0.5 for probabilities.
+        align_corners: how logits are upsampled: the outermost pixel centres lie on each other; else, as most networks are
+            trained, pixel centres lie at halves. A ``network`` knows its own.
         target_classes: the Cityscapes classes that the function is to be judged by; empty: all that the map reaches.
     """
 
@@ -149,6 +151,7 @@ class OutputDocument(_Part):
     )
     class_map: dict[str, Text] = Field(default_factory=dict)
     threshold: Finite | None = None
+    align_corners: bool = False
     target_classes: tuple[Text, ...] = ()
 
     @model_validator(mode="after")
@@ -165,6 +168,11 @@ class OutputDocument(_Part):
     def lookup(self) -> NDArray[np.uint8]:
         """(256,) uint8: the function's ids to train ids."""
         return class_lookup(self.classes, self.class_map)
+
+    @property
+    def cut(self) -> float:
+        """With a single class: what a pixel of it lies above."""
+        return self.threshold if self.threshold is not None else {"logits": 0.0, "probabilities": 0.5}[self.kind]
 
     @property
     def reached(self) -> tuple[str, ...]:

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from valerie.errors import CorruptArtifact, InvalidInput, MissingDependency, NotFound
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents import FunctionDocument
+from valerie.perception.quiet import silence_libraries
+
+if TYPE_CHECKING:
+    from valerie.perception.engines.base import Engine
 
 
 def open_function(
-    document: FunctionDocument, payload: Path | None, *, threads: int = 1, digest: str | None = None
+    document: FunctionDocument,
+    payload: Path | None,
+    *,
+    threads: int = 1,
+    device: str = "auto",
+    addresses: Sequence[str] = (),
+    digest: str | None = None,
 ) -> PerceptionFunction:
     """Load a function to predict with.
 
@@ -19,6 +31,8 @@ def open_function(
         document: what it is.
         payload: its file; None for kinds without one.
         threads: CPU threads of this process for the inference engine.
+        device: of the engine torch: ``auto`` takes a GPU where there is one; ``cpu``, ``cuda``, ``cuda:1``.
+        addresses: where functions behind HTTP may be; see `valerie.perception.addresses`.
         digest: what stands for the function on its card; None: the document's digest. Functions that ship with VALERIE
             are known by the SHA-256 of their file.
 
@@ -32,23 +46,42 @@ def open_function(
         raise InvalidInput("at least one thread", field="threads", value=threads, limit="≥ 1")
     if document.payload is not None:
         _require_payload(document, payload)
+    silence_libraries()
     identity = digest or document.digest
     try:
-        if document.kind == "network" and document.engine == "torch":
-            from valerie.perception.torch_function import TorchFunction
+        if document.kind == "http":
+            from valerie.perception.http_function import HttpFunction
 
-            assert payload is not None, "checked above"
-            return TorchFunction(document, payload, threads=threads, digest=identity)
+            return HttpFunction(document, allowed=addresses, digest=identity)
+        if payload is None:
+            raise InvalidInput("predictions of this function are brought by its user", field="kind", value=document.kind)
+        from valerie.perception.adapted import AdaptedFunction
+
+        engine = _engine(document, payload, threads=threads, device=device)
+        return AdaptedFunction(document, engine, digest=identity)
     except ModuleNotFoundError as error:
+        extra = "huggingface" if error.name == "transformers" else "infer"
         raise MissingDependency(
-            f"{error.name} is not installed; install it with: pip install 'valerie[infer]'"
+            f"{error.name} is not installed; install it with: pip install 'valerie[{extra}]'"
         ) from error
-    raise InvalidInput(
-        "this version runs networks in torch alone",
-        field="kind, engine",
-        value=f"{document.kind}, {document.engine}",
-        limit="network, torch",
-    )
+
+
+def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: str) -> Engine:
+    if document.engine == "torch":
+        from valerie.perception.engines.modules import open_module
+        from valerie.perception.engines.torch_engine import TorchEngine
+
+        return TorchEngine(open_module(document, payload), document, threads=threads, device=device)
+    from valerie.perception.engines.network_file import NetworkFile
+
+    network = NetworkFile(document, payload)
+    if document.engine == "openvino":
+        from valerie.perception.engines.openvino_engine import OpenVinoEngine
+
+        return OpenVinoEngine(network, precision=document.precision, threads=threads)
+    from valerie.perception.engines.onnxruntime_engine import OnnxRuntimeEngine
+
+    return OnnxRuntimeEngine(network, threads=threads)
 
 
 def _require_payload(document: FunctionDocument, path: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""From pictures to label maps: normalise, pad, run the network, upsample its logits, take the largest."""
+"""From pictures to label maps in torch: normalise, run the network, upsample its logits, take the largest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Final, TypeVar
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+
+from valerie.perception.engines.base import CHANNELS_AT_ONCE
 
 #: Height and width are padded to multiples of this: the coarsest stride of the networks.
 ALIGNMENT: Final = 32
@@ -20,11 +22,40 @@ def in_channels_last(network: Module) -> Module:
     return moved
 
 
-def normalised(pictures: Tensor, mean: Tensor, std: Tensor) -> Tensor:
-    """(N, H, W, 3) uint8 sRGB to (N, 3, H, W) float32 ``(x / 255 − mean) / std``, in channels-last memory order."""
+def normalised(pictures: Tensor, mean: Tensor, std: Tensor, value_range: float = 255.0) -> Tensor:
+    """(N, H, W, 3) uint8 sRGB to (N, 3, H, W) float32 ``(x / value_range − mean) / std``, in channels-last memory order."""
     values = pictures.permute(0, 3, 1, 2).to(torch.float32)
-    scaled = values.sub_(255.0 * mean.view(1, 3, 1, 1)).div_(255.0 * std.view(1, 3, 1, 1))
+    scaled = values.sub_(value_range * mean.view(1, 3, 1, 1)).div_(value_range * std.view(1, 3, 1, 1))
     return scaled.contiguous(memory_format=torch.channels_last)
+
+
+def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: bool = False) -> Tensor:
+    """Which channel is largest at every pixel, after bilinear upsampling.
+
+    Args:
+        logits: (N, C, h, w), C at most 255.
+        height: of the result.
+        width: of the result.
+        align_corners: the outermost pixel centres lie on each other; else pixel centres lie at halves.
+
+    Returns:
+        (N, height, width) uint8; of equal logits the smaller channel wins.
+    """
+    best: Tensor | None = None
+    ids = torch.empty(0)
+    for first in range(0, logits.shape[1], CHANNELS_AT_ONCE):
+        some = logits[:, first : first + CHANNELS_AT_ONCE]
+        full = functional.interpolate(some, size=(height, width), mode="bilinear", align_corners=align_corners)
+        if logits.shape[1] <= CHANNELS_AT_ONCE:
+            return full.argmax(dim=1).to(torch.uint8)
+        values, channels = full.max(dim=1)
+        channels = (channels + first).to(torch.uint8)
+        if best is None:
+            best, ids = values, channels
+        else:
+            better = values > best
+            best, ids = torch.where(better, values, best), torch.where(better, channels, ids)
+    return ids
 
 
 def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) -> Tensor:
@@ -34,7 +65,7 @@ def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) 
     padded size, and what was padded is cut off: pixel (0, 0) stays pixel (0, 0).
 
     Args:
-        network: gives logits at a quarter of the resolution.
+        network: gives logits of a resolution of its own; its ``align_corners`` says how they are resampled.
         pictures: (N, H, W, 3) uint8 sRGB on the network's device.
         mean: (3,) float32 on that device.
         std: (3,) float32 on that device.
@@ -45,6 +76,6 @@ def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) 
     height, width = pictures.shape[1:3]
     down, right = -height % ALIGNMENT, -width % ALIGNMENT
     padded = functional.pad(normalised(pictures, mean, std), (0, right, 0, down), mode="replicate")
-    logits: Tensor = network(padded)
-    full = functional.interpolate(logits, size=padded.shape[-2:], mode="bilinear", align_corners=False)
-    return full[:, :, :height, :width].argmax(dim=1).to(torch.uint8)
+    aligned = bool(getattr(network, "align_corners", False))
+    ids = largest_channel(network(padded), *padded.shape[-2:], align_corners=aligned)
+    return ids[:, :height, :width]
