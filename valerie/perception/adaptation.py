@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -71,7 +72,9 @@ class Plan:
         whole = np.empty(self.frame, np.uint8)
         places = [(row, column) for row in self.rows for column in self.columns]
         for (row, column), found in zip(places, labels, strict=True):
-            inside = found[row.first - row.start : row.end - row.start, column.first - column.start : column.end - column.start]
+            inside = found[
+                row.first - row.start : row.end - row.start, column.first - column.start : column.end - column.start
+            ]
             whole[row.first : row.end, column.first : column.end] = inside
         return whole
 
@@ -110,8 +113,8 @@ def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:
         return (Span(0, 0, length),)
     count = math.ceil((length - overlap) / (tile - overlap))
     starts = [number * (length - tile) // (count - 1) for number in range(count)]
-    seams = [0, *((after + before + tile) // 2 for before, after in zip(starts, starts[1:], strict=False)), length]
-    return tuple(Span(start, first, end) for start, first, end in zip(starts, seams, seams[1:], strict=True))
+    seams = [0, *((after + before + tile) // 2 for before, after in pairwise(starts)), length]
+    return tuple(Span(start, *seam) for start, seam in zip(starts, pairwise(seams), strict=True))
 
 
 def _padded(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:

@@ -12,7 +12,17 @@ from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import TRAIN_LABELS, VOID
@@ -20,6 +30,7 @@ from valerie.loading import load_document
 from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.perception.class_maps import CLASS_LISTS, MAX_CLASSES, class_lookup
+from valerie.perception.options import OPTIONS, Options
 
 #: Raised when the meaning of the document changes; the first part of every digest.
 _SCHEME: Final = 1
@@ -194,7 +205,7 @@ class FunctionDocument(_Part):
         kind: what the payload is, or where predictions come from instead.
         payload: the one file; None for ``http`` and ``predictions``, which have none.
         architecture: of a ``network`` see `valerie.perception.networks.architectures`; of ``huggingface`` the model type.
-        options: the kind's own; see docs/functions.md.
+        options: the kind's own; see `valerie.perception.options`.
         input, output: how frames go in and labels come out.
         engine: what runs it; when left out the first that fits the kind.
         precision: that is asked for; what really runs is read back and is part of the numeric class.
@@ -205,7 +216,7 @@ class FunctionDocument(_Part):
     kind: Kind
     payload: Payload | None = None
     architecture: Annotated[str, StringConstraints(max_length=200)] = ""
-    options: dict[str, Any] = Field(default_factory=dict)
+    options: dict[str, Any] = Field(default_factory=dict, validate_default=True)
     input: InputDocument = InputDocument()
     output: OutputDocument = OutputDocument()
     engine: Engine
@@ -234,6 +245,14 @@ class FunctionDocument(_Part):
         if self.kind in ("network", "huggingface") and not self.architecture:
             raise ValueError(f"kind {self.kind} needs an architecture")
         return self
+
+    @field_validator("options")
+    @classmethod
+    def _known_options(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        kind = info.data.get("kind")
+        if kind is not None:
+            OPTIONS[kind].model_validate(options)
+        return options
 
     @property
     def digest(self) -> str:
@@ -271,14 +290,15 @@ def parse_function(source: str | bytes | dict[str, Any], **known: object) -> Fun
     try:
         return FunctionDocument.model_validate(values)
     except ValidationError as error:
-        raise InvalidInputs([_problem(problem) for problem in error.errors(include_url=False)]) from None
+        kind = str(values.get("kind"))
+        raise InvalidInputs([_problem(problem, kind) for problem in error.errors(include_url=False)]) from None
 
 
-def _problem(problem: Any) -> InvalidInput:
+def _problem(problem: Any, kind: str) -> InvalidInput:
     *parents, last = problem["loc"] or ("",)
     field = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
-        return UnknownName("field", str(last), _fields(parents), field=field)
+        return UnknownName("field", str(last), _fields(parents, kind), field=field)
     if problem["type"] == "missing":
         return InvalidInput("this field is missing", field=field)
     message = problem["msg"].removeprefix("Value error, ")
@@ -286,9 +306,11 @@ def _problem(problem: Any) -> InvalidInput:
     return InvalidInput(message, field=field, value=None if isinstance(given, dict) else given)
 
 
-def _fields(parents: list[Any]) -> list[str]:
-    part: Any = FunctionDocument
-    for name in parents:
-        inner = part.model_fields[name].annotation
-        part = inner if isinstance(inner, type) else Payload
-    return list(part.model_fields)
+def _fields(parents: list[Any], kind: str) -> list[str]:
+    parts: dict[Any, type[BaseModel]] = {
+        "payload": Payload,
+        "input": InputDocument,
+        "output": OutputDocument,
+        "options": OPTIONS.get(kind, Options),
+    }
+    return list(parts[parents[0]].model_fields if parents else FunctionDocument.model_fields)

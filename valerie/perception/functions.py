@@ -54,7 +54,9 @@ def open_function(
 
             return HttpFunction(document, allowed=addresses, digest=identity)
         if payload is None:
-            raise InvalidInput("predictions of this function are brought by its user", field="kind", value=document.kind)
+            raise InvalidInput(
+                "predictions of this function are brought by its user", field="kind", value=document.kind
+            )
         from valerie.perception.adapted import AdaptedFunction
 
         engine = _engine(document, payload, threads=threads, device=device)

@@ -60,15 +60,15 @@ def check_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> OnnxSummary:
     try:
         size = path.stat().st_size
         if size > max_bytes:
-            raise InvalidInput("the file is too large", field=path.name, value=f"{size} bytes", limit=f"{max_bytes} bytes")
+            raise InvalidInput(
+                "the file is too large", field=path.name, value=f"{size} bytes", limit=f"{max_bytes} bytes"
+            )
         if size == 0:
             raise InvalidInput("the file is empty", field=path.name)
-        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
-            whole = memoryview(mapped)
-            try:
-                return _Check(path.name).model(whole)
-            finally:
-                whole.release()
+        with path.open("rb") as stream:
+            # Closed when the last view of it is gone, which an error's traceback may hold.
+            mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+        return _Check(path.name).model(memoryview(mapped))
     except FileNotFoundError:
         raise NotFound("ONNX file", path.name) from None
 
@@ -195,7 +195,9 @@ class _Check:
         # The smallest elements are of four bits.
         if math.prod(lengths) > 2 * held:
             shape = " × ".join(map(str, lengths))
-            raise self._refused("a tensor that states more than it holds", value=f"{name}: {shape}", limit=f"{held} bytes")
+            raise self._refused(
+                "a tensor that states more than it holds", value=f"{name}: {shape}", limit=f"{held} bytes"
+            )
         return name
 
     def _refused(self, message: str, *, value: object = None, limit: object = None) -> InvalidInput:

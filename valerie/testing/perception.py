@@ -80,4 +80,5 @@ class PerceptionContract:
         assert len(card.digest) in (32, 64)
         assert int(card.digest, 16) >= 0
         assert card.engine in function.numeric_class
-        assert card.precision in function.numeric_class
+        # Nobody here knows the precision of what computes elsewhere.
+        assert card.precision == "remote" or card.precision in function.numeric_class

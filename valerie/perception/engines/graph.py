@@ -85,7 +85,9 @@ class _Builder:
         self.constants: list[onnx.TensorProto] = []
         self._count = 0
 
-    def node(self, kind: str, inputs: Sequence[str], *, outputs: int = 1, name: str = "", **attributes: Any) -> list[str]:
+    def node(
+        self, kind: str, inputs: Sequence[str], *, outputs: int = 1, name: str = "", **attributes: Any
+    ) -> list[str]:
         """Add a node; returns the names of its outputs."""
         self._count += 1
         names = [name] if name else [f"valerie.{self._count}.{i}" for i in range(outputs)]
@@ -128,7 +130,7 @@ class _Builder:
         return self.one("Resize", value, nothing, nothing, self.integers(1, channels, *size), **attributes)
 
 
-def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
+def _input(graph: onnx.GraphProto) -> Any:
     held = {tensor.name for tensor in graph.initializer}
     inputs = [value for value in graph.input if value.name not in held]
     if len(inputs) != 1:
@@ -141,7 +143,7 @@ def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
     return inputs[0]
 
 
-def _output(graph: onnx.GraphProto, wanted: str) -> onnx.ValueInfoProto:
+def _output(graph: onnx.GraphProto, wanted: str) -> Any:
     if not wanted:
         return graph.output[0]
     for value in graph.output:
@@ -160,13 +162,14 @@ def _dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
 def _require_size(source: onnx.ValueInfoProto, taken: InputDocument, piece: Size) -> None:
     axes = _dimensions(source)
     expected = [1, 3, *piece] if taken.layout == "nchw" else [1, *piece, 3]
-    if axes and (
-        len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, expected, strict=True))
-    ):
+    if axes and (len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, expected, strict=True))):
         shown = " × ".join("free" if axis is None else str(axis) for axis in axes)
         wanted = " × ".join(map(str, expected))
         raise InvalidInput(
-            "the network takes another input; look at input.size and input.layout", field="onnx", value=shown, limit=wanted
+            "the network takes another input; look at input.size and input.layout",
+            field="onnx",
+            value=shown,
+            limit=wanted,
         )
 
 

@@ -22,9 +22,9 @@ def open_module(document: FunctionDocument, payload: Path) -> nn.Module:
         InvalidInput, UnknownName: document and payload do not fit each other.
         MissingDependency: transformers is not installed.
     """
-    classes = len(document.output.classes)
     if document.kind == "huggingface":
         from valerie.perception.huggingface import open_huggingface
 
         return open_huggingface(document, payload)
+    classes = len(document.output.classes)
     return filled_network(document.architecture, read_tensors(payload), classes, field=payload.name)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import onnx
 
-from valerie.errors import InvalidInput
 from valerie.perception.adaptation import Size
 from valerie.perception.documents import FunctionDocument
 from valerie.perception.engines.graph import whole_graph
 from valerie.perception.onnx_files import check_onnx
 
-#: Exported networks take sides that are multiples of this.
-_STEP = 32
+if TYPE_CHECKING:
+    from torch import nn
 
 
 class NetworkFile:
-    """Gives the graph for pieces of any size; between two of them nothing of it is in memory.
+    """Gives the graph for pieces of any size; between two of them the network is on disk and not in memory.
 
     Args:
         document: kind ``onnx``, ``network`` or ``huggingface``.
@@ -31,47 +31,54 @@ class NetworkFile:
 
     def __init__(self, document: FunctionDocument, payload: Path) -> None:
         self.document = document
-        self._folder: TemporaryDirectory[str] | None = None
+        self._path = payload
         self._given = document.output
+        self._folder: TemporaryDirectory[str] | None = None
+        #: What has to be exported again for every size.
+        self._module: nn.Module | None = None
         if document.kind == "onnx":
             check_onnx(payload)
-            self._path = payload
-            return
-        from valerie.perception.engines.export import export_onnx
-        from valerie.perception.engines.modules import open_module
-
-        module = open_module(document, payload)
-        if getattr(module, "align_corners", False):
-            self._given = document.output.model_copy(update={"align_corners": True})
-        self._folder = TemporaryDirectory(prefix="valerie-onnx-")
-        self._path = Path(self._folder.name) / "network.onnx"
-        export_onnx(module, self._path)
+        else:
+            self._export(payload)
 
     def graph(self, piece: Size, labels: Size) -> bytes:
         """The whole graph (see `whole_graph`) for these sizes, serialised.
 
         Raises:
-            InvalidInput: the network does not take pieces of this size.
+            InvalidInput: the network is not what the document says, or does not take pieces of this size.
         """
-        if self._folder is not None and (piece.height % _STEP or piece.width % _STEP):
-            raise InvalidInput(
-                "this engine takes sides that are multiples of 32",
-                field="input.size, input.multiple_of",
-                value=f"{piece.width} × {piece.height}",
-                limit=_STEP,
-            )
-        model = onnx.load(self._path, load_external_data=False)
-        made = whole_graph(
-            model,
+        if self._module is not None:
+            from valerie.perception.engines.export import export_onnx
+
+            export_onnx(self._module, self._path, piece)
+        model = whole_graph(
+            onnx.load(self._path, load_external_data=False),
             taken=self.document.input,
             given=self._given,
             piece=piece,
             labels=labels,
             output=str(self.document.options.get("output", "")),
         )
-        return made.SerializeToString()
+        graph: bytes = model.SerializeToString()
+        return graph
 
     def close(self) -> None:
         """Remove what was exported."""
+        self._module = None
         if self._folder is not None:
             self._folder.cleanup()
+
+    def _export(self, payload: Path) -> None:
+        from valerie.perception.engines.export import export_onnx, looks_at_size
+        from valerie.perception.engines.modules import open_module
+
+        module = open_module(self.document, payload)
+        if getattr(module, "align_corners", False):
+            self._given = self._given.model_copy(update={"align_corners": True})
+        self._folder = TemporaryDirectory(prefix="valerie-onnx-")
+        self._path = Path(self._folder.name) / "network.onnx"
+        # The code of other people's networks may look at sizes in ways that a trace does not notice.
+        if self.document.kind == "network" and not looks_at_size(module):
+            export_onnx(module, self._path, None)
+        else:
+            self._module = module

@@ -6,6 +6,7 @@ refused when it is another one.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -42,8 +43,7 @@ class OpenVinoEngine:
         self._network = network
         self.precision = precision
         self._threads = threads
-        self._core = openvino.Core()
-        _require_precision(self._core, precision)
+        _require_precision(precision)
         self._compiled = Recent(self._compile)
 
     @property
@@ -66,8 +66,9 @@ class OpenVinoEngine:
     def _compile(self, piece: Size, labels: Size) -> Any:
         graph = self._network.graph(piece, labels)
         try:
-            model = self._core.read_model(graph)
-            compiled = self._core.compile_model(model, _DEVICE, _settings(self.precision, self._threads))
+            core = _core()
+            model = core.read_model(graph)
+            compiled = core.compile_model(model, _DEVICE, _settings(self.precision, self._threads))
         except RuntimeError as error:
             raise InvalidInput(f"OpenVINO cannot run this network: {_reason(error)}", field="onnx") from error
         _require_compiled(compiled, self.precision)
@@ -89,13 +90,19 @@ def _settings(precision: str, threads: int) -> dict[str, Any]:
     }
 
 
-def _require_precision(core: openvino.Core, precision: str) -> None:
+@lru_cache(maxsize=1)
+def _core() -> openvino.Core:
+    return openvino.Core()
+
+
+@lru_cache(maxsize=8)
+def _require_precision(precision: str) -> None:
     """Compile a network of nothing and look what became of it: the list of capabilities alone promises too much."""
     ops = openvino.opset13
     value = ops.parameter([1, 8, 8, 8], openvino.Type.f32)
     weights = ops.constant(np.zeros((8, 8, 3, 3), np.float32))
     model = openvino.Model([ops.convolution(value, weights, [1, 1], [1, 1], [1, 1], [1, 1])], [value])
-    _require_compiled(core.compile_model(model, _DEVICE, _settings(precision, 1)), precision)
+    _require_compiled(_core().compile_model(model, _DEVICE, _settings(precision, 1)), precision)
 
 
 def _require_compiled(compiled: openvino.CompiledModel, precision: str) -> None:

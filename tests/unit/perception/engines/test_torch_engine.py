@@ -65,6 +65,6 @@ def test_a_failure_inside_torch_becomes_an_inference_error(write_function, monke
     def fail(_: torch.Tensor) -> torch.Tensor:
         raise RuntimeError("could not allocate")
 
-    monkeypatch.setattr(function._network, "forward", fail)
+    monkeypatch.setattr(function._engine._module, "forward", fail)
     with pytest.raises(InferenceError, match=r"f: torch failed.*could not allocate"):
         function.predict(np.zeros((8, 8, 3), np.uint8))

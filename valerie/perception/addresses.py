@@ -1,0 +1,124 @@
+"""Where a worker may connect to: the operator's list, asked before any connection.
+
+A function behind HTTP is named by whoever registers it, but the worker that calls it stands inside the operator's network. So
+the operator lists what may be called; nothing is allowed by default. An entry is one of
+
+- ``models.example:8000``: this host at this port, whatever its address is;
+- ``10.1.0.0/16`` or ``10.1.0.0/16:8000``, ``[fd00::/8]:8000``: every host whose address lies there, at any port or at this one.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+from valerie.errors import InferenceError, InvalidInput
+
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+
+class Target(NamedTuple):
+    """Where to connect to.
+
+    Attributes:
+        host, port, path: of the URL; ``path`` with its query.
+        address: that the host had when it was allowed; this one is connected to, not what the name means a moment later.
+        secure: TLS, with the host's certificate.
+    """
+
+    host: str
+    port: int
+    path: str
+    address: str
+    secure: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Allowed:
+    """One entry of the list; ``network`` None means the host by name, ``port`` 0 means any."""
+
+    host: str
+    network: Network | None
+    port: int
+
+
+def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[Allowed, ...]:
+    """Read the operator's list.
+
+    Raises:
+        InvalidInput: an entry is neither host and port nor a network.
+    """
+    return tuple(_allowed(entry.strip(), f"{field}.{number}") for number, entry in enumerate(entries) if entry.strip())
+
+
+def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Target:
+    """Where a URL leads to, if the operator allows it.
+
+    Raises:
+        InvalidInput: no http or https URL with a host, or one with user or fragment; or it is not on the list.
+        InferenceError: the host has no address.
+    """
+    host, port, path, secure = parse_url(url, field=field)
+    by_name = any(entry.network is None and entry.host == host and entry.port == port for entry in entries)
+    networks = [entry.network for entry in entries if entry.network is not None and entry.port in (0, port)]
+    if not by_name and not networks:
+        raise _not_allowed(host, port, field)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except OSError as error:
+        raise InferenceError(f"{host} has no address: {error}") from None
+    for *_, place in found:
+        address = ipaddress.ip_address(str(place[0]).partition("%")[0])
+        if by_name or any(address in network for network in networks):
+            return Target(host, port, path, str(place[0]), secure)
+    raise _not_allowed(host, port, field)
+
+
+def parse_url(url: str, *, field: str = "options.url") -> tuple[str, int, str, bool]:
+    """Host, port, path with query, and whether TLS is meant.
+
+    Raises:
+        InvalidInput: not an http or https URL with a host, or one with user or fragment.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+        parts = urlsplit("")
+    if parts.scheme not in ("http", "https") or not host or parts.username is not None or parts.fragment:
+        raise InvalidInput("not a usable URL", field=field, value=url, limit="http://host:port/path")
+    if any(ord(letter) <= 32 or ord(letter) == 127 for letter in url):
+        raise InvalidInput("a URL holds no blanks or control characters", field=field, value=url)
+    secure = parts.scheme == "https"
+    path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+    return host.lower(), port or (443 if secure else 80), path, secure
+
+
+def _allowed(entry: str, field: str) -> Allowed:
+    whole, port = entry, "0"
+    if entry.startswith("["):
+        whole, _, port = entry[1:].partition("]")
+        port = port.removeprefix(":") or "0"
+    elif entry.count(":") == 1:
+        whole, _, port = entry.partition(":")
+    network: Network | None
+    try:
+        network = ipaddress.ip_network(whole)
+    except ValueError:
+        network = None
+    if not port.isdecimal() or int(port) > 65_535 or not whole or (network is None and ("/" in whole or port == "0")):
+        raise InvalidInput(
+            "neither host and port nor a network", field=field, value=entry, limit="models.example:8000 or 10.1.0.0/16"
+        )
+    return Allowed(whole.lower(), network, int(port))
+
+
+def _not_allowed(host: str, port: int, field: str) -> InvalidInput:
+    return InvalidInput(
+        "not on the operator's list of addresses", field=field, value=f"{host}:{port}", limit="VALERIE_HTTP_FUNCTIONS"
+    )
