@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 #: Slow to load, large, or needing a system library: nothing for a server or a command line.
-HEAVY = ("torch", "moderngl", "OpenGL", "pyrender", "cv2", "trimesh")
+HEAVY = ("torch", "onnx", "onnxruntime", "openvino", "transformers", "moderngl", "OpenGL", "pyrender", "cv2", "trimesh")
 
 
 def _python(program: str) -> str:

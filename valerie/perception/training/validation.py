@@ -44,7 +44,7 @@ class ValidationFigures:
 
 
 def validate(network: nn.Module, frames: Sequence[TrainingFrame], mean: Tensor, std: Tensor) -> ValidationFigures:
-    """Predict whole frames exactly as `valerie.perception.torch_function` does, on the network's device in fp32.
+    """Predict whole frames exactly as `valerie.perception.engines.torch_engine` does, on the network's device in fp32.
 
     The network is put into evaluation mode and back.
     """

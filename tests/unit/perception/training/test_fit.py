@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.catalog import function_card
+from valerie.perception.catalog import function_card, load_function
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 
@@ -119,8 +119,6 @@ def test_figures_are_reported_on_the_way_when_asked(make_frames) -> None:
 
 
 def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tmp_path: Path) -> None:
-    from valerie.perception.torch_function import TorchFunction
-
     frames = make_frames(3)
     model = train(settings(steps=20), frames, held_out=make_frames(2, street_seed=900))
     path = tmp_path / "semantic-fpn-small.safetensors"
@@ -129,7 +127,7 @@ def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tm
     assert card.provenance["licence"] == "Apache-2.0"
     assert card.provenance["steps"] == "20"
     assert card.provenance["held-out-frames"] == "2"
-    function = TorchFunction("f", path)
+    function = load_function("semantic-fpn-small", folder=tmp_path)
     from valerie.perception.labelling import label_maps
 
     with torch.inference_mode():
