@@ -72,6 +72,10 @@ bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Every benchmark; results g
 bench-%: setup-dev ## One benchmark, e.g. make bench-renderers
 	@exec $(PYTHON_BIN) -m benchmarks.bench_$(subst -,_,$*)
 
+.PHONY: sensor-strip
+sensor-strip: setup-dev ## Make docs/images/sensor.jpg: one frame behind each effect of the sensor stage
+	@exec $(PYTHON_BIN) -m tools.sensor_strip
+
 .PHONY: clean
 clean: ## Remove what tools left; data (var/) and the environment stay
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist *.egg-info

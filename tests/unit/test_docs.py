@@ -139,6 +139,7 @@ def test_named_options_of_commands_exist(document: Path) -> None:
 def test_named_targets_exist(document: Path) -> None:
     makefile = (ROOT / "Makefile").read_text("utf-8")
     targets = set(re.findall(r"^([a-z][a-z0-9-]*):", makefile, re.MULTILINE))
+    targets |= {f"bench-{file.stem[6:].replace('_', '-')}" for file in (ROOT / "benchmarks").glob("bench_*.py")}
     named = names_in(document.read_text("utf-8"), r"(?:^|\s|> )make ([a-z][a-z0-9-]*)")
     assert named <= targets
 

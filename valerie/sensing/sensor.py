@@ -148,11 +148,11 @@ def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats
     else:
         found = pixel_map(setting.distortion, width, height, focal_px)
         x, y = found.x, found.y
-        if not aberration:
-            return bilinear(light, x, y)
     displaced = np.empty_like(light)
     for channel, larger in enumerate((1.0 + aberration, 1.0, 1.0 - aberration)):
-        at_x, at_y = middle_x + (x - middle_x) / larger, middle_y + (y - middle_y) / larger
+        at_x, at_y = x, y
+        if larger != 1.0:
+            at_x, at_y = middle_x + (x - middle_x) / larger, middle_y + (y - middle_y) / larger
         displaced[..., channel] = bilinear(np.ascontiguousarray(light[..., channel]), at_x, at_y)
     return displaced
 

@@ -31,8 +31,8 @@ _DUST_SCATTERS: Final = np.array([0.30, 0.27, 0.22], np.float32)
 _DROP_SHRINKS: Final = -5.0
 #: Light that a drop lets through.
 _DROP_PASSES: Final = 0.92
-#: The view through a drop is made from an image that many times smaller.
-_DROP_BLUR: Final = 16
+#: What is seen through a drop is averaged over squares of this share of the image's width.
+_DROP_BLUR: Final = 0.04
 #: Most patches on one glass.
 _MOST: Final = 20_000
 
@@ -68,12 +68,12 @@ def rained_on(linear: Floats, share: float, seed: int) -> Floats:
     patches = _patches(width, height, share, seed, *_DROPS, round_=True)
     rows, columns = np.nonzero(patches.opacity)
     center_x, center_y = patches.x[rows, columns], patches.y[rows, columns]
-    small = _shrunk(linear, _DROP_BLUR)
+    cell = max(round(_DROP_BLUR * width), 1)
+    small = _shrunk(linear, cell)
     x = center_x + (columns - center_x) * _DROP_SHRINKS
     y = center_y + (rows - center_y) * _DROP_SHRINKS
-    # Beyond the picture the surroundings go on as its mirror image.
-    x, y = _mirrored(x, width), _mirrored(y, height)
-    through = bilinear(small, (x + 0.5) / _DROP_BLUR - 0.5, (y + 0.5) / _DROP_BLUR - 0.5) * np.float32(_DROP_PASSES)
+    # Beyond the picture its border goes on.
+    through = bilinear(small, (x + 0.5) / cell - 0.5, (y + 0.5) / cell - 0.5) * np.float32(_DROP_PASSES)
     seen = linear.copy()
     opacity = patches.opacity[rows, columns][:, None]
     seen[rows, columns] += opacity * (through - seen[rows, columns])
@@ -129,9 +129,3 @@ def _shrunk(linear: Floats, factor: int) -> Floats:
     rows, columns = padded.shape[0] // factor, padded.shape[1] // factor
     means: Floats = padded.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
     return means
-
-
-def _mirrored(place: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Coordinates folded back into [−0.5, size − 0.5]."""
-    turned = np.mod(place + 0.5, 2.0 * size)
-    return np.where(turned > size, 2.0 * size - turned, turned) - 0.5

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from valerie.runs.inputs import ProductInputs
 from valerie.runs.planning import Plan, plan
 from valerie.runs.spec import parse, resolve
 from valerie.scene.asset import asset_manifest
@@ -43,6 +44,24 @@ def test_the_papers_pattern_has_its_size() -> None:
     assert found.variants == 10 * 16 * 8 * 4 * 2
     assert found.accepted > found.variants / 2
     assert all(reason.startswith("person-1 ") for reason in found.rejected)
+
+
+def test_the_sensor_example_renders_nothing_after_the_first_run() -> None:
+    pin = {"numeric_class": "", "revision": 0}
+    pins = {"engine": pin, "truth": pin, "functions": {name: {**pin, "digest": name} for name in FUNCTIONS}}
+
+    def rendered(name: str) -> set[str]:
+        spec = parse((EXAMPLES / name).read_text("utf-8"))
+        manifest, digest = asset_manifest(spec.asset)
+        run = resolve(spec, manifest, asset_digest=digest)
+        inputs = ProductInputs(run, asset_digest=digest, pins=pins)
+        found: set[str] = set()
+        for _, values in run.space.values(0, run.space.size):
+            for camera in range(len(run.cameras)):
+                found.update(inputs.frame(values, camera)[:3])
+        return found
+
+    assert rendered("sensor.yaml") < rendered("first-run.yaml")
 
 
 @pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.yaml")), ids=lambda file: file.name)

@@ -1,0 +1,120 @@
+"""Makes ``docs/images/sensor.jpg``: one frame of the generated street behind each effect of the sensor stage.
+
+``make sensor-strip`` runs it. Every tile is computed by `valerie.sensing.sensor.develop` from the same linear image; tiles marked
+"detail" show the pixels of the middle as they are, the others the whole picture at half its size.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from valerie import plugins
+from valerie.rendering.base import View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.runs.sensors import focal_length_mm
+from valerie.scene.asset import load_asset
+from valerie.scene.variation import apply
+from valerie.sensing.sensor import Shot, develop
+from valerie.sensing.settings import SensorSetting
+
+OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "sensor.jpg"
+CAMERA: Final = "camera-1"
+#: A person near enough to be seen in a tile.
+VARIANT: Final = {
+    "scene.person-1.pos.x": 4.2,
+    "scene.person-1.pos.y": 6.0,
+    "scene.sun-1.azimuth": 150.0,
+    "scene.sun-1.elevation": 35.0,
+}
+WIDTH, HEIGHT = 960, 540
+COLUMNS: Final = 4
+#: Of all tiles that name no other.
+EXPOSURE_EV: Final = 0.8
+_CAPTION: Final = 26
+
+#: (caption, setting, whether the middle is shown as it is).
+TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
+    ("filmic", {}, False),
+    ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
+    ("curve srgb: highlights are cut", {"curve": "srgb"}, False),
+    ("curve blender-filmic, gamma 1.5, 0.5 EV", {"curve": "blender-filmic", "gamma": 1.5, "exposure_ev": 0.5}, False),
+    ("white balance 3800 K", {"white_balance": {"temperature_k": 3800}}, False),
+    ("white balance 11,000 K", {"white_balance": {"temperature_k": 11000}}, False),
+    ("tint -12", {"white_balance": {"tint": -12}}, False),
+    ("vignetting 3", {"lens": {"vignetting": 3}}, False),
+    ("distortion k1 -0.9 (barrel)", {"distortion": {"k1": -0.9}}, False),
+    ("distortion k1 0.9 (pincushion)", {"distortion": {"k1": 0.9}}, False),
+    ("dirt 0.15", {"soiling": {"dirt": 0.15}}, False),
+    ("drops 0.15", {"soiling": {"drops": 0.15}}, False),
+    ("filmic · detail", {}, True),
+    ("f/0.7 focused on the person · detail", {"lens": {"f_number": 0.7, "focus_distance_m": 18}}, True),
+    ("chromatic aberration 0.008 · detail", {"lens": {"chromatic_aberration": 0.008}}, True),
+    ("full well 1,000 e, shot noise · detail", {"noise": {"shot": True, "full_well_electrons": 1000}}, True),
+    (
+        "night gain 24 dB at -4 EV · detail",
+        {"exposure_ev": EXPOSURE_EV - 4, "gain_db": 24, "noise": {"shot": True, "read_electrons": 4}},
+        True,
+    ),
+    ("converter 7 bits · detail", {"noise": {"adc_bits": 7}}, True),
+    ("dead and hot pixels 0.2 % · detail", {"pixels": {"dead_rate": 0.002, "hot_rate": 0.002}}, True),
+    ("JPEG quality 8 · detail", {"jpeg_quality": 8}, True),
+)
+
+
+def frame() -> tuple[NDArray[np.float16], Shot]:
+    """The linear image and what the sensor has to know of it."""
+    asset = load_asset("urban-street")
+    scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
+    engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
+    linear = engine.full(scene, view).pixels
+    depth = truth_pass.truth(scene, view).depth
+    truth_pass.close()
+    engine.close()
+    return linear, Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), depth, 0, ("strip",))
+
+
+def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
+    """Half the size of the picture with a caption below."""
+    width, height = WIDTH // 2, HEIGHT // 2
+    image = Image.fromarray(picture)
+    if detail:
+        left, top = WIDTH // 4, HEIGHT // 3
+        image = image.crop((left, top, left + width, top + height))
+    else:
+        image = image.resize((width, height), Image.Resampling.BOX)
+    framed = Image.new("RGB", (width, height + _CAPTION), "white")
+    framed.paste(image)
+    font = ImageFont.load_default(size=16)
+    ImageDraw.Draw(framed).text((4, height + 3), caption, fill=(30, 30, 30), font=font)
+    return framed
+
+
+def main(out: Path) -> None:
+    """Write the contact sheet."""
+    linear, shot = frame()
+    gap = 6
+    tiles = [
+        tile(
+            develop(linear, SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **given}), shot),
+            caption,
+            detail=detail,
+        )
+        for caption, given, detail in TILES
+    ]
+    width, height = tiles[0].size
+    rows = -(-len(tiles) // COLUMNS)
+    sheet = Image.new("RGB", (COLUMNS * (width + gap) - gap, rows * (height + gap) - gap), "white")
+    for number, one in enumerate(tiles):
+        sheet.paste(one, ((number % COLUMNS) * (width + gap), (number // COLUMNS) * (height + gap)))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    sheet.save(out, quality=80, optimize=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else OUT)
