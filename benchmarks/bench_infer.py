@@ -1,0 +1,223 @@
+"""CPU seconds per full-HD frame of both ResNet-101 networks, in eager fp32 and in every engine and precision, side by side.
+
+``python -m benchmarks.bench_infer [--threads 1] [--frames 2]``. Every row is a process of its own that opens the function as a
+worker does. The large networks have random weights, which changes no cost. How well labels agree is measured with the
+trained small networks on rendered frames, against eager fp32: the network as torch makes it, without VALERIE's engine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from benchmarks import results
+
+LARGE = ("deeplabv3plus-r101", "semantic-fpn-r101")
+SMALL = ("deeplabv3plus-small", "semantic-fpn-small")
+MODES = (
+    ("eager", "fp32"),
+    ("torch", "fp32"),
+    ("onnxruntime", "fp32"),
+    ("openvino", "fp32"),
+    ("torch", "bf16"),
+    ("openvino", "bf16"),
+    ("openvino", "fp16"),
+)
+WIDTH, HEIGHT = 1920, 1080
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--frames", type=int, default=2, help="timed frames of the large networks")
+    parser.add_argument(
+        "--row", nargs=3, metavar=("NETWORK", "ENGINE", "PRECISION"), help="one row, in this process, as JSON"
+    )
+    parser.add_argument("--folder", type=Path)
+    arguments = parser.parse_args()
+    if arguments.row:
+        print(json.dumps(measure(*arguments.row, arguments.folder, arguments.threads, arguments.frames)))
+        return
+    figures: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "threads": arguments.threads, "processor": processor()}
+    with tempfile.TemporaryDirectory(prefix="valerie-bench-") as name:
+        folder = Path(name)
+        in_own_process("render", folder)
+        in_own_process("write", folder)
+        for network in (*LARGE, *SMALL):
+            rows = figures[network] = {}
+            for engine, precision in MODES:
+                options = ["--row", network, engine, precision, f"--folder={folder}"]
+                limits = [f"--threads={arguments.threads}", f"--frames={arguments.frames}"]
+                rows[f"{engine} {precision}"] = row = run([*options, *limits])
+                row["agreement"] = agreement(folder, network, engine, precision)
+                if "cpu_s_per_frame" in row:
+                    row["speed_up"] = round(rows["eager fp32"]["cpu_s_per_frame"] / row["cpu_s_per_frame"], 2)
+                show(network, engine, precision, row)
+    summarise(figures)
+    results.write("infer", figures)
+
+
+def run(arguments: list[str]) -> dict[str, Any]:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+    command = [sys.executable, "-m", "benchmarks.bench_infer", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    row: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
+    return row
+
+
+def in_own_process(task: str, folder: Path) -> None:
+    program = f"from pathlib import Path; from benchmarks.bench_infer import {task}; {task}(Path({str(folder)!r}))"
+    subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "LP_NUM_THREADS": "0"})
+
+
+def render(folder: Path) -> None:
+    """Frames of the street with the pedestrian near and far, under two suns."""
+    from valerie import plugins
+    from valerie.rendering.base import View
+    from valerie.scene.asset import load_asset
+    from valerie.scene.variation import apply
+    from valerie.sensing.sensor import SensorSetting, develop
+
+    asset, view = load_asset("urban-street"), View("camera-1", WIDTH, HEIGHT)
+    renderer = plugins.create_renderer("raster")
+    places = ((150.0, 9.0), (150.0, 22.0), (240.0, 14.0))
+    pictures = []
+    for sun, y in places:
+        scene = apply({"scene.sun-1.azimuth": sun, "scene.person-1.pos.y": y}, asset)
+        pictures.append(develop(renderer.full(scene, view).pixels, SensorSetting()))
+    np.save(folder / "pictures.npy", np.stack(pictures))
+
+
+def write(folder: Path) -> None:
+    """Files of the large networks, with random weights."""
+    import torch
+
+    from valerie.perception.function_file import function_file_bytes
+    from valerie.perception.networks.architectures import build_network
+
+    torch.manual_seed(0)
+    for name in LARGE:
+        state = build_network(name).state_dict()
+        tensors = {key: value.numpy() for key, value in state.items() if not key.endswith("num_batches_tracked")}
+        made = function_file_bytes(
+            tensors, architecture=name, mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225), provenance={}
+        )
+        (folder / f"{name}.safetensors").write_bytes(made)
+
+
+def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
+    """In this process: seconds per frame after a first one, and the labels into the folder."""
+    from valerie.errors import MissingDependency
+    from valerie.perception.catalog import file_document, function_path
+    from valerie.perception.functions import open_function
+
+    pictures = np.load(folder / "pictures.npy")
+    path = folder / f"{network}.safetensors" if network in LARGE else function_path(network)
+    started = time.process_time()
+    if engine == "eager":
+        predict, numeric_class = eager(path, threads), "eager"
+    else:
+        document = file_document(network, path).model_copy(update={"engine": engine, "precision": precision})
+        try:
+            function = open_function(document, path, threads=threads, device="cpu")
+        except MissingDependency as error:
+            return {"not_here": str(error)}
+        predict, numeric_class = function.predict, function.numeric_class
+    if network in LARGE:
+        pictures = pictures[:frames]
+        if engine != "eager":
+            predict(pictures[0])  # compiles
+    else:
+        predict(pictures[0])
+    opened = time.process_time()
+    seconds, labels = [], []
+    for picture in pictures:
+        begun = time.process_time()
+        labels.append(predict(picture))
+        seconds.append(time.process_time() - begun)
+    np.save(folder / f"{network} {engine} {precision}.npy", np.stack(labels))
+    return {
+        "cpu_s_per_frame": round(median(seconds), 3),
+        "open_and_first_frame_cpu_s": round(opened - started, 2),
+        "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "numeric_class": numeric_class,
+    }
+
+
+def eager(path: Path, threads: int) -> Any:
+    """The network as anyone would run it in torch: no special memory order, all in fp32, one operation after the other."""
+    import torch
+    from torch.nn import functional
+
+    from valerie.perception.loaders import load_network
+
+    torch.set_num_threads(threads)
+    network, header = load_network(path)
+    mean, std = torch.tensor(header.mean).view(1, 3, 1, 1), torch.tensor(header.std).view(1, 3, 1, 1)
+
+    def predict(picture: np.ndarray) -> np.ndarray:
+        with torch.inference_mode():
+            values = torch.from_numpy(picture.copy()).permute(2, 0, 1)[None].contiguous().float().div(255)
+            values = functional.pad((values - mean) / std, (0, -WIDTH % 32, 0, -HEIGHT % 32), mode="replicate")
+            logits = functional.interpolate(
+                network(values), size=values.shape[-2:], mode="bilinear", align_corners=False
+            )
+            return logits[:, :, :HEIGHT, :WIDTH].argmax(1)[0].to(torch.uint8).numpy()
+
+    return predict
+
+
+def agreement(folder: Path, network: str, engine: str, precision: str) -> float | None:
+    found = folder / f"{network} {engine} {precision}.npy"
+    if not found.exists():
+        return None
+    return round(float((np.load(found) == np.load(folder / f"{network} eager fp32.npy")).mean()), 6)
+
+
+def show(network: str, engine: str, precision: str, row: dict[str, Any]) -> None:
+    if "not_here" in row:
+        print(f"{network:20} {engine:12} {precision}   {row['not_here']}", flush=True)
+        return
+    random = "  (random weights)" if network in LARGE else ""
+    print(
+        f"{network:20} {engine:12} {precision} {row['cpu_s_per_frame']:8.2f} CPU s {row['speed_up']:6.2f} × "
+        f"{row['peak_mb']:6} MB   labels as eager fp32 {100 * row['agreement']:8.4f} %{random}",
+        flush=True,
+    )
+
+
+def summarise(figures: dict[str, Any]) -> None:
+    for network in LARGE:
+        rows = {mode: row for mode, row in figures[network].items() if "speed_up" in row and mode != "eager fp32"}
+        fastest = max(rows, key=lambda mode: rows[mode]["speed_up"])
+        single = max((mode for mode in rows if mode.endswith("fp32")), key=lambda mode: rows[mode]["speed_up"])
+        figures[network]["fastest"] = {"mode": fastest, "speed_up": rows[fastest]["speed_up"], "aim": 4.0}
+        figures[network]["fastest fp32"] = {"mode": single, "speed_up": rows[single]["speed_up"], "aim": 1.5}
+        print(
+            f"{network}: fastest is {fastest}, {rows[fastest]['speed_up']:.2f} times eager fp32 (aim 4); in fp32 it is {single}, "
+            f"{rows[single]['speed_up']:.2f} times (aim 1.5)"
+        )
+
+
+def processor() -> str:
+    from benchmarks.costs import machine
+    from valerie.perception.engines.processor import instruction_set
+
+    return f"{machine().partition(',')[0].removeprefix('one core of ')}, {instruction_set()}"
+
+
+if __name__ == "__main__":
+    main()
