@@ -152,7 +152,7 @@ def test_no_frames_are_refused() -> None:
 
 def test_an_unknown_architecture_is_refused(make_frames) -> None:
     with pytest.raises(UnknownName, match="semantic-fpn-small"):
-        train(settings(architecture="semantic-fpn"), make_frames(1))
+        train(settings(architecture="semantic-fpn-smal"), make_frames(1))
 
 
 def test_a_batch_that_is_void_throughout_leaves_finite_weights(make_frames) -> None:
