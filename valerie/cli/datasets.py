@@ -116,7 +116,7 @@ class Lines:
 
         text = f"{done:,} of {total:,} {self._what}" + (f" ({note})" if note else "")
         if per_s:
-            text += f", {per_s:.1f}/s"
+            text += f", {per_s:.1f}/s" if per_s >= 1 else f", {1 / per_s:.1f} s each"
             if done < total:
                 text += f", {duration((total - done) / per_s)} left"
         say(text)

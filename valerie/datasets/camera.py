@@ -26,6 +26,6 @@ def camera_document(camera: Camera, width: int, height: int) -> dict[str, Any]:
     yaw, pitch, roll = (math.radians((angle + 180.0) % 360.0 - 180.0) for angle in camera_angles(camera.transform))
     focal = camera.focal_length_px(width)
     return {
-        "extrinsic": {"baseline": 0.0, "x": y, "y": -x, "z": z, "yaw": yaw, "pitch": -pitch, "roll": roll},
+        "extrinsic": {"baseline": 0.0, "x": y, "y": -x + 0.0, "z": z, "yaw": yaw, "pitch": -pitch + 0.0, "roll": roll},
         "intrinsic": {"fx": focal, "fy": focal, "u0": (width - 1) / 2, "v0": (height - 1) / 2},
     }

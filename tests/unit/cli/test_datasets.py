@@ -1,0 +1,121 @@
+"""Exporting, evaluating and comparing from the command line, over a run of the blank engine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.acceptance.system import write_box_street
+from tests.unit.pipeline.harness import Pipeline
+from valerie.cli.datasets import Lines, parse_splits
+from valerie.cli.main import app
+from valerie.errors import InvalidInput, UnknownName
+
+
+@pytest.fixture(scope="module")
+def deployed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    folder = tmp_path_factory.mktemp("cli")
+    write_box_street(folder / "assets" / "box-street")
+    pipeline = Pipeline(folder / "data", folder / "assets")
+    run_id = pipeline.submit()
+    assert pipeline.run(run_id) == "completed"
+    return folder, run_id
+
+
+@pytest.fixture
+def invoke(deployed: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> CliRunner:
+    folder, _ = deployed
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(folder / "assets"))
+    monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
+    monkeypatch.setenv("VALERIE_TESTING_ENGINES", "true")
+    monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
+    return CliRunner()
+
+
+def test_a_run_is_exported_and_evaluated_beside_itself(
+    deployed: tuple[Path, str], invoke: CliRunner, tmp_path: Path
+) -> None:
+    folder, run_id = deployed
+    data = ["--data-dir", str(folder / "data")]
+    out = tmp_path / "set"
+    export = [
+        "dataset",
+        "export",
+        run_id,
+        "--out",
+        str(out),
+        "--format",
+        "cityscapes",
+        "--where",
+        "camera == 'camera-1'",
+    ]
+    done = invoke.invoke(app, [*export, *data])
+    assert done.exit_code == 0, done.output
+    assert "12 val; 12 finished frames do not meet the expression" in done.stdout
+    evaluate = [
+        "evaluate",
+        "--dataset",
+        str(out),
+        "--function",
+        "blank",
+        "--beside",
+        run_id,
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    shown = invoke.invoke(app, [*evaluate, *data])
+    assert shown.exit_code == 0, shown.output
+    assert f"blank, run {run_id}" in shown.stdout
+    assert "12 of 12" in shown.stdout
+    printed = invoke.invoke(app, [*evaluate, *data, "--json"])
+    document = json.loads(printed.stdout)
+    assert document["functions"]["blank"]["frames"] == 12
+    assert document["beside"]["blank"]["frames"] == 24
+    assert json.loads((tmp_path / "o" / "evaluation.json").read_text())["digest"] == document["digest"]
+
+
+def test_unknown_formats_and_splits_are_refused(deployed: tuple[Path, str], invoke: CliRunner, tmp_path: Path) -> None:
+    _, run_id = deployed
+    wrong = invoke.invoke(app, ["dataset", "export", run_id, "--out", str(tmp_path / "x"), "--format", "cityscape"])
+    assert isinstance(wrong.exception, UnknownName)
+    assert "cityscapes" in str(wrong.exception)
+    for text in ("train=0.8,val=x", "train=0.8,val"):
+        with pytest.raises(InvalidInput, match="--split"):
+            parse_splits(text)
+    assert parse_splits("val") == {"val": 1.0}
+    assert parse_splits("train=0.75, val=0.25") == {"train": 0.75, "val": 0.25}
+
+
+def test_training_against_a_weakness_says_what_is_missing(
+    deployed: tuple[Path, str], invoke: CliRunner, tmp_path: Path
+) -> None:
+    folder, run_id = deployed
+    begin = ["train", "--from", run_id, "--data-dir", str(folder / "data")]
+    for more, match in (
+        ([], "--where"),
+        (["--where", "pacc < 1"], "--out"),
+        (["--where", "pacc < 1", "--out", str(tmp_path / "x.onnx")], "not the name of a function file"),
+        (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "weights are at hand"),
+    ):
+        found = invoke.invoke(app, [*begin, *more]).exception
+        assert isinstance(found, InvalidInput)
+        assert match in str(found)
+    (tmp_path / "there.safetensors").write_bytes(b"kept")
+    there = ["--where", "pacc < 1", "--out", str(tmp_path / "there.safetensors")]
+    assert "never written over" in str(invoke.invoke(app, [*begin, *there]).exception)
+    assert "Usage" in invoke.invoke(app, ["train"]).stdout
+
+
+def test_progress_says_how_many_how_fast_and_how_long(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = Lines("frames")
+    lines.tell(1, 10, 2.0)  # too early for a line
+    lines._shown_at -= 60
+    lines.tell(4, 10, 2.0, "note")
+    lines.tell(10, 10, 0.5)
+    assert capsys.readouterr().err.splitlines() == [
+        "4 of 10 frames (note), 2.0/s, 3 s left",
+        "10 of 10 frames, 2.0 s each",
+    ]
