@@ -22,7 +22,7 @@ from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.movable_geometry import PlacedMesh
 from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle
+from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.model import Camera, Scene, freeze
 
@@ -103,7 +103,7 @@ class TruthPass:
             everything = Rectangle(0, 0, view.width, view.height)
             self._sky.run(
                 labels.target,
-                gl_rectangle(everything, view),
+                one_span(gl_rectangle(everything, view)),
                 {},
                 {"sky_label": SKY.id, "nothing": float("inf")},
                 writes_depth=True,
@@ -129,7 +129,7 @@ class TruthPass:
             "from_axis_depth": statics.target.colors[1],
             "from_depth": statics.target.depth,
         }
-        self._copy.run(work.target, area, sources, {}, writes_depth=True)
+        self._copy.run(work.target, one_span(area), sources, {}, writes_depth=True)
         work.target.use(area)
         values = _camera_values(camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, table, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from typing import Generic, Protocol, TypeVar
 
 
@@ -29,6 +29,10 @@ class LeastRecentlyUsed(Generic[Entry]):
 
     def __len__(self) -> int:
         return len(self._entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        """The entries, the one used last at the end."""
+        return iter(tuple(self._entries.values()))
 
     def get(self, key: Hashable, make: Callable[[], Entry]) -> Entry:
         """The entry of ``key``, made now if it is not there."""

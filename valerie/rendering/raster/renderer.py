@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import moderngl
@@ -9,29 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, grown
+from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
+from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
+from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.lighting import Lighting
+from valerie.rendering.raster.lighting import Lighting, LitFrame
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps
-from valerie.rendering.raster.targets import (
-    SAMPLES,
-    ImageTargets,
-    ScreenPass,
-    Target,
-    gl_rectangle,
-    surface_target,
-)
+from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
+from valerie.rendering.raster.tiles import Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
-from valerie.rendering.sky import sky_of
+from valerie.rendering.sky import Sky, sky_of
 from valerie.scene.model import Camera, Scene
 
 #: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
 #: blur of near occlusion and its neighbours take 3), the tent filter (1) and rounding (1).
 REACH: Final = Reach(occlusion_radius=0.7, largest_occlusion=48.0, penumbra=LARGEST_PENUMBRA + 0.1, filters=7)
+#: Pixels that a changed sample of the G-buffer, and a changed value of near occlusion, reach: see above.
+_SURFACE_REACH: Final = 6
+_OCCLUSION_REACH: Final = 3
 _CAMERAS: Final = 4
 _SUNS: Final = 4
 
@@ -39,9 +41,9 @@ _SUNS: Final = 4
 class RasterRenderer:
     """Scene-referred images by deferred shading; see `valerie.rendering.base.Renderer` for the contract.
 
-    What does not move is cached: geometry per asset, its G-buffer per camera, its shadow map per camera and sun. A layer
-    draws the movables over a copy of the G-buffer and lights only the rectangle that they change. `full` uses no cache of
-    these, and lights everything.
+    What does not move is kept: geometry per asset, its G-buffer per camera, its shadow map per camera and sun, its picture
+    per camera and light. A layer draws the movables over the G-buffer and makes only those tiles again that they may change.
+    `full` uses none of these, and makes everything.
 
     Args:
         context: the process's context if not given.
@@ -57,10 +59,11 @@ class RasterRenderer:
         with self._context.current() as gl:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "copy.frag"))
             self._lighting = Lighting(self._context, REACH)
-        self._static_surfaces: LeastRecentlyUsed[Target] = LeastRecentlyUsed(_CAMERAS)
+        self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
+        self._static_images: LeastRecentlyUsed[StaticImage] = LeastRecentlyUsed(_SUNS)
         self._sky_maps: LeastRecentlyUsed[SkyMaps] = LeastRecentlyUsed(2)
-        self._targets: LeastRecentlyUsed[ImageTargets] = LeastRecentlyUsed(2)
+        self._canvases: LeastRecentlyUsed[Canvas] = LeastRecentlyUsed(2)
 
     @property
     def numeric_class(self) -> str:
@@ -69,30 +72,47 @@ class RasterRenderer:
 
     def background(self, scene: Scene, view: View) -> LinearImage:
         """The frame without movables; raises `RenderingError` if it is constant or not finite."""
-        with self._context.current():
-            prepared = self._context.scenes.prepare(scene, movables=False)
-            pixels = self._render(prepared, view, Rectangle(0, 0, view.width, view.height))
+        with self._frame(scene, view, movables=False) as frame:
+            self._learn(frame, ~frame.canvas.grid.none())
+            pixels = np.ascontiguousarray(frame.image.pixels[::-1])
         require_image(pixels, engine=self.name)
         return LinearImage(pixels)
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """The rectangle that movables change; empty where they reach nothing of the image."""
-        camera = camera_of(scene, view)
-        with self._context.current():
-            prepared = self._context.scenes.prepare(scene)
-            lowest = float(prepared.statics.geometry.low[2])
-            boxes = [mesh.corners for mesh in prepared.placed]
-            rectangle = changed_rectangle(boxes, camera, view, scene.sun_direction(), lowest, REACH)
+        """The pixels that movables change; empty where they change nothing of the image."""
+        nothing = Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
+        with self._frame(scene, view) as frame:
+            lowest = float(frame.prepared.statics.geometry.low[2])
+            boxes = [mesh.corners for mesh in frame.prepared.placed]
+            rectangle = changed_rectangle(boxes, frame.camera, view, scene.sun_direction(), lowest, REACH)
             if rectangle.empty:
-                return Layer(rectangle, np.zeros((0, 0, 3), np.float16))
-            return Layer(rectangle, self._render(prepared, view, rectangle))
+                return nothing
+            area = x, y, width, height = gl_rectangle(rectangle, view)
+            self._learn(frame, frame.canvas.grid.touching(area))
+            before = frame.image.pixels[y : y + height, x : x + width]
+            after = self._with_movables(frame, area)
+            changed = (before.view(np.uint16) != after.view(np.uint16)).any(axis=2)[::-1]
+        rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+        if not rows.size:
+            return nothing
+        inside = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        pixels = np.ascontiguousarray(after[::-1][inside])
+        corner = rectangle.x + int(columns[0]), rectangle.y + int(rows[0])
+        return Layer(
+            Rectangle(*corner, pixels.shape[1], pixels.shape[0]), pixels, np.ascontiguousarray(changed[inside])
+        )
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """The frame from scratch: nothing cached but uploaded meshes and textures, everything lit."""
+        """The frame from scratch: nothing kept but uploaded meshes and textures, everything drawn and lit."""
         with self._context.current():
             self._forget()
-            prepared = self._context.scenes.prepare(scene)
-            pixels = self._render(prepared, view, Rectangle(0, 0, view.width, view.height))
+        with self._frame(scene, view) as frame:
+            canvas, everything = frame.canvas, (0, 0, view.width, view.height)
+            self._draw(frame, everything)
+            with self._lit(frame, movables=True) as lit:
+                canvas.light(lit, ~canvas.grid.none())
+            pixels = np.ascontiguousarray(canvas.read_pixels(everything)[::-1])
+            canvas.forget()
         require_image(pixels, engine=self.name)
         return LinearImage(pixels)
 
@@ -101,60 +121,173 @@ class RasterRenderer:
         if not self._context.closed:
             with self._context.current():
                 self._forget()
-                self._targets.clear()
+                self._canvases.clear()
                 self._shadows.release()
                 self._lighting.release()
                 self._copy.release()
 
     def _forget(self) -> None:
-        for cache in (self._static_surfaces, self._static_shadows, self._sky_maps):
+        for cache in (self._static_surfaces, self._static_shadows, self._static_images, self._sky_maps):
             cache.clear()
+        for canvas in self._canvases:
+            canvas.forget()
 
-    def _render(self, prepared: Prepared, view: View, rectangle: Rectangle) -> NDArray[np.float16]:
-        """(rectangle.height, rectangle.width, 3) pixels of the rectangle."""
-        gl, scene, statics = self._context.gl, prepared.scene, prepared.statics
+    @contextmanager
+    def _frame(self, scene: Scene, view: View, *, movables: bool = True) -> Iterator[_Frame]:
+        """A scene and a view with what is kept of their statics; whatever fails in it, nothing half-made is kept."""
         camera = camera_of(scene, view)
-        table = table_texture(gl, prepared.table())
-        try:
-            key = (statics.key, *camera_key(camera, view))
-            targets = self._targets.get((view.width, view.height), lambda: ImageTargets(gl, view))
-            surfaces = self._static_surfaces.get(key, lambda: self._draw_statics(prepared, camera, view, table))
-            sun = scene.sun_direction()
-            shadow = self._static_shadows.get(
-                (*key, sun.tobytes()), lambda: self._shadows.static(statics, camera, view, sun, table)
-            )
-            sky_maps = self._sky_maps.get(statics.key, lambda: self._shadows.sky(statics, table))
-            self._draw_movables(prepared, camera, view, rectangle, surfaces, targets, table)
-            movable_shadow = self._shadows.movable(prepared, shadow.light, table) if prepared.placed else None
-            return self._lighting.light(
-                targets, table, camera, view, rectangle, scene, sky_of(scene), sky_maps, shadow, movable_shadow
-            )
-        finally:
-            table.release()
+        with self._context.current() as gl:
+            prepared = self._context.scenes.prepare(scene, movables=movables)
+            statics, sun = prepared.statics, scene.sun_direction()
+            canvas = self._canvases.get((view.width, view.height), lambda: Canvas(gl, view))
+            table = table_texture(gl, prepared.table())
+            seen: Hashable = (statics.key, *camera_key(camera, view))
+            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials)
+            try:
+                surfaces = self._static_surfaces.get(
+                    seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
+                )
+                shadow = self._static_shadows.get(
+                    (seen, sun.tobytes()), lambda: self._shadows.static(statics, camera, view, sun, table)
+                )
+                sky_maps = self._sky_maps.get(statics.key, lambda: self._shadows.sky(statics, table))
+                image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
+                canvas.take(seen, lit)
+                yield _Frame(
+                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_of(scene)
+                )
+            except BaseException:
+                canvas.forget()
+                raise
+            finally:
+                table.release()
 
-    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> Target:
+    @contextmanager
+    def _lit(self, frame: _Frame, *, movables: bool) -> Iterator[LitFrame]:
+        shadow = None
+        if movables and frame.prepared.placed:
+            shadow = self._shadows.movable(frame.prepared, frame.shadow.light, frame.table)
+        lit = self._lighting.inputs(
+            frame.canvas.targets,
+            frame.table,
+            frame.camera,
+            frame.view,
+            frame.prepared.scene,
+            frame.sky,
+            frame.sky_maps,
+            frame.shadow,
+            shadow,
+        )
+        try:
+            yield lit
+        finally:
+            lit.release()
+
+    def _learn(self, frame: _Frame, wanted: Mask) -> None:
+        """Make those tiles of the statics' picture that are not known yet."""
+        missing = wanted & ~frame.image.known
+        if not missing.any():
+            return
+        canvas = frame.canvas
+        self._copy_statics(frame)
+        with self._lit(frame, movables=False) as lit:
+            canvas.occlude(lit, missing)
+            canvas.light(lit, missing)
+        frame.surfaces.learn(missing, canvas.targets, frame.camera.near, frame.camera.far)
+        area = x, y, width, height = canvas.grid.around(missing)
+        inside = canvas.grid.pixels(missing, area)[..., None]
+        np.copyto(frame.image.pixels[y : y + height, x : x + width], canvas.read_pixels(area), where=inside)
+        frame.image.known |= missing
+
+    def _with_movables(self, frame: _Frame, area: Area) -> NDArray[np.float16]:
+        """The area's pixels with movables; the statics' tiles there are known."""
+        canvas, surfaces, grid = frame.canvas, frame.surfaces, frame.canvas.grid
+        placed, camera, view = frame.prepared.placed, frame.camera, frame.view
+        bodies = [mesh.corners for mesh in placed]
+        covered = covered_rectangle(bodies, camera, view)
+        region = grid.touching(area)
+        self._draw(frame, gl_rectangle(covered, view))
+        surface = self._drawn_pixels(frame)
+        body = grid.holding(surface, canvas.drawn[0], canvas.drawn[1])
+        occluded = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
+        smoothed = widened(occluded) & region
+        with self._lit(frame, movables=True) as lit:
+            canvas.occluded &= ~occluded
+            canvas.smoothed &= ~smoothed
+            canvas.occlude(lit, smoothed)
+            dirty = self._reached(canvas, surface, body, smoothed, surfaces)
+            if float(frame.sky.sun_direction[2]) > 0:
+                dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, frame.shadow.light)
+            dirty &= region
+            canvas.skylit &= ~body
+            canvas.shaded &= ~dirty
+            canvas.light(lit, dirty)
+        x, y, width, height = area
+        pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+        if dirty.any():
+            part = grid.around(dirty)
+            left, bottom = max(part[0], x), max(part[1], y)
+            right, top = min(part[0] + part[2], x + width), min(part[1] + part[3], y + height)
+            part = (left, bottom, right - left, top - bottom)
+            into = pixels[bottom - y : top - y, left - x : right - x]
+            np.copyto(into, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
+        # These hold movables now.
+        canvas.occluded &= ~occluded
+        canvas.smoothed &= ~smoothed
+        canvas.skylit &= ~body
+        canvas.shaded &= ~dirty
+        return pixels
+
+    def _drawn_pixels(self, frame: _Frame) -> Mask:
+        """(height, width) of the part drawn last: whether a movable is seen in a sample of the pixel."""
+        _, _, width, height = frame.canvas.drawn
+        if not width or not height:
+            return np.zeros((0, 0), np.bool_)
+        samples = frame.canvas.read_materials(frame.canvas.drawn) >= len(frame.prepared.statics.materials)
+        seen: Mask = samples.reshape(height, SAMPLES, width, SAMPLES).any(axis=(1, 3))
+        return seen
+
+    def _reached(
+        self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces
+    ) -> Mask:
+        """Tiles whose pixels the seen movables and the near occlusion that they change reach."""
+        grid = canvas.grid
+        dirty = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
+        if smoothed.any():
+            area = x, y, width, height = grid.around(smoothed)
+            changed = canvas.read_smooth(area) != surfaces.smooth[y : y + height, x : x + width]
+            changed &= grid.pixels(smoothed, area)
+            dirty |= _spread(grid, changed, area, _OCCLUSION_REACH)
+        return dirty
+
+    def _draw_statics(
+        self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture, grid: TileGrid
+    ) -> StaticSurfaces:
         target = surface_target(self._context.gl, view)
         target.use()
         target.clear()
         self._surfaces.statics(prepared.statics, table, _camera_values(camera, view))
-        return target
+        return StaticSurfaces(target, grid)
 
-    def _draw_movables(
-        self,
-        prepared: Prepared,
-        camera: Camera,
-        view: View,
-        rectangle: Rectangle,
-        surfaces: Target,
-        targets: ImageTargets,
-        table: moderngl.Texture,
-    ) -> None:
-        """Fill the G-buffer of ``targets``, around the rectangle as far as near occlusion looks.
+    def _draw(self, frame: _Frame, area: Area) -> None:
+        """The G-buffer of statics and movables; movables lie inside the area."""
+        self._copy_statics(frame)
+        targets = frame.canvas.targets
+        frame.canvas.drawn = area
+        if not area[2] or not area[3]:
+            return
+        x, y, width, height = (n * SAMPLES for n in area)
+        targets.surfaces.use((x, y, width, height))
+        values = _camera_values(frame.camera, frame.view)
+        prepared = frame.prepared
+        self._surfaces.movables(prepared.placed, prepared.statics.textures, frame.table, values)
+
+    def _copy_statics(self, frame: _Frame) -> None:
+        """Put the statics back where movables were drawn, or everywhere on a canvas that was something else.
 
         A background goes through this copy too: on its way a depth may be rounded to a neighbouring value, and must be for all.
         """
-        around = grown(rectangle, int(REACH.largest_occlusion) + 2 * REACH.filters, view)
-        area = gl_rectangle(around, view, SAMPLES)
+        canvas, surfaces = frame.canvas, frame.surfaces.target
         assert surfaces.depth is not None
         sources = {
             "from_albedo": surfaces.colors[0],
@@ -162,10 +295,35 @@ class RasterRenderer:
             "from_material": surfaces.colors[2],
             "from_depth": surfaces.depth,
         }
-        self._copy.run(targets.surfaces, area, sources, {}, writes_depth=True)
-        targets.surfaces.use(area)
-        values = _camera_values(camera, view)
-        self._surfaces.movables(prepared.placed, prepared.statics.textures, table, values)
+        if canvas.drawn[2] and canvas.drawn[3]:
+            self._copy.run(canvas.targets.surfaces, one_span(canvas.drawn) * SAMPLES, sources, {}, writes_depth=True)
+        canvas.drawn = (0, 0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """One frame in the making."""
+
+    prepared: Prepared
+    view: View
+    camera: Camera
+    canvas: Canvas
+    table: moderngl.Texture
+    surfaces: StaticSurfaces
+    image: StaticImage
+    shadow: ShadowMap
+    sky_maps: SkyMaps
+    sky: Sky
+
+
+def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
+    """The tiles within ``by`` pixels of a true pixel of an area."""
+    x, y, width, height = area
+    left, bottom = max(x - by, 0), max(y - by, 0)
+    right, top = min(x + width + by, grid.width), min(y + height + by, grid.height)
+    wide = np.zeros((top - bottom, right - left), np.bool_)
+    wide[y - bottom : y - bottom + height, x - left : x - left + width] = pixels
+    return grid.holding(widened(wide, by), left, bottom)
 
 
 def _camera_values(camera: Camera, view: View) -> dict[str, Any]:

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import moderngl
+import numpy as np
 
 from valerie.rendering.base import Rectangle, View
+from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.raster.uniforms import bind, set_uniforms
 
 #: Samples per pixel and direction of the image (truth has one sample, at the pixel's centre).
@@ -96,33 +98,33 @@ def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[in
     )  # fmt: skip
 
 
-def coarse_rectangle(rectangle: Rectangle, view: View) -> tuple[int, int, int, int]:
-    """The cells of sky light that touch a rectangle of the image, as OpenGL counts."""
-    x, y, width, height = gl_rectangle(rectangle, view, SAMPLES)
-    left, bottom = x // SKYLIGHT_CELL, y // SKYLIGHT_CELL
-    right, top = -(-(x + width) // SKYLIGHT_CELL), -(-(y + height) // SKYLIGHT_CELL)
-    return left, bottom, right - left, top - bottom
-
-
 class ScreenPass:
-    """A fragment shader over all pixels of a target."""
+    """A fragment shader over parts of a target."""
 
     def __init__(self, gl: moderngl.Context, program: moderngl.Program) -> None:
         self.program = program
         self._gl = gl
-        self._array: moderngl.VertexArray = gl.vertex_array(program, [])
+        self._corners = gl.buffer(reserve=48, dynamic=True)
+        self._array: moderngl.VertexArray = gl.vertex_array(program, [(self._corners, "2f4", "corner")])
 
     def run(
         self,
         target: Target,
-        rectangle: tuple[int, int, int, int],
+        parts: Spans,
         textures: Mapping[str, moderngl.Texture],
         values: Mapping[str, Any],
         *,
         writes_depth: bool = False,
     ) -> None:
-        """Shade ``rectangle`` (bottom-left origin) of ``target``."""
-        target.use(rectangle)
+        """Shade ``parts`` of ``target``: (N, 4) x0, y0, x1, y1 in its texels from the bottom left."""
+        if not len(parts):
+            return
+        clip = parts * (2 / np.array([*target.size, *target.size])) - 1
+        data = clip[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].astype(np.float32).tobytes()
+        if len(data) > self._corners.size:
+            self._corners.orphan(len(data))
+        self._corners.write(data)
+        target.use()
         if writes_depth:
             self._gl.enable_only(moderngl.DEPTH_TEST)
             self._gl.depth_func = "1"
@@ -130,9 +132,16 @@ class ScreenPass:
             self._gl.enable_only(moderngl.NOTHING)
         bind(self.program, textures)
         set_uniforms(self.program, values)
-        self._array.render(moderngl.TRIANGLES, vertices=3)
+        self._array.render(moderngl.TRIANGLES, vertices=6 * len(parts))
         self._gl.depth_func = "<"
 
     def release(self) -> None:
         """Free the vertex array."""
         self._array.release()
+        self._corners.release()
+
+
+def one_span(area: tuple[int, int, int, int]) -> Spans:
+    """An area (x, y, width, height) as the only part."""
+    x, y, width, height = area
+    return np.array([[x, y, x + width, y + height]])

@@ -1,4 +1,6 @@
-// One triangle that covers the viewport.
+// Corners of the parts of a target that a pass runs over, in clip space. Nothing is interpolated: a fragment knows its place.
+in vec2 corner;
+
 void main() {
-    gl_Position = vec4(float((gl_VertexID << 1) & 2) * 2.0 - 1.0, float(gl_VertexID & 2) * 2.0 - 1.0, 0.0, 1.0);
+    gl_Position = vec4(corner, 0.0, 1.0);
 }

@@ -1,0 +1,167 @@
+"""What is kept between frames: the statics' picture, and the targets in which a frame is made of it.
+
+A layer differs from the statics' picture in few places. So the targets keep the statics' values from frame to frame, with a
+mask per pass of the tiles that hold them; movables are drawn over a part, the tiles that they change are made again, and marked
+as not the statics' afterwards. Nothing of this can be seen in a pixel: a tile is either made now, or was made from equal inputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import View
+from valerie.rendering.raster.targets import SAMPLES, ImageTargets, Target
+from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
+
+if TYPE_CHECKING:
+    from valerie.rendering.raster.lighting import LitFrame
+
+#: x, y, width, height in pixels from the bottom left.
+Area = tuple[int, int, int, int]
+
+
+class StaticSurfaces:
+    """The statics seen by one camera: the G-buffer, and what of it decides where movables can change near occlusion.
+
+    Rows from the bottom. Entries are valid where ``known``.
+
+    Attributes:
+        target: the G-buffer.
+        nearest, farthest: metres along the optical axis, per tile, over all samples.
+        open: per tile, whether near occlusion before its blur is nothing in every pixel.
+        smooth: (height, width) uint8, near occlusion after its blur, 255 for none.
+    """
+
+    def __init__(self, target: Target, grid: TileGrid) -> None:
+        self.target = target
+        self.grid = grid
+        self.known = grid.none()
+        self.nearest = np.zeros(grid.shape, np.float32)
+        self.farthest = np.zeros(grid.shape, np.float32)
+        self.open = grid.none()
+        self.smooth = np.zeros((grid.height, grid.width), np.uint8)
+
+    def learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
+        """Read what is not known yet of the tiles of ``mask``, whose occlusion is in ``targets``."""
+        mask = mask & ~self.known
+        if not mask.any():
+            return
+        area = x, y, width, height = self.grid.around(mask)
+        fine = x * SAMPLES, y * SAMPLES, width * SAMPLES, height * SAMPLES
+        window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(height * SAMPLES, width * SAMPLES)
+        # Two by two samples to a pixel, then pixels to tiles; depth grows with the window's.
+        low = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        # Where nothing was drawn there is nothing to change.
+        window = np.where(window < 1, window, 0)
+        high = np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        raw = _read(targets.occlusion.framebuffer, area, 1, "f1").reshape(height, width)
+        smooth = _read(targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(height, width)
+        rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))
+        part = mask[rows, columns]
+        for found, pixels, largest in ((self.nearest, low, False), (self.farthest, high, True)):
+            depth = near * far / (far - self.grid.reduced(pixels, x, y, largest=largest) * (far - near))
+            found[rows, columns][part] = depth[part]
+        dark = self.grid.holding(raw < 255, x, y)
+        self.open[mask] = ~dark[mask]
+        inside = self.grid.pixels(mask, area)
+        np.copyto(self.smooth[y : y + height, x : x + width], smooth, where=inside)
+        self.known |= mask
+
+    def release(self) -> None:
+        """Free the G-buffer."""
+        self.target.release()
+
+
+class StaticImage:
+    """The statics' picture under one light: pixels where ``known``; rows from the bottom, (height, width, 3) float16."""
+
+    def __init__(self, grid: TileGrid) -> None:
+        self.known = grid.none()
+        self.pixels = np.zeros((grid.height, grid.width, 3), np.float16)
+
+    def release(self) -> None:
+        """Nothing but memory is held."""
+
+
+class Canvas:
+    """The targets of one image size, and which of their tiles hold the statics' values.
+
+    Attributes:
+        targets: what the passes write.
+        occluded, smoothed, skylit, shaded: per pass, the tiles that are right for the statics alone.
+    """
+
+    def __init__(self, gl: moderngl.Context, view: View) -> None:
+        self.targets = ImageTargets(gl, view)
+        self.grid = TileGrid(view)
+        self.forget()
+
+    def forget(self) -> None:
+        """Take nothing for granted any more."""
+        self._camera: Hashable = None
+        self._light: Hashable = None
+        #: Where the G-buffer is not the statics': where movables were drawn; everywhere, before anything was.
+        self.drawn: Area = (0, 0, self.grid.width, self.grid.height)
+        self.occluded, self.smoothed, self.skylit, self.shaded = (self.grid.none() for _ in range(4))
+
+    def take(self, camera: Hashable, light: Hashable) -> None:
+        """Go on with the statics seen by this camera under this light."""
+        if camera != self._camera:
+            self.forget()
+            self._camera = camera
+        if light != self._light:
+            self.skylit, self.shaded = self.grid.none(), self.grid.none()
+            self._light = light
+
+    def light(self, frame: LitFrame, wanted: Mask) -> None:
+        """Make the pixels of the tiles of ``wanted``, and what they need."""
+        spans = self.grid.spans
+        shaded = widened(wanted) & ~self.shaded
+        self.occlude(frame, widened(shaded))
+        skylit = widened(shaded) & ~self.skylit
+        frame.light_sky(spans(skylit))
+        self.skylit |= skylit
+        frame.shade.run(spans(shaded))
+        self.shaded |= shaded
+        frame.resolve.run(spans(wanted))
+
+    def occlude(self, frame: LitFrame, wanted: Mask) -> None:
+        """Make the near occlusion of the tiles of ``wanted``."""
+        smoothed = wanted & ~self.smoothed
+        occluded = widened(smoothed) & ~self.occluded
+        frame.occlusion.run(self.grid.spans(occluded))
+        self.occluded |= occluded
+        frame.smooth.run(self.grid.spans(smoothed))
+        self.smoothed |= smoothed
+
+    def read_pixels(self, area: Area) -> NDArray[np.float16]:
+        """(height, width, 3) pixels, rows from the bottom."""
+        data = _read(self.targets.pixels.framebuffer, area, 3, "f2")
+        return data.view(np.float16).reshape(area[3], area[2], 3)
+
+    def read_smooth(self, area: Area) -> NDArray[np.uint8]:
+        """(height, width) near occlusion after its blur."""
+        return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
+
+    def read_materials(self, area: Area) -> NDArray[np.uint16]:
+        """(height · samples, width · samples) rows of the material table."""
+        x, y, width, height = (n * SAMPLES for n in area)
+        rows: NDArray[np.uint16] = _read(self.targets.surfaces.framebuffer, (x, y, width, height), 1, "u2", 2)
+        return rows.reshape(height, width)
+
+    def release(self) -> None:
+        """Free the targets."""
+        self.targets.release()
+
+
+_TYPES = {"f1": np.uint8, "f2": np.float16, "f4": np.float32, "u2": np.uint16}
+
+
+def _read(framebuffer: moderngl.Framebuffer, area: Area, components: int, dtype: str, attachment: int = 0) -> NDArray:  # type: ignore[type-arg]
+    data = framebuffer.read(viewport=area, components=components, attachment=attachment, dtype=dtype, alignment=1)
+    return np.frombuffer(data, _TYPES[dtype])

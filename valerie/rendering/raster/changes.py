@@ -1,0 +1,91 @@
+"""Where movables may change a frame, tile by tile: bounds that are never too small, inside the frame's rectangle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from valerie.rendering.base import View
+from valerie.rendering.raster.bounds import Reach
+from valerie.rendering.raster.camera_math import LightView, Points
+from valerie.rendering.raster.canvas import StaticSurfaces
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, MOVABLE_MAP
+from valerie.rendering.raster.tiles import TILE, Mask, widened
+from valerie.scene.model import Camera
+
+#: Metres by which a caster may lie behind a receiver along the light and still count: the receiver's plane, clamped to a slope
+#: of 6 in both directions, over the widest penumbra.
+_STEEPEST = 6 * math.sqrt(2) * LARGEST_PENUMBRA + 0.05
+
+
+def occluded_tiles(
+    body: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, reach: Reach
+) -> Mask:
+    """Tiles whose near occlusion, before its blur, may differ from the statics'.
+
+    Occlusion is a sum of what the taps around a pixel contribute, none of it negative, and a tap contributes only if it lies
+    within a radius in space. So a tile stays as it is if no tap of it reaches a tile with movables; or if it is free
+    of occlusion as it is, and all movables lie more than the radius before or behind it.
+
+    Args:
+        body: tiles in which movables are seen.
+        bodies: (8, 3) world corners of the movables' boxes.
+    """
+    if not body.any():
+        return body
+    focal = camera.focal_length_px(view.width)
+    with np.errstate(divide="ignore"):
+        taps = np.clip(reach.occlusion_radius * focal / surfaces.nearest, 1.5, reach.largest_occlusion) + 1
+    found = widened(body)
+    for steps in range(2, math.ceil((reach.largest_occlusion + 1) / TILE) + 2):
+        found |= widened(body, steps) & (taps >= (steps - 1) * TILE)
+    matrix = np.linalg.inv(camera.transform)
+    depths = -(np.concatenate(list(bodies)) @ matrix[2, :3] + matrix[2, 3])
+    radius = reach.occlusion_radius + 0.01
+    apart = (surfaces.nearest > depths.max() + radius) | (surfaces.farthest < depths.min() - radius)
+    return body | (found & ~(surfaces.open & apart))
+
+
+def shadowed_tiles(
+    wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, light: LightView
+) -> Mask:
+    """Those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
+
+    What a camera sees in a tile lies in a frustum between two depths; its box in the light's axes is held against those of the
+    movables.
+
+    Args:
+        bodies: (8, 3) world corners of the movables' boxes.
+        light: of the movables' shadow map.
+    """
+    found = np.zeros_like(wanted)
+    rows, columns = np.nonzero(wanted & (surfaces.nearest < camera.far * 0.999))
+    if not len(rows) or not bodies:
+        return found
+    focal = camera.focal_length_px(view.width)
+    # A pixel more on each side: pixels take samples of their neighbours.
+    x = np.stack([columns * TILE - 1, (columns + 1) * TILE + 1], axis=1) - view.width / 2
+    y = np.stack([rows * TILE - 1, (rows + 1) * TILE + 1], axis=1) - view.height / 2
+    rays = np.empty((len(rows), 2, 2, 3))
+    rays[..., 0] = x[:, :, None] / focal
+    rays[..., 1] = y[:, None, :] / focal
+    rays[..., 2] = -1
+    seen = rays.reshape(len(rows), 4, 3) @ (light.rows @ camera.transform[:3, :3]).T
+    eye = light.rows @ camera.position
+    near, far = surfaces.nearest[rows, columns], surfaces.farthest[rows, columns]
+    spans = np.concatenate([seen * near[:, None, None], seen * far[:, None, None]], axis=1) + eye
+    low, high = spans.min(axis=1), spans.max(axis=1)
+    border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / MOVABLE_MAP + 0.03
+    hit = np.zeros(len(rows), np.bool_)
+    for corners in bodies:
+        box = corners @ light.rows.T
+        first, last = box.min(axis=0), box.max(axis=0)
+        hit |= (
+            (low[:, :2] < last[:2] + border).all(axis=1)
+            & (high[:, :2] > first[:2] - border).all(axis=1)
+            & (high[:, 2] > first[2] - _STEEPEST)
+        )
+    found[rows[hit], columns[hit]] = True
+    return found

@@ -1,0 +1,94 @@
+"""Square tiles over an image: which parts a pass has to run over. Rows count from the bottom, as in OpenGL."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import View
+
+#: Pixels per side: a multiple of a cell of sky light, small beside a distant person.
+TILE: Final = 8
+
+Mask = NDArray[np.bool_]
+#: (N, 4) int: x0, y0, x1, y1 in pixels from the bottom left, ends exclusive; no two overlap.
+Spans = NDArray[np.int64]
+
+
+class TileGrid:
+    """The tiles of one image size; those at the right and upper border may be cut.
+
+    Attributes:
+        shape: (rows, columns) of a mask with one entry per tile.
+    """
+
+    def __init__(self, view: View) -> None:
+        self.width, self.height = view.width, view.height
+        self.shape = (-(-view.height // TILE), -(-view.width // TILE))
+
+    def none(self) -> Mask:
+        """No tile."""
+        return np.zeros(self.shape, np.bool_)
+
+    def touching(self, area: tuple[int, int, int, int]) -> Mask:
+        """The tiles that share a pixel with ``area``: x, y, width, height in pixels from the bottom left."""
+        mask = self.none()
+        x, y, width, height = area
+        if width > 0 and height > 0:
+            mask[y // TILE : -(-(y + height) // TILE), x // TILE : -(-(x + width) // TILE)] = True
+        return mask
+
+    def around(self, mask: Mask) -> tuple[int, int, int, int]:
+        """The area (x, y, width, height) of pixels that bounds a mask with at least one tile."""
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        x, y = int(columns[0]) * TILE, int(rows[0]) * TILE
+        right = min((int(columns[-1]) + 1) * TILE, self.width)
+        return x, y, right - x, min((int(rows[-1]) + 1) * TILE, self.height) - y
+
+    def spans(self, mask: Mask) -> Spans:
+        """The tiles of a mask as rectangles, one per run of neighbours in a row."""
+        edges = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
+        rows, first = np.nonzero(edges == 1)
+        last = np.nonzero(edges == -1)[1]
+        x1, y1 = np.minimum(last * TILE, self.width), np.minimum((rows + 1) * TILE, self.height)
+        return np.stack([first * TILE, rows * TILE, x1, y1], axis=1)
+
+    def pixels(self, mask: Mask, area: tuple[int, int, int, int]) -> Mask:
+        """(height, width) of the area: the pixels of the tiles of a mask."""
+        x, y, width, height = area
+        rows, columns = np.arange(y, y + height) // TILE, np.arange(x, x + width) // TILE
+        return mask[np.ix_(rows, columns)]
+
+    def holding(self, pixels: Mask, x: int, y: int) -> Mask:
+        """The tiles that hold a true pixel; ``pixels`` lies at (x, y) of the image."""
+        mask = self.none()
+        height, width = pixels.shape
+        if not pixels.size:
+            return mask
+        # Rows and columns of pixels that begin a tile, or the part.
+        row_starts = np.flatnonzero((np.arange(y, y + height) % TILE == 0) | (np.arange(height) == 0))
+        column_starts = np.flatnonzero((np.arange(x, x + width) % TILE == 0) | (np.arange(width) == 0))
+        any_in = np.logical_or.reduceat(np.logical_or.reduceat(pixels, row_starts, axis=0), column_starts, axis=1)
+        row, column = y // TILE, x // TILE
+        mask[row : row + any_in.shape[0], column : column + any_in.shape[1]] = any_in
+        return mask
+
+    def reduced(self, values: NDArray[np.float32], x: int, y: int, *, largest: bool) -> NDArray[np.float32]:
+        """The least (or largest) value in each tile of a part that begins at a tile's corner (x, y)."""
+        pick = np.maximum if largest else np.minimum
+        rows, columns = np.arange(0, values.shape[0], TILE), np.arange(0, values.shape[1], TILE)
+        reduced: NDArray[np.float32] = pick.reduceat(pick.reduceat(values, rows, axis=0), columns, axis=1)
+        return reduced
+
+
+def widened(mask: Mask, by: int = 1) -> Mask:
+    """A mask with its true entries spread to neighbours at most ``by`` away, diagonals too."""
+    if by < 1 or not mask.size:
+        return mask
+    kernel = np.ones((2 * by + 1, 2 * by + 1), np.uint8)
+    # Outside the image there is nothing: the default border of a dilation.
+    spread: Mask = cv2.dilate(mask.view(np.uint8), kernel).astype(np.bool_)
+    return spread
