@@ -71,30 +71,25 @@ class LinearImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """What the movables change in a frame: ``background`` with the ``changed`` pixels put at ``rectangle`` is the frame.
+    """What the movables change in a frame: ``background`` with ``pixels`` put at ``rectangle`` is the frame.
 
     Attributes:
         rectangle: around all pixels that the movables, their shadows, reflections, ambient occlusion and filters change.
-        pixels: (rectangle.height, rectangle.width, 3) float16, linear; of no meaning where nothing changed.
-        changed: (rectangle.height, rectangle.width) bool; None for all of them.
+        pixels: (rectangle.height, rectangle.width, 3) float16, linear.
     """
 
     rectangle: Rectangle
     pixels: NDArray[np.float16]
-    changed: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         freeze(self.pixels)
-        if self.changed is not None:
-            freeze(self.changed)
 
     def over(self, background: LinearImage) -> LinearImage:
         """The whole frame."""
         if self.rectangle.empty:
             return background
         pixels = background.pixels.copy()
-        where = True if self.changed is None else self.changed[..., None]
-        np.copyto(pixels[self.rectangle.slices], self.pixels, where=where)
+        pixels[self.rectangle.slices] = self.pixels
         return LinearImage(pixels)
 
 

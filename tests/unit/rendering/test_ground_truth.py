@@ -142,3 +142,35 @@ def test_an_unknown_camera_is_named(truth_pass: TruthPass) -> None:
 def test_an_impossible_size_is_refused(truth_pass: TruthPass, width: int) -> None:
     with pytest.raises(InvalidInput, match="width"):
         truth_pass.truth(simple_asset().base, View("camera-1", width, 32))
+
+
+@given(
+    x=st.floats(-6, 6),
+    y=st.floats(0, 40),
+    second=st.sampled_from(["absent", "red-coat", "blue-coat"]),
+    second_x=st.floats(-6, 6),
+    camera=st.sampled_from(["camera-1", "camera-2"]),
+    elevation=st.floats(5, 85),
+)
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_ids_depth_and_amodal_masks_are_those_from_scratch_bit_for_bit(
+    truth_pass: TruthPass, x: float, y: float, second: str, second_x: float, camera: str, elevation: float
+) -> None:
+    values = {
+        "scene.person-1.pos.x": x,
+        "scene.person-1.pos.y": y,
+        "scene.person-2.character": second,
+        "scene.person-2.pos.x": second_x,
+        "scene.sun-1.elevation": elevation,
+    }
+    scene, view = apply(values, simple_asset()), View(camera, 201, 117)
+    kept = truth_pass.truth(scene, view)
+    fresh = TruthPass()
+    scratch = fresh.truth(scene, view)
+    fresh.close()
+    for name in ("class_map", "instance_map", "depth"):
+        np.testing.assert_array_equal(getattr(kept, name).view(np.uint8), getattr(scratch, name).view(np.uint8))
+    assert [p.instance_id for p in kept.persons] == [p.instance_id for p in scratch.persons]
+    for one, other in zip(kept.persons, scratch.persons, strict=True):
+        np.testing.assert_array_equal(one.amodal, other.amodal)
+        assert one.padded_pixels == other.padded_pixels

@@ -64,7 +64,7 @@ class StaticSurfaces:
         rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))
         part = mask[rows, columns]
         for found, pixels, largest in ((self.nearest, low, False), (self.farthest, high, True)):
-            depth = near * far / (far - self.grid.reduced(pixels, x, y, largest=largest) * (far - near))
+            depth = near * far / (far - self.grid.reduced(pixels, largest=largest) * (far - near))
             found[rows, columns][part] = depth[part]
         dark = self.grid.holding(raw < 255, x, y)
         self.open[mask] = ~dark[mask]

@@ -45,7 +45,8 @@ def occluded_tiles(
     depths = -(np.concatenate(list(bodies)) @ matrix[2, :3] + matrix[2, 3])
     radius = reach.occlusion_radius + 0.01
     apart = (surfaces.nearest > depths.max() + radius) | (surfaces.farthest < depths.min() - radius)
-    return body | (found & ~(surfaces.open & apart))
+    reached: Mask = body | (found & ~(surfaces.open & apart))
+    return reached
 
 
 def shadowed_tiles(

@@ -24,6 +24,7 @@ class SurfaceDrawer:
         context: owns programs; current in every call.
         fragment: the shader file, e.g. ``surface.frag``.
         colors: whether it reads colour and normal textures (else only the alpha of cut surfaces).
+        frames: whether it wants to know of textures, without reading them.
         depth_test: False draws over everything.
         all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
     """
@@ -34,12 +35,14 @@ class SurfaceDrawer:
         fragment: str,
         *,
         colors: bool = False,
+        frames: bool = False,
         depth_test: bool = True,
         all_faces: bool = False,
     ) -> None:
         self._context = context
         self._fragment = fragment
         self._colors = colors
+        self._frames = frames
         self._depth_test = depth_test
         self._all_faces = all_faces
 
@@ -75,6 +78,10 @@ class SurfaceDrawer:
         if kind.normal_side and self._colors:
             defines["NORMAL_TEXTURE"] = 1
             bound["normal_textures"] = textures.arrays[kind.normal_side]
+        if self._frames and (kind.color_side or kind.normal_side):
+            defines["TEXTURED"] = 1
+            if kind.normal_side:
+                defines["NORMAL_TEXTURE"] = 1
         if kind.cut:
             defines["CUT"] = 1
         program = self._context.program("geometry.vert", self._fragment, **defines)

@@ -127,12 +127,8 @@ class Lighting:
         }
         return LitFrame(
             occlusion=_Step(self.occlusion, targets.occlusion, depth | normals, occlusion),
-            smooth=_Step(
-                self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common
-            ),
-            skylight=_Step(
-                self.skylight, targets.skylight, {**depth, **normals, "atlas": sky_maps.texture}, skylight
-            ),
+            smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common),
+            skylight=_Step(self.skylight, targets.skylight, {**depth, **normals, "atlas": sky_maps.texture}, skylight),
             shade=_Step(self.shade, targets.radiance, shade_textures, shade, samples=SAMPLES),
             resolve=_Step(self.resolve, targets.pixels, {"radiance": targets.radiance.colors[0]}, {}),
             sky_table=sky_table,

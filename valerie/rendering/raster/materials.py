@@ -44,7 +44,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
     """(N, 4, 4) float32: per material four RGBA texels.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
-    3: layers of the colour and of the normal texture, 0, 0.
+    3: layers of the colour and of the normal texture, sides of their arrays (0: none).
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -52,5 +52,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
         row[1] = (material.roughness, material.metallic, material.specular, material.specular_tint)
         row[2] = (*material.emissive, TRANSLUCENCY if material.double_sided else 0.0)
         for column, name in enumerate((material.base_color_texture, material.normal_texture)):
-            row[3, column] = textures.slots[name].layer if name is not None else 0
+            if name is not None:
+                slot = textures.slots[name]
+                row[3, column], row[3, column + 2] = slot.layer, slot.side
     return table

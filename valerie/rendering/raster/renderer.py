@@ -23,6 +23,7 @@ from valerie.rendering.raster.lighting import Lighting, LitFrame
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps
 from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
+from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.raster.tiles import Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import Sky, sky_of
@@ -50,15 +51,20 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 1
+    revision: ClassVar[int] = 2
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
         self._shadows = Shadows(self._context)
         self._surfaces = SurfaceDrawer(self._context, "surface.frag", colors=True)
+        self._shapes = SurfaceDrawer(self._context, "shape.frag")
+        self._moving = SurfaceDrawer(self._context, "moving.frag", frames=True)
         with self._context.current() as gl:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "copy.frag"))
             self._lighting = Lighting(self._context, REACH)
+            # Anisotropic filters and explicit levels do not go together in llvmpipe: each read would take milliseconds.
+            self._sampler = gl.sampler(filter=(moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR), anisotropy=1.0)
+        self._texture_passes: dict[tuple[int, ...], ScreenPass] = {}
         self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
         self._static_images: LeastRecentlyUsed[StaticImage] = LeastRecentlyUsed(_SUNS)
@@ -98,9 +104,7 @@ class RasterRenderer:
         inside = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         pixels = np.ascontiguousarray(after[::-1][inside])
         corner = rectangle.x + int(columns[0]), rectangle.y + int(rows[0])
-        return Layer(
-            Rectangle(*corner, pixels.shape[1], pixels.shape[0]), pixels, np.ascontiguousarray(changed[inside])
-        )
+        return Layer(Rectangle(*corner, pixels.shape[1], pixels.shape[0]), pixels)
 
     def full(self, scene: Scene, view: View) -> LinearImage:
         """The frame from scratch: nothing kept but uploaded meshes and textures, everything drawn and lit."""
@@ -124,7 +128,9 @@ class RasterRenderer:
                 self._canvases.clear()
                 self._shadows.release()
                 self._lighting.release()
-                self._copy.release()
+                self._sampler.release()
+                for screen_pass in (self._copy, *self._texture_passes.values()):
+                    screen_pass.release()
 
     def _forget(self) -> None:
         for cache in (self._static_surfaces, self._static_shadows, self._static_images, self._sky_maps):
@@ -153,9 +159,7 @@ class RasterRenderer:
                 sky_maps = self._sky_maps.get(statics.key, lambda: self._shadows.sky(statics, table))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
                 canvas.take(seen, lit)
-                yield _Frame(
-                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_of(scene)
-                )
+                yield _Frame(prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_of(scene))
             except BaseException:
                 canvas.forget()
                 raise
@@ -209,13 +213,13 @@ class RasterRenderer:
         self._draw(frame, gl_rectangle(covered, view))
         surface = self._drawn_pixels(frame)
         body = grid.holding(surface, canvas.drawn[0], canvas.drawn[1])
-        occluded = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
-        smoothed = widened(occluded) & region
+        occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
+        smoothed: Mask = widened(occluded) & region
         with self._lit(frame, movables=True) as lit:
             canvas.occluded &= ~occluded
             canvas.smoothed &= ~smoothed
             canvas.occlude(lit, smoothed)
-            dirty = self._reached(canvas, surface, body, smoothed, surfaces)
+            dirty: Mask = self._reached(canvas, surface, body, smoothed, surfaces)
             if float(frame.sky.sun_direction[2]) > 0:
                 dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, frame.shadow.light)
             dirty &= region
@@ -247,9 +251,7 @@ class RasterRenderer:
         seen: Mask = samples.reshape(height, SAMPLES, width, SAMPLES).any(axis=(1, 3))
         return seen
 
-    def _reached(
-        self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces
-    ) -> Mask:
+    def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:
         """Tiles whose pixels the seen movables and the near occlusion that they change reach."""
         grid = canvas.grid
         dirty = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
@@ -266,7 +268,12 @@ class RasterRenderer:
         target = surface_target(self._context.gl, view)
         target.use()
         target.clear()
-        self._surfaces.statics(prepared.statics, table, _camera_values(camera, view))
+        values = _camera_values(camera, view)
+        # Depth first, so that each sample's textures are read once.
+        self._shapes.statics(prepared.statics, table, values)
+        self._context.gl.depth_func = "<="
+        self._surfaces.statics(prepared.statics, table, values)
+        self._context.gl.depth_func = "<"
         return StaticSurfaces(target, grid)
 
     def _draw(self, frame: _Frame, area: Area) -> None:
@@ -277,10 +284,27 @@ class RasterRenderer:
         if not area[2] or not area[3]:
             return
         x, y, width, height = (n * SAMPLES for n in area)
-        targets.surfaces.use((x, y, width, height))
-        values = _camera_values(frame.camera, frame.view)
-        prepared = frame.prepared
-        self._surfaces.movables(prepared.placed, prepared.statics.textures, frame.table, values)
+        moving, textures = targets.moving, frame.prepared.statics.textures
+        moving.use((x, y, width, height))
+        moving.clear_colors()
+        self._moving.movables(frame.prepared.placed, textures, frame.table, _camera_values(frame.camera, frame.view))
+        sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
+            "uv_map": moving.colors[0],
+            "frame_map": moving.colors[1],
+            "row_map": moving.colors[2],
+            "material_table": frame.table,
+            **{f"textures_{side}": array for side, array in textures.arrays.items()},
+        }
+        self._texturing(textures).run(targets.surfaces, one_span(area) * SAMPLES, sources, {}, sampler=self._sampler)
+
+    def _texturing(self, textures: TextureSet) -> ScreenPass:
+        """The pass that reads the textures of movables, for the sides that an asset has."""
+        sides = tuple(sorted(textures.arrays))
+        if sides not in self._texture_passes:
+            defines = {f"SIDE_{side}": 1 for side in sides}
+            program = self._context.program("screen.vert", "texturing.frag", **defines)
+            self._texture_passes[sides] = ScreenPass(self._context.gl, program)
+        return self._texture_passes[sides]
 
     def _copy_statics(self, frame: _Frame) -> None:
         """Put the statics back where movables were drawn, or everywhere on a canvas that was something else.

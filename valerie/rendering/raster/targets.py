@@ -25,11 +25,16 @@ class Target:
         gl: the current context.
         size: (width, height) in texels.
         formats: (components, dtype) per colour attachment, in moderngl's notation.
-        depth: whether it has a depth texture.
+        depth: whether it has a depth texture, or another target's depth texture to share.
     """
 
     def __init__(
-        self, gl: moderngl.Context, size: tuple[int, int], formats: tuple[tuple[int, str], ...], *, depth: bool
+        self,
+        gl: moderngl.Context,
+        size: tuple[int, int],
+        formats: tuple[tuple[int, str], ...],
+        *,
+        depth: bool | moderngl.Texture,
     ) -> None:
         self.size = size
         self.colors: list[moderngl.Texture] = []
@@ -37,8 +42,11 @@ class Target:
             texture = gl.texture(size, components, dtype=dtype)
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             self.colors.append(texture)
+        self._owns_depth = depth is True
         self.depth: moderngl.Texture | None = None
-        if depth:
+        if isinstance(depth, moderngl.Texture):
+            self.depth = depth
+        elif depth:
             self.depth = gl.depth_texture(size)
             self.depth.compare_func = ""
             self.depth.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -53,22 +61,33 @@ class Target:
         """Zero all colours, ``depth`` everywhere (inside the scissor rectangle)."""
         self.framebuffer.clear(depth=depth)
 
+    def clear_colors(self) -> None:
+        """Zero all colours inside the scissor rectangle, and leave the depth."""
+        self.framebuffer.depth_mask = False
+        self.framebuffer.clear()
+        self.framebuffer.depth_mask = True
+
     def release(self) -> None:
         """Free framebuffer and textures."""
         self.framebuffer.release()
         for texture in self.colors:
             texture.release()
-        if self.depth is not None:
+        if self.depth is not None and self._owns_depth:
             self.depth.release()
 
 
 class ImageTargets:
-    """The targets of one image size: G-buffer with movables, sky light, occlusion, radiance, pixels."""
+    """The targets of one image size: G-buffer with movables, sky light, occlusion, radiance, pixels.
+
+    ``moving`` holds what is known of movables' samples before their textures are read; its depth is the G-buffer's.
+    """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
         size = (view.width, view.height)
         fine = (view.width * SAMPLES, view.height * SAMPLES)
         self.surfaces = surface_target(gl, view)
+        assert self.surfaces.depth is not None
+        self.moving = Target(gl, fine, ((2, "f4"), (4, "nu2"), (2, "u2")), depth=self.surfaces.depth)
         coarse = (-(-fine[0] // SKYLIGHT_CELL), -(-fine[1] // SKYLIGHT_CELL))
         self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
         self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
@@ -79,7 +98,7 @@ class ImageTargets:
     def release(self) -> None:
         """Free all of them."""
         for target in (
-            self.surfaces, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance, self.pixels,
+            self.moving, self.surfaces, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance, self.pixels,
         ):  # fmt: skip
             target.release()
 
@@ -111,12 +130,16 @@ class ScreenPass:
         self,
         target: Target,
         parts: Spans,
-        textures: Mapping[str, moderngl.Texture],
+        textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
         values: Mapping[str, Any],
         *,
         writes_depth: bool = False,
+        sampler: moderngl.Sampler | None = None,
     ) -> None:
-        """Shade ``parts`` of ``target``: (N, 4) x0, y0, x1, y1 in its texels from the bottom left."""
+        """Shade ``parts`` of ``target``: (N, 4) x0, y0, x1, y1 in its texels from the bottom left.
+
+        ``sampler`` replaces the filters of texture arrays.
+        """
         if not len(parts):
             return
         clip = parts * (2 / np.array([*target.size, *target.size])) - 1
@@ -130,9 +153,11 @@ class ScreenPass:
             self._gl.depth_func = "1"
         else:
             self._gl.enable_only(moderngl.NOTHING)
-        bind(self.program, textures)
+        sampled = bind(self.program, textures, sampler)
         set_uniforms(self.program, values)
         self._array.render(moderngl.TRIANGLES, vertices=6 * len(parts))
+        for unit in sampled:
+            sampler.clear(unit)  # type: ignore[union-attr]  # there is one if there are units
         self._gl.depth_func = "<"
 
     def release(self) -> None:

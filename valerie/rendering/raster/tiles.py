@@ -76,8 +76,9 @@ class TileGrid:
         mask[row : row + any_in.shape[0], column : column + any_in.shape[1]] = any_in
         return mask
 
-    def reduced(self, values: NDArray[np.float32], x: int, y: int, *, largest: bool) -> NDArray[np.float32]:
-        """The least (or largest) value in each tile of a part that begins at a tile's corner (x, y)."""
+    @staticmethod
+    def reduced(values: NDArray[np.float32], *, largest: bool) -> NDArray[np.float32]:
+        """The least (or largest) value in each tile of a part that begins at a tile's corner."""
         pick = np.maximum if largest else np.minimum
         rows, columns = np.arange(0, values.shape[0], TILE), np.arange(0, values.shape[1], TILE)
         reduced: NDArray[np.float32] = pick.reduceat(pick.reduceat(values, rows, axis=0), columns, axis=1)

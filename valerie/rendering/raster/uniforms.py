@@ -30,11 +30,24 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:
             uniform.value = value
 
 
-def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:
-    """Put textures on units and tell the program; those that it does not read are left out."""
+def bind(
+    program: moderngl.Program,
+    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
+    sampler: moderngl.Sampler | None = None,
+) -> list[int]:
+    """Put textures on units and tell the program; those that it does not read are left out.
+
+    Returns:
+        The units of texture arrays, on which ``sampler`` was put: the caller clears them.
+    """
     unit = 0
+    sampled: list[int] = []
     for name, texture in textures.items():
         if name in program:
             texture.use(unit)
+            if sampler is not None and isinstance(texture, moderngl.TextureArray):
+                sampler.use(unit)
+                sampled.append(unit)
             set_uniforms(program, {name: unit})
             unit += 1
+    return sampled

@@ -61,6 +61,34 @@ def test_the_layer_over_the_background_is_the_frame_bit_for_bit_for_any_pose_and
     assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
 
 
+@given(
+    places=st.lists(st.tuples(st.floats(-5, 5), st.floats(0, 40), st.floats(0, 359)), min_size=4, max_size=4),
+    azimuth=st.floats(0, 359),
+    elevation=st.floats(5, 85),
+)
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_frames_in_a_row_with_persons_and_cars_under_one_light_are_those_from_scratch(
+    raster: RasterRenderer, places: list[tuple[float, float, float]], azimuth: float, elevation: float
+) -> None:
+    # The targets keep what the frame before left of the statics: each frame has to be right after any other.
+    asset = simple_asset()
+    light = {"scene.sun-1.azimuth": azimuth, "scene.sun-1.elevation": elevation}
+    view, frames = View("camera-1", 150, 86), []
+    for i, (x, y, heading) in enumerate(places):
+        second = {"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": -x, "scene.person-2.pos.y": y / 2}
+        pose = {"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.heading": heading}
+        scene = apply(light | pose | (second if i % 2 else {}), asset)
+        car = scene.nodes["scene.car-1"]
+        moved = np.array(car.transform)
+        moved[:2, 3] += (x / 4, i - y / 10)
+        moving = {"scene.car-1": replace(car, transform=moved, movable=True)}
+        frames.append(replace(scene, nodes=dict(scene.nodes) | moving))
+    background = raster.background(frames[0], view)
+    made = [raster.layer(scene, view).over(background) for scene in frames]
+    for scene, frame in zip(frames, made, strict=True):
+        assert_same(frame, raster.full(scene, view))
+
+
 def test_the_layer_is_much_smaller_than_the_frame(raster: RasterRenderer) -> None:
     scene = apply({"scene.person-1.pos.y": 30.0}, simple_asset())
     rectangle = raster.layer(scene, View("camera-1", 960, 540)).rectangle

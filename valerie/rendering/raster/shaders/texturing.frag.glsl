@@ -1,0 +1,86 @@
+// Textures of the movables' samples that stayed: base colour and shading normal into the G-buffer.
+#include "octahedron.glsl"
+uniform sampler2D uv_map;
+uniform sampler2D frame_map;
+uniform usampler2D row_map;
+uniform sampler2D material_table;
+layout(location = 0) out vec4 out_albedo;
+layout(location = 1) out vec4 out_normals;
+layout(location = 2) out uint out_material;
+
+// One array of textures per side. Loops of zero turns instead of branches: see shadow.glsl.
+#define READ(SIDE) for (int i = 0; i < (side == SIDE ? 1 : 0); ++i) \
+    found = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
+#ifdef SIDE_64
+uniform sampler2DArray textures_64;
+#endif
+#ifdef SIDE_128
+uniform sampler2DArray textures_128;
+#endif
+#ifdef SIDE_256
+uniform sampler2DArray textures_256;
+#endif
+#ifdef SIDE_512
+uniform sampler2DArray textures_512;
+#endif
+#ifdef SIDE_1024
+uniform sampler2DArray textures_1024;
+#endif
+#ifdef SIDE_2048
+uniform sampler2DArray textures_2048;
+#endif
+
+vec4 texel(int side, float layer, vec2 uv, float level) {
+    vec4 found = vec4(1.0);
+#ifdef SIDE_64
+    READ(64)
+#endif
+#ifdef SIDE_128
+    READ(128)
+#endif
+#ifdef SIDE_256
+    READ(256)
+#endif
+#ifdef SIDE_512
+    READ(512)
+#endif
+#ifdef SIDE_1024
+    READ(1024)
+#endif
+#ifdef SIDE_2048
+    READ(2048)
+#endif
+    return found;
+}
+
+vec3 linear_from_srgb(vec3 c) {
+    return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
+}
+
+void main() {
+    ivec2 s = ivec2(gl_FragCoord.xy);
+    uvec2 found = texelFetch(row_map, s, 0).rg;
+    bool moving = found.x > 0u;
+    int row = moving ? int(found.x) - 1 : 0;
+    vec4 places = moving ? texelFetch(material_table, ivec2(3, row), 0) : vec4(0.0);
+    vec2 uv = texelFetch(uv_map, s, 0).rg;
+    float packed_level = unpackHalf2x16(found.y).x;
+    float level = abs(packed_level) - 32.0;
+    vec3 color = texelFetch(material_table, ivec2(0, row), 0).rgb;
+    color *= linear_from_srgb(texel(int(places.z), places.x, uv, level).rgb);
+    vec4 frame = texelFetch(frame_map, s, 0);
+    vec3 normal = octahedron_decode(frame.xy), shading = normal;
+    int side = int(places.w);
+    if (side > 0) {
+        // In glTF v grows downwards and the map's +y points upwards in the image.
+        vec3 tangent = octahedron_decode(frame.zw);
+        vec3 bitangent = cross(normal, tangent) * (packed_level < 0.0 ? 1.0 : -1.0);
+        vec3 t = texel(side, places.y, uv, level).xyz * 2.0 - 1.0;
+        shading = normalize(mat3(tangent, bitangent, normal) * t);
+    }
+    // At the end: llvmpipe's loops do not leave off for lanes that were discarded before.
+    if (!moving) discard;
+    out_albedo = vec4(sqrt(color), 1.0);
+    out_normals = vec4(octahedron_encode(shading), frame.xy);
+    out_material = uint(row);
+}
