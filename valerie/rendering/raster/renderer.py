@@ -254,10 +254,10 @@ class RasterRenderer:
     def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:
         """Tiles whose pixels the seen movables and the near occlusion that they change reach."""
         grid = canvas.grid
-        dirty = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
+        dirty: Mask = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
         if smoothed.any():
             area = x, y, width, height = grid.around(smoothed)
-            changed = canvas.read_smooth(area) != surfaces.smooth[y : y + height, x : x + width]
+            changed: Mask = np.not_equal(canvas.read_smooth(area), surfaces.smooth[y : y + height, x : x + width])
             changed &= grid.pixels(smoothed, area)
             dirty |= _spread(grid, changed, area, _OCCLUSION_REACH)
         return dirty
