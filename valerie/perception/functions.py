@@ -74,16 +74,13 @@ def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: 
         from valerie.perception.engines.torch_engine import TorchEngine
 
         return TorchEngine(open_module(document, payload), document, threads=threads, device=device)
-    from valerie.perception.engines.network_file import NetworkFile
-
-    network = NetworkFile(document, payload)
     if document.engine == "openvino":
         from valerie.perception.engines.openvino_engine import OpenVinoEngine
 
-        return OpenVinoEngine(network, precision=document.precision, threads=threads)
+        return OpenVinoEngine(document, payload, threads=threads)
     from valerie.perception.engines.onnxruntime_engine import OnnxRuntimeEngine
 
-    return OnnxRuntimeEngine(network, threads=threads)
+    return OnnxRuntimeEngine(document, payload, threads=threads)
 
 
 def _require_payload(document: FunctionDocument, path: Path | None) -> None:

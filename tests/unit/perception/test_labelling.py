@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from valerie.perception.labelling import label_maps, normalised
+from valerie.perception.labelling import label_maps, largest_channel, normalised
 
 MEAN, STD = torch.tensor([0.5, 0.5, 0.5]), torch.tensor([0.25, 0.5, 1.0])
 
@@ -55,3 +55,9 @@ def test_of_equal_logits_the_smaller_train_id_wins() -> None:
             return network(x[:, :1]).expand(-1, 19, -1, -1)
 
     assert label_maps(Equal(), grey, MEAN, STD).max() == 0
+
+
+def test_many_channels_are_looked_at_in_parts_with_the_result_of_the_whole() -> None:
+    logits = torch.randint(0, 40, (2, 150, 6, 9)).float()  # many are equal
+    whole = nn.functional.interpolate(logits, size=(24, 36), mode="bilinear", align_corners=False).argmax(dim=1)
+    assert torch.equal(largest_channel(logits, 24, 36), whole.to(torch.uint8))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.perception.adaptation import Size
+from valerie.perception.documents import FunctionDocument
 from valerie.perception.engines.base import Recent
 from valerie.perception.engines.graph import PICTURES
 from valerie.perception.engines.network_file import NetworkFile
@@ -20,19 +22,23 @@ class OnnxRuntimeEngine:
     """See `valerie.perception.engines.base.Engine`.
 
     Args:
-        network: the network; taken over.
+        document: what it is.
+        payload: its file.
         threads: of this engine.
+
+    Raises:
+        InvalidInput, UnknownName: as `NetworkFile`.
     """
 
     name: Final = "onnxruntime"
     precision: Final = "fp32"
     batch_size: Final = 1
 
-    def __init__(self, network: NetworkFile, *, threads: int) -> None:
+    def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
         # The variable that `silence_libraries` sets stops what is sent; this also stops what is collected.
         onnxruntime.disable_telemetry_events()
-        self._network = network
         self._threads = threads
+        self._network = NetworkFile(document, payload)
         self._compiled = Recent(self._compile)
 
     @property

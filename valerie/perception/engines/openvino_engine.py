@@ -7,6 +7,7 @@ refused when it is another one.
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from openvino import properties
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.adaptation import Size
+from valerie.perception.documents import FunctionDocument
 from valerie.perception.engines.base import Recent
 from valerie.perception.engines.network_file import NetworkFile
 from valerie.perception.engines.processor import instruction_set
@@ -28,22 +30,23 @@ class OpenVinoEngine:
     """See `valerie.perception.engines.base.Engine`.
 
     Args:
-        network: the network; taken over.
-        precision: ``fp32``, ``bf16`` or ``fp16``.
+        document: what it is; its precision is what is asked for.
+        payload: its file.
         threads: of this engine.
 
     Raises:
         MissingDependency: this processor does not compute in that precision.
+        InvalidInput, UnknownName: as `NetworkFile`.
     """
 
     name: Final = "openvino"
     batch_size: Final = 1
 
-    def __init__(self, network: NetworkFile, *, precision: str, threads: int) -> None:
-        self._network = network
-        self.precision = precision
+    def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
+        self.precision = document.precision
+        _require_precision(self.precision)
         self._threads = threads
-        _require_precision(precision)
+        self._network = NetworkFile(document, payload)
         self._compiled = Recent(self._compile)
 
     @property

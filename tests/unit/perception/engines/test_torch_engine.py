@@ -1,14 +1,18 @@
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import save
 
-from valerie.errors import InferenceError, InvalidInput
+from valerie.errors import InferenceError, InvalidInput, MissingDependency
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import file_document
+from valerie.perception.documents import parse_function
 from valerie.perception.functions import open_function
+from valerie.perception.networks.architectures import build_network
 from valerie.testing.perception import PerceptionContract
 
 
@@ -68,3 +72,94 @@ def test_a_failure_inside_torch_becomes_an_inference_error(write_function, monke
     monkeypatch.setattr(function._engine._module, "forward", fail)
     with pytest.raises(InferenceError, match=r"f: torch failed.*could not allocate"):
         function.predict(np.zeros((8, 8, 3), np.uint8))
+
+
+def pictures(count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(count)
+    return [
+        np.kron(rng.integers(0, 256, (5, 7, 3), dtype=np.uint8), np.ones((10, 10, 1), np.uint8)) for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize("taken", [{}, {"size": (64, 32), "mode": "tile", "multiple_of": 1, "overlap": 8}])
+def test_pictures_that_are_given_together_have_the_labels_that_each_has_alone(write_function, taken: dict) -> None:
+    path = write_function()
+    document = file_document("f", path)
+    document = document.model_copy(update={"input": document.input.model_copy(update=taken)})
+    function = open_function(document, path)
+    function._engine.batch_size = 4
+    given = pictures(5)
+    together = function.predict_many(given)
+    assert len(together) == 5
+    for picture, labels in zip(given, together, strict=True):
+        np.testing.assert_array_equal(labels, function.predict(picture))
+
+
+def test_pictures_of_different_sizes_cannot_be_given_together(write_function) -> None:
+    with pytest.raises(InvalidInput, match="different sizes"):
+        opened(write_function()).predict_many([np.zeros((8, 8, 3), np.uint8), np.zeros((8, 9, 3), np.uint8)])
+
+
+def test_no_pictures_have_no_labels(write_function) -> None:
+    assert opened(write_function()).predict_many([]) == []
+
+
+def test_an_incomplete_batch_is_filled_so_that_the_kernels_stay_the_same(write_function, monkeypatch) -> None:
+    function = opened(write_function())
+    function._engine.batch_size = 4
+    seen = []
+    forward = function._engine._module.forward
+
+    def remember(x: torch.Tensor) -> torch.Tensor:
+        seen.append(x.shape[0])
+        return forward(x)
+
+    monkeypatch.setattr(function._engine._module, "forward", remember)
+    function.predict_many(pictures(5))
+    assert seen == [4, 4]
+
+
+def test_a_gpu_that_is_not_there_is_named(write_function, monkeypatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    path = write_function()
+    document = file_document("f", path)
+    with pytest.raises(MissingDependency, match="no GPU 'cuda:1'"):
+        open_function(document, path, device="cuda:1")
+    assert "-cpu-" in open_function(document, path, device="auto").numeric_class
+
+
+def test_bf16_is_another_numeric_class_with_almost_the_same_labels(write_function) -> None:
+    path = write_function(seed=2)
+    document = file_document("f", path)
+    half = open_function(document.model_copy(update={"precision": "bf16"}), path)
+    assert half.card.precision == "bf16"
+    assert "-cpu-bf16-" in half.numeric_class
+    (picture,) = pictures(1)
+    assert (half.predict(picture) == open_function(document, path).predict(picture)).mean() > 0.9
+
+
+def test_fp16_is_refused_on_a_processor(write_function) -> None:
+    path = write_function()
+    document = file_document("f", path).model_copy(update={"precision": "fp16"})
+    with pytest.raises(MissingDependency, match="no fp16 on processors"):
+        open_function(document, path, device="cpu")
+
+
+@pytest.mark.parametrize("classes", [("person",), ("not", "person")])
+def test_a_network_of_ones_own_classes(tmp_path, classes: tuple[str, ...]) -> None:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(1)
+        state = build_network("semantic-fpn-small", len(classes)).state_dict()
+    data = save({name: value.numpy() for name, value in state.items() if not name.endswith("num_batches_tracked")})
+    path = tmp_path / "own.safetensors"
+    path.write_bytes(data)
+    payload = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "format": "safetensors"}
+    given = {"name": "own", "kind": "network", "architecture": "semantic-fpn-small", "input": {"multiple_of": 32}}
+    labels = {}
+    for engine in ("torch", "onnxruntime"):
+        document = parse_function({**given, "engine": engine, "output": {"classes": list(classes)}}, payload=payload)
+        function = open_function(document, path)
+        labels[engine] = function.predict(pictures(1)[0])
+        function.close()
+    assert set(np.unique(labels["torch"])) <= {11, 255}
+    assert (labels["torch"] == labels["onnxruntime"]).mean() > 0.999
