@@ -74,9 +74,18 @@ class Settings(BaseSettings):
     worker_max_tasks: int | None = Field(None, ge=1, description="messages after which a worker process is renewed")
     worker_max_memory_mb: int = Field(4_096, ge=256, description="a worker process that outgrows this is renewed")
     render_engines: str = Field(
-        "raster,pyrender", description="engines that a render worker offers when they work on its machine"
+        "raster,pyrender,cycles", description="engines that a render worker offers when they work on its machine"
     )
     infer_functions: str = Field("", description="functions that an inference worker offers; empty: all that are known")
+    cycles_python: Path = Field(
+        Path(".venv-cycles/bin/python"), description="python of the environment that has Blender (`make cycles`)"
+    )
+    cycles_device: Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"] = Field(
+        "auto", description="what Cycles computes on; auto: a graphics card where there is one"
+    )
+    cycles_threads: int = Field(0, ge=0, le=1024, description="threads of Cycles; 0: one per core of the machine")
+    cycles_silence_seconds: Seconds = Field(300.0, description="a Blender that shows no progress for so long is ended")
+    cycles_max_memory_mb: int = Field(8_192, ge=512, description="a Blender that outgrows this is ended")
     testing_engines: bool = Field(False, description="accept the blank engine and function of benchmarks and tests")
     infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")
 
@@ -94,6 +103,8 @@ class Settings(BaseSettings):
             values["database_url"] = f"sqlite:///{data_dir / 'valerie.sqlite3'}"
         if not values.get("artifacts_url"):
             values["artifacts_url"] = str(data_dir / "artifacts")
+        python = Path(values.get("cycles_python") or cls.model_fields["cycles_python"].default)
+        values["cycles_python"] = python.expanduser().absolute()
         values["asset_dir"] = Path(values.get("asset_dir") or data_dir / "assets").expanduser().absolute()
         return values
 

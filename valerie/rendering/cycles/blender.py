@@ -1,0 +1,297 @@
+"""The Blender process: found, started, spoken with, and ended when it crashes, hangs or grows too large.
+
+Blender is under the GPL; it runs `inside_blender.py` as a program of its own, in an environment of its own
+(docs/cycles.md), and messages over two pipes are all that it shares with this process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import struct
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from valerie.errors import MissingDependency, RenderingError, TransientError
+from valerie.settings import Settings, load_settings
+
+_PROGRAM: Final = Path(__file__).with_name("inside_blender.py")
+_HEADER: Final = struct.Struct("<I")
+#: Seconds that importing Blender and looking for devices may take.
+_START_SECONDS: Final = 120.0
+_LOOK_SECONDS: Final = 0.5
+#: What Blender says when memory, not the scene, is at fault.
+_OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
+_LONGEST_LOG: Final = 2_000
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class BlenderProcess:
+    """One Blender; after any failure it is gone, and the next one has to be started.
+
+    Args:
+        settings: interpreter, device, threads, limits of time and memory.
+
+    Attributes:
+        known: keys of what was sent and not forgotten; the owner's to keep.
+        version, device, device_name: what Blender says of itself; device is ``CPU``, ``CUDA``, ``OPTIX`` ….
+        cpu_seconds: that Blender has used for requests so far.
+
+    Raises:
+        MissingDependency: there is no environment with Blender, or it does not start, or lacks the device asked for.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        python = interpreter(settings)
+        self._silence = settings.cycles_silence_seconds
+        self._memory = settings.cycles_max_memory_mb * 1_000_000
+        self._folder = tempfile.TemporaryDirectory(prefix="valerie-cycles-")
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
+        self.known: dict[str, Any] = {}
+        self.cpu_seconds = 0.0
+        self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
+            [str(python), "-I", str(_PROGRAM), self._folder.name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            env=_environment(),
+        )
+        self.pid = self._process.pid
+        device = settings.cycles_device
+        try:
+            found, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
+        except TransientError as error:
+            raise MissingDependency(f"Blender at {python} does not start ({error}); install it with `make cycles`") from error
+        self.version, self.device = str(found["version"]), str(found["device"])
+        self.device_name = str(found["device_name"])
+        if device not in ("auto", self.device.lower()):
+            self.close()
+            raise MissingDependency(f"VALERIE_CYCLES_DEVICE is {device}, but Blender finds no such device here")
+
+    @property
+    def alive(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def ask(
+        self, kind: str, arrays: Arrays | None = None, *, silence: float | None = None, **header: Any
+    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """One request and its answer.
+
+        Args:
+            kind: what is asked for, see `inside_blender.Studio`.
+            arrays: by name.
+            silence: seconds without any sign of life after which Blender is taken for hung; None: the setting.
+            header: what else belongs to the request.
+
+        Raises:
+            TransientError: Blender ended, hung, or grew beyond its memory; it has been ended.
+            RenderingError: Blender refused.
+        """
+        limit = self._silence if silence is None else silence
+        answer, made = self._exchange({"kind": kind, **header}, arrays or {}, limit)
+        self.cpu_seconds += float(answer.get("cpu_seconds", 0.0))
+        if "error" in answer:
+            if _OUT_OF_MEMORY.search(answer["error"]):
+                raise self._ended(f"Blender ran out of memory: {answer['error']}")
+            raise RenderingError(f"cycles: {answer['error']}")
+        return answer, made
+
+    def close(self) -> None:
+        """End the process, if it still runs, and remove its folder."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        for pipe in (process.stdin, process.stdout):
+            assert pipe is not None
+            try:
+                pipe.close()
+            except OSError:  # what was not sent is not wanted any more
+                pass
+        process.kill()
+        process.wait()
+        self._log.close()
+        self._folder.cleanup()
+
+    def _exchange(
+        self, header: dict[str, Any], arrays: Arrays, silence: float
+    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        if not self.alive:
+            raise self._ended("Blender is not running")
+        sent = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        entries = [{"name": n, "dtype": a.dtype.str, "shape": a.shape} for n, a in sent.items()]
+        text = json.dumps({**header, "arrays": entries}).encode()
+        assert self._process is not None
+        assert self._process.stdin is not None
+        wire = Wire(self._process.stdin, self._process.stdout, self._watch, silence)
+        try:
+            wire.send(_HEADER.pack(len(text)) + text)
+            for array in sent.values():
+                wire.send(array.reshape(-1).view(np.uint8).data)
+            while True:
+                answer = json.loads(wire.receive(_HEADER.unpack(wire.receive(_HEADER.size))[0]))
+                if "alive" not in answer:
+                    break
+            made = {}
+            for entry in answer["arrays"]:
+                dtype = np.dtype(entry["dtype"])
+                data = wire.receive(dtype.itemsize * int(np.prod(entry["shape"], dtype=np.int64)))
+                made[entry["name"]] = np.frombuffer(data, dtype).reshape(entry["shape"])
+        except EOFError:
+            raise self._ended("Blender ended in the middle of its work") from None
+        except TimeoutError:
+            raise self._ended(f"Blender gave no sign of life for {silence:g} s") from None
+        except MemoryError as error:
+            raise self._ended(str(error)) from None
+        return answer, made
+
+    def _watch(self) -> None:
+        assert self._process is not None
+        try:
+            used = psutil.Process(self._process.pid).memory_info().rss
+        except psutil.Error:
+            return  # it has just ended; the pipe will say so
+        if used > self._memory:
+            raise MemoryError(
+                f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {self._memory / 1e6:,.0f}"
+            )
+
+    def _ended(self, reason: str) -> TransientError:
+        """Make sure that the process is gone; what to raise."""
+        log = ""
+        if self._process is not None:
+            self._process.kill()
+            status = self._process.wait()
+            self._log.seek(0, os.SEEK_END)
+            self._log.seek(max(self._log.tell() - _LONGEST_LOG, 0))
+            lines = self._log.read().decode(errors="replace").strip().splitlines()
+            log = f" (status {status}{': ' + lines[-1] if lines else ''})"
+        self.close()
+        return TransientError(f"cycles: {reason}{log}")
+
+
+class Wire:
+    """Bytes through two pipes, with patience that ends.
+
+    Args:
+        watch: called about twice a second; may raise.
+        silence: seconds without a byte in either direction after which TimeoutError is raised.
+    """
+
+    def __init__(self, requests: IO[bytes], answers: IO[bytes] | None, watch: Any, silence: float) -> None:
+        assert answers is not None
+        self._requests, self._answers = requests.fileno(), answers.fileno()
+        os.set_blocking(self._requests, False)
+        self._watch = watch
+        self._silence = silence
+
+    def send(self, data: bytes | memoryview) -> None:
+        """All of it; raises EOFError when nobody reads."""
+        view = memoryview(data)
+        while view:
+            self._wait(self._requests, writing=True)
+            try:
+                view = view[os.write(self._requests, view[: 1 << 20]) :]
+            except BlockingIOError:
+                continue
+            except BrokenPipeError:
+                raise EOFError from None
+
+    def receive(self, size: int) -> bytes:
+        """Exactly ``size`` bytes; raises EOFError when there are no more."""
+        parts: list[bytes] = []
+        while size:
+            self._wait(self._answers)
+            part = os.read(self._answers, min(size, 1 << 20))
+            if not part:
+                raise EOFError
+            parts.append(part)
+            size -= len(part)
+        return b"".join(parts)
+
+    def _wait(self, pipe: int, *, writing: bool = False) -> None:
+        until = time.monotonic() + self._silence
+        while True:
+            ready = select.select([] if writing else [pipe], [pipe] if writing else [], [], _LOOK_SECONDS)
+            if ready[0] or ready[1]:
+                return
+            self._watch()
+            if time.monotonic() > until:
+                raise TimeoutError
+
+
+def interpreter(settings: Settings) -> Path:
+    """The Python that has Blender.
+
+    Raises:
+        MissingDependency: there is none at that place.
+    """
+    # Not resolved: a virtual environment's interpreter is a link that leads out of it.
+    python = settings.cycles_python
+    if not (python.is_file() and os.access(python, os.X_OK)):
+        raise MissingDependency(
+            f"there is no Blender environment ({python} is missing): install it with `make cycles`, or set "
+            "VALERIE_CYCLES_PYTHON to the python of an environment with bpy"
+        )
+    return python
+
+
+@cache
+def process_blender(pid: int) -> BlenderHolder:
+    """The one Blender of this process (``pid`` is its own: a forked child must not speak over its parent's pipes)."""
+    assert pid == os.getpid()
+    return BlenderHolder(load_settings())
+
+
+class BlenderHolder:
+    """Starts Blender when it is needed, and again after a failure.
+
+    Attributes:
+        cpu_seconds: of all Blenders so far.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._blender: BlenderProcess | None = None
+        self._past_cpu_seconds = 0.0
+
+    @property
+    def cpu_seconds(self) -> float:
+        return self._past_cpu_seconds + (self._blender.cpu_seconds if self._blender is not None else 0.0)
+
+    def get(self) -> BlenderProcess:
+        """The running Blender.
+
+        Raises:
+            MissingDependency: see `BlenderProcess`.
+        """
+        if self._blender is None or not self._blender.alive:
+            self.close()
+            self._blender = BlenderProcess(self._settings)
+        return self._blender
+
+    def close(self) -> None:
+        """End it."""
+        if self._blender is not None:
+            self._past_cpu_seconds += self._blender.cpu_seconds
+            self._blender.close()
+            self._blender = None
+
+
+def _environment() -> dict[str, str]:
+    """What Blender gets to see of the environment: nothing of VALERIE's settings and tokens, no user's Blender settings."""
+    kept = ("PATH", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES", "SYSTEMROOT")
+    found = {name: os.environ[name] for name in kept if name in os.environ}
+    nowhere = os.devnull
+    return {**found, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": nowhere, "OMP_NUM_THREADS": "1"}

@@ -1,0 +1,574 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program that runs inside Blender's Python: reads scenes from one pipe, renders them with Cycles, answers into another.
+
+Licence note. This program imports Blender (``bpy``, GPL-3.0-or-later). Its text is under Apache-2.0, which is compatible
+with version 3 of the GPL; running together with Blender in one process, the whole is under GPL-3.0-or-later. It imports
+nothing of VALERIE, and VALERIE imports nothing of it: the two are separate programs that exchange messages over pipes.
+See docs/cycles.md.
+
+``python -I inside_blender.py FOLDER``: FOLDER takes temporary pictures. A message is a header in JSON, after its length
+(4 bytes, little-endian), and then the bytes of the arrays that the header lists under ``arrays``: {"name", "dtype",
+"shape"}. Requests have a ``kind``: the name of a method of `Studio`. Every request gets one answer; while Cycles
+renders, headers {"alive": true} come before it. End of the requests ends the program, and so does its parent's death.
+
+Frames and units are those of the scene that is sent: world in metres, z up; a camera looks along −z; radiances are in
+the unit of the picture that comes back (linear Rec. 709, float32, first row at the top).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import os
+import signal
+import struct
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+_HEADER = struct.Struct("<I")
+_PR_SET_PDEATHSIG = 1
+#: Devices in the order in which "auto" takes them.
+_DEVICES = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
+#: Size of the panorama in which the sky is measured.
+_SKY_SIZE = (64, 32)
+
+
+class Pipe:
+    """One end of the conversation."""
+
+    def __init__(self, requests: int, answers: int) -> None:
+        self._requests = os.fdopen(requests, "rb", buffering=1 << 20)
+        self._answers = os.fdopen(answers, "wb", buffering=1 << 20)
+        self._signed = 0.0
+
+    def read(self) -> tuple[dict[str, Any], dict[str, Any]] | None:
+        """(header, arrays), or None at the end."""
+        length = self._requests.read(_HEADER.size)
+        if len(length) < _HEADER.size:
+            return None
+        header = json.loads(self._requests.read(_HEADER.unpack(length)[0]))
+        arrays = {}
+        for entry in header.get("arrays", ()):
+            dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
+            data = self._requests.read(dtype.itemsize * math.prod(shape))
+            arrays[entry["name"]] = np.frombuffer(data, dtype).reshape(shape)
+        return header, arrays
+
+    def write(self, header: dict[str, Any], arrays: dict[str, Any] | None = None) -> None:
+        """Send one answer."""
+        arrays = {name: np.ascontiguousarray(array) for name, array in (arrays or {}).items()}
+        entries = [{"name": n, "dtype": a.dtype.str, "shape": list(a.shape)} for n, a in arrays.items()]
+        text = json.dumps({**header, "arrays": entries}).encode()
+        self._answers.write(_HEADER.pack(len(text)) + text)
+        for array in arrays.values():
+            self._answers.write(array.data)
+        self._answers.flush()
+
+    def alive(self, *_: Any) -> None:
+        """A sign of life, at most two a second."""
+        if time.monotonic() - self._signed > 0.5:
+            self._signed = time.monotonic()
+            self.write({"alive": True})
+
+
+class Studio:
+    """Blender with one scene, which follows what is asked for; only what differs is changed."""
+
+    def __init__(self, bpy: Any, folder: str, pipe: Pipe) -> None:
+        self._bpy = bpy
+        self._folder = folder
+        self._pipe = pipe
+        self._skies: dict[tuple[float, float], float] = {}
+        self._device = ("CPU", "")
+        self._threads = 0
+        self._clear()
+
+    def hello(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Choose the device; say what there is."""
+        self._threads = int(header["threads"])
+        wanted = str(header["device"]).upper()
+        preferences = self._bpy.context.preferences.addons["cycles"].preferences
+        names: list[str] = []
+        if wanted != "CPU":
+            offered = {entry[0] for entry in preferences.get_device_types(self._bpy.context)}
+            for kind in _DEVICES if wanted == "AUTO" else (wanted,):
+                if kind not in offered:
+                    continue
+                devices = [d for d in preferences.get_devices_for_type(kind) or () if d.type == kind]
+                if devices:
+                    preferences.compute_device_type = kind
+                    for device in preferences.devices:
+                        device.use = device.type == kind
+                    names = sorted({device.name for device in devices})
+                    self._device = (kind, ", ".join(names))
+                    break
+        self._clear()
+        return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
+
+    def reset(self, _: dict[str, Any], __: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Forget everything that was sent and everything that Cycles keeps."""
+        self._clear()
+        return {}, {}
+
+    def forget(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Remove meshes, materials and textures, and what the last picture made of them."""
+        data = self._bpy.data
+        gone = {*header["meshes"], *header["materials"]}
+        for name in [name for name, (_, state) in self._objects.items() if gone & {state[0], state[1]}]:
+            data.objects.remove(self._objects.pop(name)[0])
+        for key in header["meshes"]:
+            data.meshes.remove(self._meshes.pop(key))
+        for key in header["materials"]:
+            data.materials.remove(self._materials.pop(key))
+        for key in header["textures"]:
+            data.images.remove(self._textures.pop(key))
+        return {}, {}
+
+    def mesh(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Positions (V, 3), normals (V, 3), uvs (V, 2; v downwards), faces (F, 3)."""
+        faces = arrays["faces"].astype(np.int32)
+        mesh = self._bpy.data.meshes.new(header["key"])
+        mesh.vertices.add(len(arrays["positions"]))
+        mesh.vertices.foreach_set("co", arrays["positions"].ravel())
+        mesh.loops.add(faces.size)
+        mesh.loops.foreach_set("vertex_index", faces.ravel())
+        mesh.polygons.add(len(faces))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+        mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), bool))
+        corners = arrays["uvs"][faces.ravel()].copy()
+        corners[:, 1] = 1 - corners[:, 1]
+        mesh.uv_layers.new(name="uv").data.foreach_set("uv", corners.ravel())
+        mesh.update(calc_edges=True)
+        mesh.normals_split_custom_set_from_vertices(arrays["normals"])
+        mesh.materials.append(None)
+        self._meshes[header["key"]] = mesh
+        return {}, {}
+
+    def texture(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """An (H, W, 3 or 4) uint8 image; ``color``: sRGB colour, else data."""
+        pixels = arrays["image"]
+        height, width, channels = pixels.shape
+        image = self._bpy.data.images.new(header["key"], width, height, alpha=channels == 4)
+        image.colorspace_settings.name = "sRGB" if header["color"] else "Non-Color"
+        image.alpha_mode = "CHANNEL_PACKED"
+        rgba = np.ones((height, width, 4), np.float32)
+        rgba[..., :channels] = pixels[::-1] / np.float32(255)
+        image.pixels.foreach_set(rgba.ravel())
+        image.pack()
+        self._textures[header["key"]] = image
+        return {}, {}
+
+    def material(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Blender's Principled BSDF with the numbers of ``header``."""
+        material = self._bpy.data.materials.new(header["key"])
+        material.use_nodes = True
+        material.use_transparent_shadow = header["alpha_cutoff"] is not None
+        nodes = Nodes(material.node_tree)
+        principled = nodes.add("ShaderNodeBsdfPrincipled")
+        base: Any = nodes.color(header["base_color"])
+        alpha = None
+        if header["base_color_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["base_color_texture"]]
+            base, alpha = nodes.multiplied(image.outputs["Color"], header["base_color"]), image.outputs["Alpha"]
+        nodes.link(base, principled.inputs["Base Color"])
+        for name in ("metallic", "roughness"):
+            principled.inputs[name.capitalize()].default_value = header[name]
+        # 1 stands for a reflectance of 4 %, which is half of the socket's range (index of refraction 1.5).
+        principled.inputs["Specular IOR Level"].default_value = 0.5 * header["specular"]
+        nodes.link(nodes.tinted(base, header["specular_tint"]), principled.inputs["Specular Tint"])
+        principled.inputs["Emission Color"].default_value = (*header["emissive"], 1.0)
+        principled.inputs["Emission Strength"].default_value = 1.0 if any(header["emissive"]) else 0.0
+        if header["normal_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["normal_texture"]]
+            bumps = nodes.add("ShaderNodeNormalMap")
+            bumps.uv_map = "uv"
+            nodes.link(image.outputs["Color"], bumps.inputs["Color"])
+            nodes.link(bumps.outputs["Normal"], principled.inputs["Normal"])
+        surface = principled.outputs["BSDF"]
+        if header["translucency"]:
+            through = nodes.add("ShaderNodeBsdfTranslucent")
+            nodes.link(base, through.inputs["Color"])
+            surface = nodes.mixed(header["translucency"], surface, through.outputs["BSDF"])
+        if header["alpha_cutoff"] is not None and alpha is not None:
+            cut = nodes.add("ShaderNodeMath")
+            cut.operation = "LESS_THAN"
+            cut.inputs[1].default_value = header["alpha_cutoff"]
+            nodes.link(alpha, cut.inputs[0])
+            clear = nodes.add("ShaderNodeBsdfTransparent")
+            surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
+        if self._air is None:
+            self._air = _air_group(self._bpy)
+        air = nodes.add("ShaderNodeGroup")
+        air.node_tree = self._air
+        nodes.link(surface, air.inputs[0])
+        nodes.link(air.outputs[0], nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
+        self._materials[header["key"]] = material
+        return {}, {}
+
+    def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """A picture (h, w, 3) float32 of the border (x, y, w, h), or with ``index`` the object index pass (h, w)."""
+        self._settings(header["settings"], header["size"], header["border"])
+        self._camera_at(header["camera"])
+        self._objects_at(header["objects"], arrays["matrices"])
+        self._light(header["light"], header["sky"])
+        if header.get("index"):
+            return {}, {"index": self._index()}
+        return {}, {"pixels": self._picture()}
+
+    def _clear(self) -> None:
+        bpy = self._bpy
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.app.handlers.render_stats.append(self._pipe.alive)
+        self._meshes: dict[str, Any] = {}
+        self._textures: dict[str, Any] = {}
+        self._materials: dict[str, Any] = {}
+        self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
+        self._air: Any = None
+        self._light_set: object = None
+        scene = self._scene = bpy.context.scene
+        scene.render.engine = "CYCLES"
+        scene.render.use_persistent_data = True
+        scene.render.use_compositing = scene.render.use_sequencer = False
+        scene.render.resolution_percentage = 100
+        scene.render.threads_mode = "FIXED" if self._threads else "AUTO"
+        if self._threads:
+            scene.render.threads = self._threads
+        scene.cycles.device = "CPU" if self._device[0] == "CPU" else "GPU"
+        _write_floats(scene)
+        self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        self._sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
+        for thing in (self._camera, self._sun):
+            scene.collection.objects.link(thing)
+        scene.camera = self._camera
+        scene.world = bpy.data.worlds.new("world")
+        self._world = World(scene.world)
+
+    def _settings(self, settings: dict[str, Any], size: list[int], border: list[int] | None) -> None:
+        render, cycles = self._scene.render, self._scene.cycles
+        width, height = size
+        render.resolution_x, render.resolution_y = width, height
+        render.use_border = render.use_crop_to_border = border is not None
+        if border is not None:
+            x, y, w, h = border
+            # Blender rounds these to pixels; the middle of a pixel's border is safe from rounding.
+            render.border_min_x, render.border_max_x = x / width, (x + w) / width
+            render.border_min_y, render.border_max_y = 1 - (y + h) / height, 1 - y / height
+        cycles.samples = settings["samples"]
+        cycles.seed = settings["seed"]
+        cycles.use_adaptive_sampling = False
+        cycles.use_denoising = settings["denoise"]
+        if settings["denoise"]:
+            cycles.denoiser = "OPENIMAGEDENOISE"
+            cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+            cycles.denoising_prefilter = "ACCURATE"
+            cycles.denoising_quality = "HIGH"
+            cycles.denoising_use_gpu = self._device[0] != "CPU"
+        cycles.max_bounces = settings["max_bounces"]
+        cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = settings["max_bounces"]
+        cycles.transparent_max_bounces = 32
+        cycles.use_light_tree = settings["light_tree"]
+        cycles.sample_clamp_indirect = settings["clamp_indirect"]
+        cycles.caustics_reflective = cycles.caustics_refractive = False
+        cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+        cycles.filter_width = 1.5
+
+    def _camera_at(self, camera: dict[str, Any]) -> None:
+        data = self._camera.data
+        data.type, data.sensor_fit = "PERSP", "HORIZONTAL"
+        data.lens, data.sensor_width = camera["focal_length_mm"], camera["sensor_width_mm"]
+        data.clip_start, data.clip_end = camera["near"], camera["far"]
+        self._camera.matrix_world = _matrix(np.array(camera["matrix"]).reshape(4, 4))
+
+    def _objects_at(self, wanted: list[dict[str, Any]], matrices: Any) -> None:
+        data = self._bpy.data
+        names = {entry["name"] for entry in wanted}
+        for name in [name for name in self._objects if name not in names]:
+            data.objects.remove(self._objects.pop(name)[0])
+        for entry, matrix in zip(wanted, matrices, strict=True):
+            name = entry["name"]
+            state = (entry["mesh"], entry["material"], entry["index"], matrix.tobytes())
+            thing, known = self._objects.get(name, (None, None))
+            if known == state:
+                continue
+            mesh = self._meshes[entry["mesh"]]
+            if thing is None:
+                thing = data.objects.new(name, mesh)
+                self._scene.collection.objects.link(thing)
+            elif known[0] != entry["mesh"]:
+                thing.data = mesh
+            slot = thing.material_slots[0]
+            slot.link = "OBJECT"
+            slot.material = self._materials[entry["material"]]
+            thing.pass_index = entry["index"]
+            thing.matrix_world = _matrix(matrix)
+            self._objects[name] = (thing, state)
+
+    def _light(self, light: dict[str, Any], sky: dict[str, Any]) -> None:
+        if self._light_set == (light, sky):
+            return
+        strength = max(light["sun"])
+        self._sun.hide_render = strength <= 0
+        lamp = self._sun.data
+        # A white Lambert surface that faces the lamp shows its energy divided by π.
+        lamp.energy = math.pi * strength
+        lamp.color = [value / strength for value in light["sun"]] if strength > 0 else (1.0, 1.0, 1.0)
+        lamp.angle = light["angular_diameter"]
+        toward = np.array(light["toward_sun"])
+        side = np.cross((0.0, 1.0, 0.0) if abs(toward[2]) > 0.9 else (0.0, 0.0, 1.0), toward)
+        side /= np.linalg.norm(side)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([side, np.cross(toward, side), toward], axis=1)
+        self._sun.matrix_world = _matrix(pose)
+        self._world.show(sky, strength=sky["irradiance"] / self._unit_sky(sky) if sky["irradiance"] > 0 else 0.0)
+        if self._air is None:
+            self._air = _air_group(self._bpy)
+        self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
+        self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
+        self._light_set = (light, sky)
+
+    def _unit_sky(self, sky: dict[str, Any]) -> float:
+        """Luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""
+        key = (sky["elevation"], sky["dust"])
+        if key not in self._skies:
+            bpy = self._bpy
+            scene = bpy.data.scenes.new("sky")
+            world = bpy.data.worlds.new("sky")
+            World(world).show({**sky, "ground": [0.0, 0.0, 0.0]}, strength=1.0)
+            lens = bpy.data.cameras.new("sky")
+            lens.type, lens.panorama_type = "PANO", "EQUIRECTANGULAR"
+            camera = bpy.data.objects.new("sky", lens)
+            camera.rotation_euler = (math.pi / 2, 0.0, 0.0)
+            scene.collection.objects.link(camera)
+            scene.camera, scene.world = camera, world
+            scene.render.engine = "CYCLES"
+            scene.cycles.device = "CPU"
+            scene.cycles.samples, scene.cycles.use_denoising = 4, False
+            scene.cycles.use_adaptive_sampling = False
+            scene.render.resolution_x, scene.render.resolution_y = width, height = _SKY_SIZE
+            scene.render.resolution_percentage = 100
+            _write_floats(scene)
+            try:
+                radiance = self._rendered(scene) @ np.array([0.2126, 0.7152, 0.0722])
+            finally:
+                for collection, thing in (
+                    (bpy.data.scenes, scene),
+                    (bpy.data.objects, camera),
+                    (bpy.data.cameras, lens),
+                    (bpy.data.worlds, world),
+                ):
+                    collection.remove(thing)
+            latitude = math.pi / 2 - (np.arange(height) + 0.5) / height * math.pi
+            weight = np.cos(latitude) * np.maximum(np.sin(latitude), 0) * (math.pi / height) * (2 * math.pi / width)
+            self._skies[key] = max(float((radiance * weight[:, None]).sum() / math.pi), 1e-12)
+        return self._skies[key]
+
+    def _picture(self) -> Any:
+        return self._rendered(self._scene)
+
+    def _rendered(self, scene: Any) -> Any:
+        path = os.path.join(self._folder, "picture.exr")
+        scene.render.filepath = path
+        self._bpy.ops.render.render(write_still=True, scene=scene.name)
+        return self._read(path)
+
+    def _read(self, path: str) -> Any:
+        image = self._bpy.data.images.load(path)
+        try:
+            width, height = image.size
+            pixels = np.empty(width * height * 4, np.float32)
+            image.pixels.foreach_get(pixels)
+        finally:
+            self._bpy.data.images.remove(image)
+            os.unlink(path)
+        return pixels.reshape(height, width, 4)[::-1, :, :3]
+
+    def _index(self) -> Any:
+        """Cycles' object index of one sample in the middle of each pixel."""
+        scene = self._scene
+        layer = scene.view_layers[0]
+        layer.use_pass_object_index = True
+        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.filter_width = 1, False, 0.01
+        scene.cycles.max_bounces = 0
+        scene.use_nodes, scene.render.use_compositing = True, True
+        tree = scene.node_tree
+        try:
+            tree.nodes.clear()
+            layers = tree.nodes.new("CompositorNodeRLayers")
+            output = tree.nodes.new("CompositorNodeOutputFile")
+            output.base_path = self._folder
+            output.format.file_format, output.format.color_depth, output.format.exr_codec = "OPEN_EXR", "32", "NONE"
+            output.file_slots[0].path = "index"
+            tree.links.new(layers.outputs["IndexOB"], output.inputs[0])
+            self._bpy.ops.render.render(scene=scene.name)
+        finally:
+            scene.render.use_compositing = layer.use_pass_object_index = False
+        (name,) = [name for name in os.listdir(self._folder) if name.startswith("index")]
+        return np.rint(self._read(os.path.join(self._folder, name))[..., 0])
+
+
+class Nodes:
+    """A node tree that is built from empty."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree = tree
+        tree.nodes.clear()
+
+    def add(self, kind: str, name: str = "") -> Any:
+        node = self._tree.nodes.new(kind)
+        if name:
+            node.name = name
+        return node
+
+    def link(self, output: Any, target: Any) -> None:
+        self._tree.links.new(output, target)
+
+    def color(self, rgb: Any) -> Any:
+        node = self.add("ShaderNodeRGB")
+        node.outputs[0].default_value = (*rgb, 1.0)
+        return node.outputs[0]
+
+    def multiplied(self, output: Any, rgb: Any) -> Any:
+        if tuple(rgb) == (1.0, 1.0, 1.0):
+            return output
+        return self._vector("MULTIPLY", output, rgb)
+
+    def tinted(self, base: Any, share: float) -> Any:
+        """White for 0, the hue of ``base`` at luminance 1 for 1."""
+        if share <= 0:
+            return self.color((1.0, 1.0, 1.0))
+        gray = self.add("ShaderNodeRGBToBW")
+        self.link(base, gray.inputs[0])
+        hue = self._vector("DIVIDE", base, gray.outputs[0])
+        return self._vector("MULTIPLY_ADD", hue, (share,) * 3, (1 - share,) * 3)
+
+    def mixed(self, share: Any, first: Any, second: Any) -> Any:
+        """The first shader, with a share (a number or an output) of the second."""
+        mix = self.add("ShaderNodeMixShader")
+        if isinstance(share, float):
+            mix.inputs[0].default_value = share
+        else:
+            self.link(share, mix.inputs[0])
+        self.link(first, mix.inputs[1])
+        self.link(second, mix.inputs[2])
+        return mix.outputs[0]
+
+    def math(self, operation: str, *operands: Any) -> Any:
+        """A number from outputs and numbers."""
+        node = self.add("ShaderNodeMath")
+        node.operation = operation
+        self._feed(node, operands)
+        return node.outputs[0]
+
+    def _vector(self, operation: str, *operands: Any) -> Any:
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = operation
+        self._feed(node, operands)
+        return node.outputs[0]
+
+    def _feed(self, node: Any, operands: Any) -> None:
+        for target, operand in zip(node.inputs, operands, strict=False):
+            if isinstance(operand, int | float | tuple | list):
+                target.default_value = operand
+            else:
+                self.link(operand, target)
+
+
+class World:
+    """The sky above the horizon, one colour below it."""
+
+    def __init__(self, world: Any) -> None:
+        world.use_nodes = True
+        nodes = Nodes(world.node_tree)
+        self._sky = nodes.add("ShaderNodeTexSky")
+        self._sky.sky_type, self._sky.sun_disc = "NISHITA", False
+        self._above = nodes.add("ShaderNodeBackground")
+        self._below = nodes.add("ShaderNodeBackground")
+        nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
+        place = nodes.add("ShaderNodeTexCoord")
+        parts = nodes.add("ShaderNodeSeparateXYZ")
+        nodes.link(place.outputs["Generated"], parts.inputs[0])
+        down = nodes.math("LESS_THAN", parts.outputs["Z"], 0.0)
+        surface = nodes.mixed(down, self._above.outputs[0], self._below.outputs[0])
+        nodes.link(surface, nodes.add("ShaderNodeOutputWorld").inputs["Surface"])
+
+    def show(self, sky: dict[str, Any], strength: float) -> None:
+        """Blender's sky of a sun ``rotation`` radians clockwise from +y, times ``strength``."""
+        self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
+        self._sky.dust_density = sky["dust"]
+        self._above.inputs["Strength"].default_value = strength
+        self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
+
+
+def _air_group(bpy: Any) -> Any:
+    """What the air between a surface and the camera does: fades it into the haze, exp(−extinction · distance)."""
+    group = bpy.data.node_groups.new("air", "ShaderNodeTree")
+    group.interface.new_socket("surface", in_out="INPUT", socket_type="NodeSocketShader")
+    group.interface.new_socket("surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    nodes = Nodes(group)
+    given, result = nodes.add("NodeGroupInput"), nodes.add("NodeGroupOutput")
+    extinction = nodes.add("ShaderNodeValue", "extinction")
+    haze = nodes.add("ShaderNodeEmission", "haze")
+    distance = nodes.add("ShaderNodeCameraData").outputs["View Distance"]
+    clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", distance, extinction.outputs[0]))
+    hidden = nodes.math("SUBTRACT", 1.0, clear)
+    seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+    nodes.link(
+        nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0]
+    )
+    return group
+
+
+def _write_floats(scene: Any) -> None:
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
+    settings.color_depth, settings.exr_codec = "32", "NONE"
+
+
+def _matrix(matrix: Any) -> Any:
+    from mathutils import Matrix
+
+    return Matrix(matrix.tolist())
+
+
+def _die_with_parent() -> None:
+    """Ask the kernel to end this process when its parent ends, however it ends (Linux)."""
+    if sys.platform == "linux":
+        parent = os.getppid()
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
+def main(folder: str) -> None:
+    """Answer requests until there are no more."""
+    _die_with_parent()
+    # Blender prints to standard output; the conversation goes over copies.
+    requests, answers = os.dup(0), os.dup(1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    pipe = Pipe(requests, answers)
+    import bpy
+
+    studio = Studio(bpy, folder, pipe)
+    cpu = time.process_time()
+    while (request := pipe.read()) is not None:
+        header, arrays = request
+        try:
+            answer, made = getattr(studio, header["kind"])(header, arrays)
+        except Exception as error:
+            answer, made = {"error": f"{type(error).__name__}: {error}".strip()}, {}
+        now = time.process_time()
+        pipe.write({**answer, "cpu_seconds": now - cpu}, made)
+        cpu = now
+    # Blender's own end reports every block that it did not free, and takes its time.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,75 @@
+"""Which rectangle of a picture a path tracer has to render again when movables stand in it.
+
+Light that a movable reflects, or keeps from others, reaches everywhere, only ever less. So this bound is not exact, as the
+raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, what it changes by
+indirect light is smaller than the noise of a picture of the default quality (docs/cycles.md has the measurement).
+Its own pixels and its shadow from the sun are bounded exactly. Mirror images in distant smooth surfaces are outside.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import Rectangle, View
+from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
+from valerie.rendering.raster.camera_math import box_corners
+from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
+from valerie.scene.model import Scene
+
+#: Heights of a movable beyond which its indirect light is lost in the noise.
+REACH: Final = 0.5
+#: Pixels around the rectangle that the denoiser is shown.
+MARGIN: Final = 16
+#: Pixels: the reconstruction filter (1.5 wide), and rounding.
+_FILTER: Final = 3
+
+
+def reached_rectangle(scene: Scene, view: View) -> Rectangle:
+    """The rectangle of a scene's movables; empty where they reach nothing of the image.
+
+    Raises:
+        UnknownName: the scene has no such camera.
+    """
+    camera = camera_of(scene, view)
+    boxes = [bounds for item in draw_items(scene, movable=True) if (bounds := _bounds(item)) is not None]
+    if not boxes:
+        return Rectangle(0, 0, 0, 0)
+    statics = [bounds for item in draw_items(scene, movable=False) if (bounds := _bounds(item)) is not None]
+    lowest = min(float(low[2]) for low, _ in statics or boxes)
+    corners = [box_corners(low, high) for low, high in boxes]
+    toward_sun = scene.sun_direction()
+    highest = max(float(high[2]) for _, high in boxes)
+    # Half of the sun's disc, over the longest way from a movable to where its shadow falls.
+    penumbra = math.tan(scene.sun.angular_diameter / 2) * (highest - lowest) / max(float(toward_sun[2]), 1e-2)
+    exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
+    near = []
+    for low, high in boxes:
+        more = REACH * float(high[2] - low[2])
+        near.append(box_corners(low - more, high + more))
+    return _union(exact, covered_rectangle(near, camera, view))
+
+
+def _bounds(item: DrawItem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Lowest and highest corner of a node's meshes in the world."""
+    points = [
+        box_corners(mesh.positions.min(axis=0), mesh.positions.max(axis=0)) @ item.world[:3, :3].T + item.world[:3, 3]
+        for mesh in item.meshes
+        if mesh.faces.size
+    ]
+    if not points:
+        return None
+    together = np.concatenate(points)
+    return together.min(axis=0), together.max(axis=0)
+
+
+def _union(first: Rectangle, second: Rectangle) -> Rectangle:
+    if first.empty or second.empty:
+        return second if first.empty else first
+    x, y = min(first.x, second.x), min(first.y, second.y)
+    right = max(first.x + first.width, second.x + second.width)
+    bottom = max(first.y + first.height, second.y + second.height)
+    return Rectangle(x, y, right - x, bottom - y)

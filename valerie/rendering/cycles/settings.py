@@ -1,0 +1,63 @@
+"""What a spec may say of the engine `cycles`: how many samples, which denoiser, how light travels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Quality = Literal["draft", "standard", "high", "paper"]
+
+
+class Preset(NamedTuple):
+    """Samples per pixel, and whether Open Image Denoise cleans the picture."""
+
+    samples: int
+    denoise: bool
+
+
+#: What docs/cycles.md gives errors and costs of. ``paper``: 1024 samples as in the paper, section 6.
+PRESETS: Final[Mapping[Quality, Preset]] = {
+    "draft": Preset(16, denoise=True),
+    "standard": Preset(64, denoise=True),
+    "high": Preset(256, denoise=True),
+    "paper": Preset(1024, denoise=False),
+}
+
+
+class CyclesSettings(BaseModel):
+    """Settings of Blender's Cycles.
+
+    Attributes:
+        quality: a preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024 samples as they are.
+        samples: light paths per pixel; overrides the preset's.
+        denoise: whether Open Image Denoise cleans the picture; overrides the preset's.
+        max_bounces: surfaces that a light path meets at most after the first.
+        light_tree: sample lamps by their importance (many lamps: less noise).
+        clamp_indirect: largest value of light after a bounce, in the image's unit; 0 for none. Keeps single bright pixels away.
+        seed: of the noise.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    quality: Quality = "standard"
+    samples: Annotated[int, Field(ge=1, le=65_536)] | None = None
+    denoise: bool | None = None
+    max_bounces: Annotated[int, Field(ge=0, le=64)] = 8
+    light_tree: bool = True
+    clamp_indirect: Annotated[float, Field(ge=0, le=1e6)] = 10.0
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+
+    def inputs(self) -> dict[str, Any]:
+        """What the pixels depend on: the preset spelled out. Equal inputs, equal pixels."""
+        preset = PRESETS[self.quality]
+        return {
+            **self.model_dump(exclude={"quality"}),
+            "samples": preset.samples if self.samples is None else self.samples,
+            "denoise": preset.denoise if self.denoise is None else self.denoise,
+        }
+
+    def cost(self) -> float:
+        """CPU seconds of a picture relative to the default settings, roughly: they grow with the samples."""
+        return float(self.inputs()["samples"]) / PRESETS["standard"].samples

@@ -1,0 +1,226 @@
+"""A scene as the messages that Blender understands; what was sent before is not sent again.
+
+Meshes and textures are known by identity, materials by value. Everything is in the units of the linear image
+(`valerie.rendering.sky`): Blender's radiances are image values, with no factor between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import Rectangle, View
+from valerie.rendering.cycles.blender import BlenderProcess
+from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
+from valerie.rendering.sky import sky_of
+from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
+
+#: Share of its light that a thin sheet (`Material.double_sided`) passes on: its lit side then shows what the raster engine's does.
+_TRANSLUCENT_SHARE: Final = 0.175
+_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
+#: Blender's haze per unit of turbidity above pure air, so that our clear day (3) is its ordinary one (1).
+_DUST_PER_TURBIDITY: Final = 0.5
+_MOST_DUST: Final = 10.0
+#: Unused things beyond this, and beyond as many as are in use, are removed from Blender.
+_SPARE: Final = 64
+
+
+class _Placed(NamedTuple):
+    """One mesh of a node in the world; ``index`` is the node's place among the drawn ones, from 1."""
+
+    name: str
+    mesh: str
+    material: str
+    world: Matrix
+    index: int
+
+
+def render(
+    blender: BlenderProcess,
+    scene: Scene,
+    view: View,
+    settings: Mapping[str, Any],
+    *,
+    border: Rectangle | None = None,
+    movables: bool = True,
+) -> NDArray[np.float32]:
+    """(h, w, 3) float32 pixels of the border, or of the whole image.
+
+    Args:
+        settings: `CyclesSettings.inputs`.
+        movables: whether they are part of the picture.
+    """
+    items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
+    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, index=False)
+    return made["pixels"]
+
+
+def object_index(
+    blender: BlenderProcess, scene: Scene, view: View, settings: Mapping[str, Any]
+) -> tuple[NDArray[np.int32], tuple[DrawItem, ...]]:
+    """Cycles' own object index at pixel centres, (H, W): place in the returned items plus one, 0 for the sky.
+
+    Checks the truth pass in tests; no product is made of it.
+    """
+    items = draw_items(scene, movable=False) + draw_items(scene, movable=True)
+    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
+    return made["index"].astype(np.int32), items
+
+
+def _ask(
+    blender: BlenderProcess,
+    scene: Scene,
+    view: View,
+    items: tuple[DrawItem, ...],
+    *,
+    settings: dict[str, Any],
+    border: Rectangle | None,
+    index: bool,
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    camera = camera_of(scene, view)
+    sender = _Sender(blender, scene)
+    placed = [one for i, item in enumerate(items, start=1) for one in sender.placed(item, i)]
+    sender.forget_unused()
+    matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
+    return blender.ask(
+        "render",
+        {"matrices": matrices},
+        size=[view.width, view.height],
+        border=None if border is None else [border.x, border.y, border.width, border.height],
+        camera=_camera(camera),
+        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.index} for p in placed],
+        settings=settings,
+        index=index,
+        **_light(scene),
+    )
+
+
+class _Sender:
+    """Sends what Blender lacks, and notes what the picture uses."""
+
+    def __init__(self, blender: BlenderProcess, scene: Scene) -> None:
+        self._blender = blender
+        self._scene = scene
+        self._used: set[str] = set()
+
+    def placed(self, item: DrawItem, index: int) -> list[_Placed]:
+        """The meshes of a node, sent."""
+        found = []
+        for i, mesh in enumerate(item.meshes):
+            if not mesh.faces.size:
+                continue
+            material = self._material(material_of(self._scene, mesh, item.node.path))
+            key, world = self._mesh(mesh, item.world)
+            found.append(_Placed(f"{item.node.path}#{i}", key, material, world, index))
+        return found
+
+    def forget_unused(self) -> None:
+        """Remove what this picture does not use, once that is much: memory stays flat over changing scenes."""
+        known = self._blender.known
+        unused = [key for key in known if key not in self._used]
+        if len(unused) > len(self._used) + _SPARE:
+            kinds = ("mesh", "material", "texture")
+            lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
+            # Objects of the last picture may still hold them.
+            self._blender.ask("forget", **{_PLURAL[kind]: keys for kind, keys in lists.items()})
+            for key in unused:
+                del known[key]
+
+    def _mesh(self, mesh: Mesh, world: Matrix) -> tuple[str, Matrix]:
+        if not _sheared(world):
+            key = f"mesh-{id(mesh):x}"
+            if self._is_new(key, mesh):
+                self._send_mesh(key, mesh, mesh.positions, mesh.normals)
+            return key, world
+        # Blender's objects have a place, a rotation and a scale; anything else goes into the vertices.
+        key = f"mesh-{id(mesh):x}-{world.tobytes().hex()}"
+        if self._is_new(key, mesh):
+            turn = np.linalg.inv(world[:3, :3])
+            normals = mesh.normals @ turn
+            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+            self._send_mesh(key, mesh, mesh.positions @ world[:3, :3].T + world[:3, 3], normals)
+        return key, np.eye(4)
+
+    def _send_mesh(self, key: str, mesh: Mesh, positions: NDArray[Any], normals: NDArray[Any]) -> None:
+        arrays = {
+            "positions": positions.astype(np.float32),
+            "normals": normals.astype(np.float32),
+            "uvs": mesh.uvs,
+            "faces": mesh.faces,
+        }
+        self._blender.ask("mesh", arrays, key=key)
+
+    def _material(self, material: Material) -> str:
+        textures = {
+            "base_color_texture": self._texture(material.base_color_texture, color=True),
+            "normal_texture": self._texture(material.normal_texture, color=False),
+        }
+        values = asdict(material) | textures
+        key = f"material-{hash((material, *textures.values())) & (1 << 64) - 1:x}"
+        if self._is_new(key, material):
+            share = _TRANSLUCENT_SHARE if material.double_sided else 0.0
+            self._blender.ask("material", key=key, translucency=share, **values)
+        return key
+
+    def _texture(self, name: str | None, *, color: bool) -> str | None:
+        if name is None:
+            return None
+        texture: Texture = self._scene.textures[name]
+        key = f"texture-{id(texture):x}-{'color' if color else 'data'}"
+        if self._is_new(key, texture):
+            self._blender.ask("texture", {"image": texture.image}, key=key, color=color)
+        return key
+
+    def _is_new(self, key: str, thing: object) -> bool:
+        """Note the use; the thing is kept, so that its identity stays taken."""
+        self._used.add(key)
+        if key in self._blender.known:
+            return False
+        self._blender.known[key] = thing
+        return True
+
+
+_PLURAL: Final = {"mesh": "meshes", "material": "materials", "texture": "textures"}
+
+
+def _camera(camera: Camera) -> dict[str, Any]:
+    return {
+        "matrix": camera.transform.ravel().tolist(),
+        "focal_length_mm": camera.focal_length_mm,
+        "sensor_width_mm": camera.sensor_width_mm,
+        "near": camera.near,
+        "far": camera.far,
+    }
+
+
+def _light(scene: Scene) -> dict[str, Any]:
+    """Sun, air and sky. The sun is ours at every elevation; the sky is Blender's, as bright on the ground as ours."""
+    sky = sky_of(scene)
+    return {
+        "light": {
+            "sun": sky.sun.tolist(),
+            "toward_sun": sky.sun_direction.tolist(),
+            "angular_diameter": scene.sun.angular_diameter,
+            "extinction": float(sky.extinction @ _LUMINANCE),
+            "haze": sky.haze.tolist(),
+        },
+        "sky": {
+            "elevation": scene.sun.elevation,
+            "rotation": scene.sun.azimuth - scene.environment.bearing,
+            "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
+            "irradiance": float(sky.sky_irradiance @ _LUMINANCE),
+            "ground": sky.ground.tolist(),
+        },
+    }
+
+
+def _sheared(world: Matrix) -> bool:
+    """Whether a matrix is more than a place, a rotation and a scale along the object's own axes."""
+    axes = world[:3, :3]
+    lengths = np.maximum(np.linalg.norm(axes, axis=0), 1e-300)
+    cosines = (axes / lengths).T @ (axes / lengths)
+    return bool(np.abs(cosines - np.eye(3)).max() > 1e-5)
