@@ -14,13 +14,15 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from valerie.errors import MissingDependency, UnknownName
+from pydantic import BaseModel, ValidationError
+
+from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, load_function
 
 if TYPE_CHECKING:
-    from valerie.rendering.base import Renderer
+    from valerie.rendering.base import EngineSettings, Renderer
 
 #: Accepted in specs only where the settings say so.
 TESTING_ENGINE: Final = "blank"
@@ -37,6 +39,10 @@ class _Kind:
     def declared(self) -> dict[str, str]:
         """Name to ``module:attribute`` of what installed packages declare; built-in names cannot be taken over."""
         return {p.name: p.value for p in entry_points(group=self.group) if p.name not in self.built_in}
+
+    def names(self) -> set[str]:
+        """Of all."""
+        return {*self.declared(), *self.built_in}
 
     def load(self, name: str) -> Any:
         """The attribute behind a name.
@@ -59,10 +65,16 @@ RENDERERS: Final = MappingProxyType(
     {
         "raster": "valerie.rendering.raster.renderer:RasterRenderer",
         "pyrender": "valerie.rendering.pyrender_engine:PyrenderRenderer",
+        "cycles": "valerie.rendering.cycles.renderer:CyclesRenderer",
     }
 )
+#: Engine to what a run that waits for it is told.
+ENGINE_HINTS: Final = MappingProxyType({"cycles": "`make cycles` installs it"})
 _RENDERERS: Final = _Kind(
     "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
+)
+_ENGINE_SETTINGS: Final = _Kind(
+    "engine settings", "valerie.engine_settings", {"cycles": "valerie.rendering.cycles.settings:CyclesSettings"}
 )
 _TRUTH_PASSES: Final = _Kind(
     "truth pass",
@@ -78,14 +90,73 @@ def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
     return (*RENDERERS, *sorted(_RENDERERS.declared()), *((TESTING_ENGINE,) if testing else ()))
 
 
-def create_renderer(name: str) -> Renderer:
-    """Open an engine.
+def require_renderer(name: str, *, field: str) -> None:
+    """Check a name.
+
+    Raises:
+        UnknownName: no such engine.
+    """
+    if name not in _RENDERERS.names():
+        raise UnknownName("renderer", name, _RENDERERS.names(), field=field)
+
+
+def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Renderer:
+    """Open an engine, with what a spec says of its settings.
 
     Raises:
         UnknownName, MissingDependency: see `_Kind.load`.
+        InvalidInputs: see `engine_settings`.
     """
-    renderer: Renderer = _RENDERERS.load(name)()
+    engine = _RENDERERS.load(name)
+    chosen = engine_settings(name, settings or {})
+    renderer: Renderer = engine() if chosen is None else engine(chosen)
     return renderer
+
+
+def engine_settings(name: str, given: Mapping[str, Any]) -> EngineSettings | None:
+    """The settings of an engine; None for one that has none. The engine itself is not imported.
+
+    Raises:
+        InvalidInputs: a setting that the engine does not have, or a value that it does not take, as ``renderer.samples``.
+    """
+    if name not in _ENGINE_SETTINGS.names():
+        if given:
+            raise InvalidInputs(
+                [InvalidInput(f"the renderer {name!r} has no settings", field=f"renderer.{key}") for key in given]
+            )
+        return None
+    model = _ENGINE_SETTINGS.load(name)
+    unknown = [key for key in given if key not in model.model_fields]
+    if unknown:
+        what = f"setting of {name}"
+        raise InvalidInputs([UnknownName(what, key, model.model_fields, field=f"renderer.{key}") for key in unknown])
+    try:
+        settings: EngineSettings = model.model_validate(dict(given))
+    except ValidationError as error:
+        raise InvalidInputs(
+            [
+                InvalidInput(problem["msg"], field=f"renderer.{problem['loc'][0]}", value=problem["input"])
+                for problem in error.errors(include_url=False)
+            ]
+        ) from None
+    return settings
+
+
+def engine_settings_models() -> dict[str, type[BaseModel]]:
+    """Built-in engine to the model of its settings."""
+    return {name: _ENGINE_SETTINGS.load(name) for name in _ENGINE_SETTINGS.built_in}
+
+
+def engine_inputs(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings that an engine's pixels depend on; see `engine_settings`. Of an engine that is gone: what was given."""
+    settings = engine_settings(name, given) if name in _RENDERERS.names() else None
+    return dict(given) if settings is None else settings.inputs()
+
+
+def engine_cost(name: str, given: Mapping[str, Any]) -> float:
+    """CPU seconds of a picture relative to the engine's default settings."""
+    settings = engine_settings(name, given) if name in _RENDERERS.names() else None
+    return 1.0 if settings is None else settings.cost()
 
 
 def create_truth_pass(numeric_class: str) -> Any:

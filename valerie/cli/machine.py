@@ -27,6 +27,10 @@ class Stage(StrEnum):
 
 def worker(
     stage: Annotated[Stage, typer.Argument(metavar="render|infer|eval", help="Which work it takes.")],
+    engines: Annotated[
+        str | None,
+        typer.Option("--engines", help="Engines that a render worker offers, e.g. cycles; default VALERIE_RENDER_ENGINES."),
+    ] = None,
     data_dir: DataDir = None,
 ) -> None:
     """Run one worker process here, for a server that runs elsewhere or by itself.
@@ -34,11 +38,18 @@ def worker(
     Reads VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL;
     where `valerie up` runs on the same data folder, it joins that server.
     """
+    from valerie import plugins
     from valerie.embedded import running
     from valerie.embedded.process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
     settings = settings_of(data_dir)
+    if engines is not None:
+        if stage is not Stage.RENDER:
+            raise InvalidInput("only a render worker has engines", field="--engines", value=engines)
+        for engine in engines.split(","):
+            plugins.require_renderer(engine, field="--engines")
+        settings = settings.model_copy(update={"render_engines": engines})
     found = running.find(settings.data_dir)
     if found is not None and "broker_url" not in settings.model_fields_set:
         settings = settings.model_copy(update={"broker_url": found.broker_url})

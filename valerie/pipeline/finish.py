@@ -119,7 +119,7 @@ def _report_input(
         seed=spec.seed,
         asset=resolved.manifest.name,
         asset_digest=run.asset_digest,
-        renderer=f"{spec.renderer}, revision {run.pins['engine']['revision']}",
+        renderer=_renderer(resolved, run.pins["engine"]["revision"]),
         resolution=(spec.resolution.width, spec.resolution.height),
         numeric_classes=classes,
         functions=cards,
@@ -180,3 +180,9 @@ def _version() -> str:
         return f"valerie {version('valerie')}"
     except PackageNotFoundError:
         return "valerie (not installed)"
+
+
+def _renderer(resolved: ResolvedRun, revision: int) -> str:
+    """The engine as the report names it."""
+    settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
+    return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from valerie.plugins import ENGINE_HINTS
+from valerie.runs.documents import engine_name
+
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
 
@@ -22,12 +25,14 @@ def choose_pins(
         ({"engine": offer, "truth": offer, "functions": {name: offer}}, None), or (None, reason in words). Where several
         numeric classes are offered, the one of the longest-serving worker is taken (``offers`` is in that order).
     """
-    engine = _first(offers, "render", spec["renderer"])
+    name = engine_name(spec["renderer"])
+    engine = _first(offers, "render", name)
     truth = _first(offers, "render", TRUTH)
     functions = {name: _first(offers, "infer", name) for name in spec["functions"]}
     missing = []
     if engine is None:
-        missing.append(f"a render worker with the engine {spec['renderer']!r}")
+        hint = ENGINE_HINTS.get(name)
+        missing.append(f"a render worker with the engine {name!r}" + (f" ({hint})" if hint else ""))
     if truth is None:
         missing.append("a render worker with the truth pass")
     missing += [f"an inference worker with the function {name!r}" for name, offer in functions.items() if offer is None]

@@ -43,11 +43,12 @@ def _costs(
     resolution, spec = resolved.spec.resolution, resolved.spec
     pixels = resolution.width * resolution.height
     makers: dict[tuple[str, str], str] = {
-        (ProductKind.BACKGROUND, pins["engine"]["route"]): spec.renderer,
-        (ProductKind.LAYER, pins["engine"]["route"]): spec.renderer,
         (ProductKind.TRUTH, pins["truth"]["route"]): "",
         (ProductKind.EVALUATION, "eval"): "",
     }
+    if not resolved.engine_inputs:
+        # Recorded costs do not tell settings apart.
+        makers |= {(kind, pins["engine"]["route"]): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
     by_digest = {pins["functions"][name]["digest"][:32]: name for name in spec.functions}
     costs: dict[CostKey, Cost] = {}
     for row in recorded:

@@ -7,7 +7,7 @@ Engines return *only* the scene-referred linear image. Ground truth is one produ
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,12 @@ class Renderer(Protocol):
 
     Contract (`valerie.testing.RendererContract`): deterministic bytes for equal input in one numeric class;
     ``layer(s, v).over(background(s, v))`` equals ``full(s, v)`` bit for bit in deterministic engines; ``background`` does not
-    depend on anything movable; a black or constant image raises `RenderingError`.
+    depend on anything movable; a black or constant image raises `RenderingError`. A path tracer, in which light reaches
+    everywhere, keeps the second only up to its noise, and its contract test says so (`RendererContract.noisy`).
+
+    An engine may have settings (``renderer: {name: …, samples: 64}``): a class with the methods of `EngineSettings`, which
+    the plugin table names, and which the engine is then made with. One that computes in another process has a property
+    ``cpu_seconds_elsewhere``: CPU seconds used there so far.
     """
 
     #: Name in specs and URLs.
@@ -125,6 +130,18 @@ class Renderer(Protocol):
 
     def close(self) -> None:
         """Free the context; the instance is unusable afterwards."""
+        ...
+
+
+class EngineSettings(Protocol):
+    """What a spec may say of an engine: a pydantic model, importable without the engine's libraries."""
+
+    def inputs(self) -> dict[str, Any]:
+        """All that the pixels depend on, with nothing left to defaults: part of every digest of the engine's products."""
+        ...
+
+    def cost(self) -> float:
+        """CPU seconds of a picture relative to the default settings, roughly."""
         ...
 
 

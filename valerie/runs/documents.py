@@ -170,7 +170,7 @@ class RunSpec(Document):
         constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
         cameras: names of the asset's cameras; None takes all.
         resolution: size of the images in pixels.
-        renderer: the engine of the linear images.
+        renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
         sensors: one picture of each frame for each of them.
         functions: names of the perception functions under test; none: frames and truth alone.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
@@ -192,7 +192,7 @@ class RunSpec(Document):
     constraints: Annotated[tuple[Text, ...], Field(max_length=100)] = ()
     cameras: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     resolution: Resolution = Resolution()
-    renderer: Name = "raster"
+    renderer: Name | dict[str, Scalar] = "raster"
     sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
@@ -225,6 +225,8 @@ class RunSpec(Document):
         ]
         if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
             problems.append(InvalidInput("an asset mapping has a name", field="asset", limit="as urban-street"))
+        if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
+            problems.append(InvalidInput("a renderer mapping has a name", field="renderer", limit="as cycles"))
         if problems:
             raise InvalidInputs(problems)
         return self
@@ -235,6 +237,16 @@ class RunSpec(Document):
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+    @property
+    def engine(self) -> str:
+        """Name of the renderer."""
+        return engine_name(self.renderer)
+
+    @property
+    def engine_settings(self) -> dict[str, Scalar]:
+        """What the spec says of the renderer's settings."""
+        return {key: value for key, value in self.renderer.items() if key != "name"} if isinstance(self.renderer, dict) else {}
 
     @property
     def digest(self) -> str:
@@ -256,6 +268,11 @@ class RunSpec(Document):
         """Remember where the user wrote what."""
         self._places.update(places)
         return self
+
+
+def engine_name(renderer: str | Mapping[str, Any]) -> str:
+    """The name in a spec's ``renderer``, whichever of its forms it has."""
+    return renderer if isinstance(renderer, str) else str(renderer["name"])
 
 
 def written_place(place: str, places: Mapping[str, str]) -> str:

@@ -2,7 +2,7 @@
 
 Per frame (variant, camera): ::
 
-    background   asset, everything that is not below a movable node, camera, resolution, engine
+    background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
     prediction   background, layer, sensor response, function; truth, where the sensor needs depth
@@ -78,7 +78,9 @@ class ProductInputs:
         self._cameras = resolved.cameras
         self._sensors = spec.sensors
         self._seed = spec.seed
-        engine = {"name": spec.renderer, **_pinned(pins["engine"])}
+        engine = {"name": spec.engine, **_pinned(pins["engine"])}
+        if resolved.engine_inputs:
+            engine["settings"] = dict(resolved.engine_inputs)
         resolution = spec.resolution.model_dump()
         self._background: list[DigestPrefix] = []
         self._truth: list[DigestPrefix] = []

@@ -87,9 +87,10 @@ class Normalization:
             ]
         if "parameters" in found:
             found["parameters"] = self._entries(found["parameters"], "parameters", "parameters", _declared, _ANY_NAME)
-        asset = found.get("asset")
-        if isinstance(asset, dict) and set(asset) == {"name"}:
-            found["asset"] = asset["name"]
+        for key in ("asset", "renderer"):
+            named = found.get(key)
+            if isinstance(named, dict) and set(named) == {"name"}:
+                found[key] = named["name"]
         return found
 
     def _block(self, block: dict[str, Any], place: str, written: str) -> dict[str, Any]:

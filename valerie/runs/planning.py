@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from valerie import plugins
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.runs.costs import Basis, CostKey, CostTable
@@ -33,6 +34,8 @@ SHOWN: Final = 3
 #: Digests that are asked for at once.
 _ASKED: Final = 5_000
 
+#: Products of the renderer, whose settings change their cost.
+_BY_ENGINE: Final = (ProductKind.BACKGROUND, ProductKind.LAYER)
 #: Which of some digests are stored already.
 Present = Callable[[set[str]], set[str]]
 
@@ -202,8 +205,8 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
     spec = resolved.spec
     seen = _Seen(
         {
-            (ProductKind.BACKGROUND, spec.renderer): bytearray(),
-            (ProductKind.LAYER, spec.renderer): bytearray(),
+            (ProductKind.BACKGROUND, spec.engine): bytearray(),
+            (ProductKind.LAYER, spec.engine): bytearray(),
             (ProductKind.TRUTH, ""): bytearray(),
             **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
             (ProductKind.EVALUATION, ""): bytearray(),
@@ -222,8 +225,8 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
 
 def _note(seen: _Seen, resolved: ResolvedRun, frame: FrameDigests) -> None:
     spec, digests = resolved.spec, seen.digests
-    digests[ProductKind.BACKGROUND, spec.renderer] += bytes.fromhex(frame.background)
-    digests[ProductKind.LAYER, spec.renderer] += bytes.fromhex(frame.layer)
+    digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(frame.background)
+    digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(frame.layer)
     digests[ProductKind.TRUTH, ""] += bytes.fromhex(frame.truth)
     for one in frame.evaluations:
         digests[ProductKind.PREDICTION, spec.functions[one.function_index]] += bytes.fromhex(one.prediction)
@@ -275,12 +278,13 @@ def _product_plan(
         found = round(needed * share)
     resolution = resolved.spec.resolution
     cost, basis = costs.cost(CostKey(kind, maker, resolution.width, resolution.height))
+    work = plugins.engine_cost(maker, resolved.spec.engine_settings) if kind in _BY_ENGINE else 1.0
     return ProductPlan(
         kind=kind,
         maker=maker,
         needed=needed,
         present=found,
-        cpu_seconds=(needed - found) * cost.cpu_seconds,
+        cpu_seconds=(needed - found) * cost.cpu_seconds * work,
         bytes=round((needed - found) * cost.bytes),
         basis=basis,
     )

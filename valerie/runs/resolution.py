@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation, at
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
@@ -48,6 +49,7 @@ class ResolvedRun:
         definitions: all of the asset's, with this spec's names and narrowed ranges.
         space: the variants.
         cameras: names, in the spec's order.
+        engine_inputs: settings of the renderer that its pixels depend on, complete; empty for one without settings.
         warnings: what the user may not have meant.
         notes: what was assumed where the spec left it open.
     """
@@ -58,6 +60,7 @@ class ResolvedRun:
     definitions: tuple[ParameterDefinition, ...]
     space: ParameterSpace
     cameras: tuple[str, ...]
+    engine_inputs: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -88,8 +91,14 @@ def resolve(
     """
     resolver = _Resolver(spec, manifest)
     definitions = resolver.definitions()
-    if engines is not None and spec.renderer not in engines:
-        resolver.problems.append(UnknownName("renderer", spec.renderer, engines, field="renderer"))
+    engine_inputs: Mapping[str, Any] = {}
+    if engines is not None and spec.engine not in engines:
+        resolver.problems.append(UnknownName("renderer", spec.engine, engines, field="renderer"))
+    else:
+        try:
+            engine_inputs = plugins.engine_inputs(spec.engine, spec.engine_settings)
+        except InvalidInputs as error:
+            resolver.problems += error.problems
     for i, function in enumerate(spec.functions):
         if functions is not None and function not in functions:
             resolver.problems.append(UnknownName("function", function, functions, field=f"functions.{i}"))
@@ -114,6 +123,7 @@ def resolve(
         definitions=definitions,
         space=space,
         cameras=spec.cameras if spec.cameras is not None else manifest.cameras,
+        engine_inputs=engine_inputs,
         warnings=tuple(resolver.warnings),
         notes=tuple(resolver.notes()),
     )

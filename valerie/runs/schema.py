@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any, Final
 
+from valerie import plugins
 from valerie.parameters.definitions import ParameterType
 from valerie.runs.documents import BlockDocument, RunSpec
 
@@ -35,6 +36,7 @@ def run_spec_schema() -> dict[str, Any]:
         # One block may stand at the top.
         properties[key] = block[key]
     properties["parameters"] = _parameters()
+    properties["renderer"] |= {"anyOf": _renderers()}
     schema["not"] = {
         "required": ["blocks"],
         "anyOf": [{"required": [key]} for key in ("design", "count", "vary", "points")],
@@ -97,6 +99,30 @@ def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
             {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/VariedList"}, *objects]}},
         ],
     }
+
+
+def _renderers() -> list[dict[str, Any]]:
+    """A name; a name with the settings of a built-in engine; a name with settings that only its package knows."""
+    forms: list[dict[str, Any]] = [{"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}]
+    for name, model in plugins.engine_settings_models().items():
+        schema = model.model_json_schema()
+        _describe(schema)
+        forms.append(
+            {
+                **schema,
+                "properties": {"name": {"const": name}, **schema["properties"]},
+                "required": ["name"],
+                "additionalProperties": False,
+            }
+        )
+    forms.append(
+        {
+            "type": "object",
+            "properties": {"name": {"type": "string", "not": {"enum": list(plugins.RENDERERS)}}},
+            "required": ["name"],
+        }
+    )
+    return forms
 
 
 def _one(distribution: str, arguments: dict[str, Any]) -> dict[str, Any]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from valerie.errors import RenderingError, UnknownName
-from valerie.rendering.base import LinearImage, Renderer, View
+from valerie.rendering.base import LinearImage, Rectangle, Renderer, View
 from valerie.scene.asset import SceneAsset
 from valerie.scene.model import Camera, Environment, Scene, Sun
 from valerie.scene.variation import apply
@@ -28,12 +30,25 @@ POSES: tuple[Mapping[str, float | str], ...] = (
 
 
 class RendererContract:
-    """Tests of one engine; collected by pytest through a subclass whose name starts with ``Test``."""
+    """Tests of one engine; collected by pytest through a subclass whose name starts with ``Test``.
+
+    Attributes:
+        noisy: False: a layer over its background is the frame bit for bit. True, for an engine that estimates light by chance
+            (a path tracer): inside the rectangle and around it the two differ no more than two frames of different seeds
+            do; ``other_noise`` must then be overridden too. Everything else holds for both kinds.
+    """
+
+    noisy: ClassVar[bool] = False
 
     @pytest.fixture
     def renderer(self) -> Iterator[Renderer]:
         """The engine under test; the subclass must override this."""
         raise NotImplementedError("override the fixture 'renderer' in the subclass")
+
+    @pytest.fixture
+    def other_noise(self) -> Renderer:
+        """The engine with another seed, if it is noisy."""
+        raise NotImplementedError("override the fixture 'other_noise' in the subclass of a noisy engine")
 
     @pytest.fixture
     def asset(self) -> SceneAsset:
@@ -56,12 +71,22 @@ class RendererContract:
         assert (pixels >= 0).all()
 
     @pytest.mark.parametrize("pose", POSES)
-    def test_the_layer_over_the_background_is_the_frame_bit_for_bit(
-        self, renderer: Renderer, asset: SceneAsset, view: View, pose: Mapping[str, float | str]
+    def test_the_layer_over_the_background_is_the_frame(
+        self,
+        renderer: Renderer,
+        asset: SceneAsset,
+        view: View,
+        pose: Mapping[str, float | str],
+        request: pytest.FixtureRequest,
     ) -> None:
         scene = apply(pose, asset)
-        background = renderer.background(scene, view)
-        assert_same(renderer.layer(scene, view).over(background), renderer.full(scene, view))
+        background, layer = renderer.background(scene, view), renderer.layer(scene, view)
+        joined, full = layer.over(background), renderer.full(scene, view)
+        if self.noisy:
+            other: Renderer = request.getfixturevalue("other_noise")
+            assert_within_noise(joined, full, other.full(scene, view), layer.rectangle)
+        else:
+            assert_same(joined, full)
 
     def test_equal_scenes_give_equal_bytes_whatever_was_rendered_between(
         self, renderer: Renderer, asset: SceneAsset, view: View
@@ -120,6 +145,25 @@ class RendererContract:
 
     def test_the_numeric_class_can_stand_in_a_queue_name(self, renderer: Renderer) -> None:
         assert re.fullmatch(r"[a-z0-9][a-z0-9.-]{3,}", renderer.numeric_class)
+
+
+def assert_within_noise(joined: LinearImage, full: LinearImage, reseeded: LinearImage, changed: Rectangle) -> None:
+    """No larger difference than two seeds make: inside the rectangle, in the ring around it, and in the whole image."""
+    height, width = full.pixels.shape[:2]
+    ring = 8
+    around = Rectangle(changed.x - ring, changed.y - ring, changed.width + 2 * ring, changed.height + 2 * ring)
+    for place in (changed, around.clipped(width, height), Rectangle(0, 0, width, height)):
+        if not place.empty:
+            noise = _rms(full, reseeded, place)
+            assert _rms(joined, full, place) <= noise, f"{place}: more than the noise ({noise:.4g})"
+
+
+def _rms(first: LinearImage, second: LinearImage, place: Rectangle) -> float:
+    """Root mean square difference after a curve that weighs dark and bright alike: log(1 + 10 v)."""
+    seen: list[NDArray[np.float64]] = [
+        np.log1p(10 * image.pixels[place.slices].astype(np.float64)) for image in (first, second)
+    ]
+    return float(np.sqrt(((seen[0] - seen[1]) ** 2).mean()))
 
 
 def assert_same(first: LinearImage, second: LinearImage) -> None:

@@ -11,7 +11,9 @@ from valerie.errors import TransientError
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
+from valerie.parameters.assignment import canonical_json
 from valerie.rendering.base import Renderer, View
+from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
@@ -23,12 +25,12 @@ class RenderMaker:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._runs = RunCache(context)
-        self._engines: dict[str, Renderer] = {}
+        self._engines: dict[tuple[str, bytes], Renderer] = {}
         self._truth: Any = None
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
-        started = time.process_time()
+        started, elsewhere, engine = time.process_time(), 0.0, None
         run = self._runs.run(job.run_id)
         resolved = run.resolved
         scene = apply(job.assignment, self._runs.asset(run))
@@ -42,7 +44,8 @@ class RenderMaker:
             views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
             data = codecs.encode_truth(truth)
         else:
-            engine = self._engine(resolved.spec.renderer, run.pins["engine"]["numeric_class"])
+            engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
+            elsewhere = _cpu_seconds_elsewhere(engine)
             if job.kind == "background":
                 data = codecs.encode_image(engine.background(scene, view))
             else:
@@ -52,14 +55,16 @@ class RenderMaker:
             digest=job.digest,
             bytes=len(data),
             pixels=view.width * view.height,
-            cpu_seconds=time.process_time() - started,
+            cpu_seconds=time.process_time() - started + _cpu_seconds_elsewhere(engine) - elsewhere,
             person_views=views,
         )
 
-    def _engine(self, name: str, numeric_class: str) -> Renderer:
-        if name not in self._engines:
-            self._engines[name] = plugins.create_renderer(name)
-        engine = self._engines[name]
+    def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
+        name = resolved.spec.engine
+        key = (name, canonical_json(resolved.engine_inputs))
+        if key not in self._engines:
+            self._engines[key] = plugins.create_renderer(name, resolved.spec.engine_settings)
+        engine = self._engines[key]
         _require_class(name, engine.numeric_class, numeric_class)
         return engine
 
@@ -68,6 +73,11 @@ class RenderMaker:
             self._truth = plugins.create_truth_pass(numeric_class)
         _require_class("truth", self._truth.numeric_class, numeric_class)
         return self._truth
+
+
+def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
+    """What an engine's other processes have used so far; see `valerie.rendering.base.Renderer`."""
+    return float(getattr(engine, "cpu_seconds_elsewhere", 0.0))
 
 
 def _require_class(name: str, actual: str, pinned: str) -> None:

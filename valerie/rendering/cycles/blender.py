@@ -50,7 +50,8 @@ class BlenderProcess:
         cpu_seconds: that Blender has used for requests so far.
 
     Raises:
-        MissingDependency: there is no environment with Blender, or it does not start, or lacks the device asked for.
+        MissingDependency: there is no environment with Blender, or it lacks the device asked for.
+        TransientError: it does not start.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -70,10 +71,7 @@ class BlenderProcess:
         )
         self.pid = self._process.pid
         device = settings.cycles_device
-        try:
-            found, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
-        except TransientError as error:
-            raise MissingDependency(f"Blender at {python} does not start ({error}); install it with `make cycles`") from error
+        found, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
         self.version, self.device = str(found["version"]), str(found["device"])
         self.device_name = str(found["device_name"])
         if device not in ("auto", self.device.lower()):
@@ -104,7 +102,7 @@ class BlenderProcess:
         self.cpu_seconds += float(answer.get("cpu_seconds", 0.0))
         if "error" in answer:
             if _OUT_OF_MEMORY.search(answer["error"]):
-                raise self._ended(f"Blender ran out of memory: {answer['error']}")
+                raise self._ended(f"Blender says {answer['error']!r}")
             raise RenderingError(f"cycles: {answer['error']}")
         return answer, made
 
@@ -154,6 +152,9 @@ class BlenderProcess:
             raise self._ended(f"Blender gave no sign of life for {silence:g} s") from None
         except MemoryError as error:
             raise self._ended(str(error)) from None
+        except BaseException:
+            self.close()  # an answer that nobody read would be taken for the next one
+            raise
         return answer, made
 
     def _watch(self) -> None:
@@ -293,5 +294,4 @@ def _environment() -> dict[str, str]:
     """What Blender gets to see of the environment: nothing of VALERIE's settings and tokens, no user's Blender settings."""
     kept = ("PATH", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES", "SYSTEMROOT")
     found = {name: os.environ[name] for name in kept if name in os.environ}
-    nowhere = os.devnull
-    return {**found, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": nowhere, "OMP_NUM_THREADS": "1"}
+    return {**found, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": os.devnull}

@@ -167,6 +167,8 @@ class Studio:
         material = self._bpy.data.materials.new(header["key"])
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None
+        # The haze before a surface is an emission too, but no lamp.
+        material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) else "NONE"
         nodes = Nodes(material.node_tree)
         principled = nodes.add("ShaderNodeBsdfPrincipled")
         base: Any = nodes.color(header["base_color"])

@@ -1,0 +1,86 @@
+"""Cycles keeps the contract of every engine; and what only a path tracer has: noise, seeds, a denoiser."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from valerie.rendering.base import Renderer, View
+from valerie.rendering.cycles.blender import BlenderHolder
+from valerie.rendering.cycles.renderer import CyclesRenderer
+from valerie.rendering.cycles.settings import CyclesSettings
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+from valerie.testing.rendering import POSES, RendererContract, assert_same, assert_within_noise
+
+VIEW = View("camera-1", 160, 90)
+
+
+def engine(holder: BlenderHolder, **settings: object) -> CyclesRenderer:
+    return CyclesRenderer(CyclesSettings.model_validate({"samples": 4, "denoise": False, **settings}), holder)
+
+
+class TestCycles(RendererContract):
+    noisy = True
+
+    @pytest.fixture
+    def renderer(self, holder: BlenderHolder) -> Renderer:  # type: ignore[override]
+        return engine(holder)
+
+    @pytest.fixture
+    def other_noise(self, holder: BlenderHolder) -> Renderer:
+        return engine(holder, seed=1)
+
+
+@pytest.mark.parametrize("pose", POSES[:2])
+def test_without_denoiser_a_layer_is_the_part_of_the_frame_bit_for_bit(holder: BlenderHolder, pose: dict) -> None:
+    scene = apply(pose, simple_asset())
+    layer, full = engine(holder).layer(scene, VIEW), engine(holder).full(scene, VIEW)
+    np.testing.assert_array_equal(layer.pixels, full.pixels[layer.rectangle.slices])
+
+
+def test_with_denoiser_a_layer_is_the_part_of_the_frame_within_the_noise(holder: BlenderHolder) -> None:
+    scene = apply(POSES[1], simple_asset())
+    made, other = engine(holder, samples=8, denoise=True), engine(holder, samples=8, denoise=True, seed=1)
+    layer = made.layer(scene, VIEW)
+    joined = layer.over(made.background(scene, VIEW))
+    assert_within_noise(joined, made.full(scene, VIEW), other.full(scene, VIEW), layer.rectangle)
+
+
+def test_a_denoised_image_has_the_same_bytes_every_time(holder: BlenderHolder) -> None:
+    made = engine(holder, denoise=True)
+    scene = simple_asset().base
+    first = made.full(scene, VIEW)
+    engine(holder).background(scene, View("camera-2", 64, 40))
+    assert_same(made.full(scene, VIEW), first)
+
+
+def test_another_number_of_threads_gives_the_same_bytes(holder: BlenderHolder, deployment) -> None:
+    scene = simple_asset().base
+    alone = BlenderHolder(deployment.model_copy(update={"cycles_threads": 1}))
+    try:
+        single = engine(alone, denoise=True).background(scene, VIEW)
+    finally:
+        alone.close()
+    assert_same(single, engine(holder, denoise=True).background(scene, VIEW))
+
+
+def test_more_samples_and_the_denoiser_each_bring_the_image_nearer_to_the_reference(holder: BlenderHolder) -> None:
+    scene, view = simple_asset().base, View("camera-1", 96, 54)
+    reference = engine(holder, samples=512, seed=9).background(scene, view).pixels.astype(np.float64)
+
+    def error(**settings: object) -> float:
+        made = engine(holder, **settings).background(scene, view).pixels
+        return float(np.sqrt(((made.astype(np.float64) - reference) ** 2).mean()))
+
+    few, many, cleaned = error(samples=4), error(samples=64), error(samples=4, denoise=True)
+    assert many < few / 2
+    assert cleaned < few / 2
+
+
+def test_a_seed_changes_the_noise_and_nothing_else(holder: BlenderHolder) -> None:
+    scene = simple_asset().base
+    first, second = (engine(holder, samples=32, seed=seed).background(scene, VIEW).pixels for seed in (0, 1))
+    assert (first != second).any()
+    means = [pixels[60:].astype(np.float64).mean() for pixels in (first, second)]
+    assert abs(means[0] / means[1] - 1) < 0.02

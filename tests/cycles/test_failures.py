@@ -1,0 +1,89 @@
+"""A real Blender that is killed, stopped or starved in the middle of a picture: an error to try again, and then it works again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import psutil
+import pytest
+
+from valerie.errors import RenderingError, TransientError
+from valerie.rendering.base import View
+from valerie.rendering.cycles.blender import BlenderHolder
+from valerie.rendering.cycles.renderer import CyclesRenderer
+from valerie.rendering.cycles.settings import CyclesSettings
+from valerie.settings import Settings
+from valerie.testing.assets import simple_asset
+
+SCENE = simple_asset().base
+VIEW = View("camera-1", 96, 54)
+
+
+@pytest.fixture
+def own(deployment: Settings) -> Iterator[BlenderHolder]:
+    found = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": 15.0}))
+    yield found
+    found.close()
+
+
+def endless(holder: BlenderHolder) -> CyclesRenderer:
+    """Renders for minutes, with signs of life."""
+    return CyclesRenderer(CyclesSettings(samples=65_536, denoise=False), holder)
+
+
+def in_the_middle(holder: BlenderHolder, what: signal.Signals) -> int:
+    """Send Blender a signal once it has worked on a picture for a second; its process id."""
+    pid = holder.get().pid
+    start = psutil.Process(pid).cpu_times().user
+
+    def send() -> None:
+        while psutil.Process(pid).cpu_times().user < start + 1.0:
+            time.sleep(0.05)
+        os.kill(pid, what)
+
+    threading.Thread(target=send, daemon=True).start()
+    return pid
+
+
+def test_a_killed_blender_is_a_transient_error_and_the_next_picture_is_right(own: BlenderHolder) -> None:
+    quick = CyclesRenderer(CyclesSettings(samples=1, denoise=False), own)
+    before = quick.background(SCENE, VIEW).pixels
+    pid = in_the_middle(own, signal.SIGKILL)
+    with pytest.raises(TransientError, match="ended in the middle of its work"):
+        endless(own).background(SCENE, VIEW)
+    np.testing.assert_array_equal(quick.background(SCENE, VIEW).pixels, before)
+    assert own.get().pid != pid
+
+
+def test_a_stopped_blender_is_taken_for_hung_and_ended(own: BlenderHolder) -> None:
+    pid = in_the_middle(own, signal.SIGSTOP)
+    with pytest.raises(TransientError, match="no sign of life for 15 s"):
+        endless(own).background(SCENE, VIEW)
+    assert not psutil.pid_exists(pid)
+
+
+def test_a_long_picture_with_signs_of_life_is_no_hang(deployment: Settings) -> None:
+    impatient = BlenderHolder(deployment.model_copy(update={"cycles_silence_seconds": 10.0}))
+    try:
+        started = time.monotonic()
+        pid = in_the_middle(impatient, signal.SIGCONT)
+        ender = threading.Timer(16.0, lambda: os.kill(pid, signal.SIGKILL))
+        ender.start()
+        with pytest.raises(TransientError, match="ended in the middle"):
+            endless(impatient).background(SCENE, VIEW)
+        assert time.monotonic() - started > 10.0
+    finally:
+        impatient.close()
+
+
+def test_what_cycles_refuses_is_an_error_for_good_and_blender_goes_on(own: BlenderHolder) -> None:
+    pid = own.get().pid
+    with pytest.raises(RenderingError, match="KeyError"):
+        own.get().ask("forget", meshes=["mesh-nowhere"], materials=[], textures=[])
+    CyclesRenderer(CyclesSettings(samples=1, denoise=False), own).background(SCENE, VIEW)
+    assert own.get().pid == pid

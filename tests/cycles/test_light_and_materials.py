@@ -1,0 +1,214 @@
+"""The same scene document means the same in Cycles as in the raster engine: exposure, sun, sky, materials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from valerie.rendering.base import View
+from valerie.rendering.cycles.blender import BlenderHolder
+from valerie.rendering.cycles.renderer import CyclesRenderer
+from valerie.rendering.cycles.settings import CyclesSettings
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.rendering.sky import EXPOSURE, sky_of
+from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.transforms import camera_transform, place
+from valerie.testing.assets import box_mesh
+
+pytestmark = pytest.mark.gl
+
+WHITE = Material("ground", (1.0, 1.0, 1.0), roughness=1.0, specular=0.0)
+#: Looks down on the ground from 6 m.
+DOWN = Camera("scene.camera-1", camera_transform((0, 0, 6), 0, -90, 0), focal_length_mm=50.0)
+VIEW = View("camera-1", 48, 32)
+
+
+def ground(material: Material, *, sun: Sun, extra: tuple[Node, ...] = (), **scene: object) -> Scene:
+    """A large plane of one material, seen from above."""
+    nodes = (Node("scene", np.eye(4)), Node("scene.road-1", np.eye(4), (box_mesh((-300, -300, -1), (300, 300, 0), "ground"),)))
+    materials = {"ground": replace(material, name="ground")}
+    environment = Environment(sky_strength=float(scene.pop("sky_strength", 1.0)))  # type: ignore[arg-type]
+    given = {"textures": {}, "cameras": {"camera-1": DOWN}, **scene}
+    return Scene({n.path: n for n in (*nodes, *extra)}, materials, sun=sun, environment=environment, **given)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def raster() -> Iterator[RasterRenderer]:
+    found = RasterRenderer()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def cycles(holder: BlenderHolder) -> CyclesRenderer:
+    return CyclesRenderer(CyclesSettings(samples=16, denoise=False), holder)
+
+
+def mean(engine: CyclesRenderer | RasterRenderer, scene: Scene, view: View = VIEW) -> NDArray[np.float64]:
+    """(3,) mean of the picture."""
+    pixels: NDArray[np.float64] = engine.full(scene, view).pixels.astype(np.float64)
+    return pixels.mean(axis=(0, 1))
+
+
+def test_a_white_surface_in_the_sun_alone_shows_the_exposure(cycles: CyclesRenderer) -> None:
+    for elevation in (30.0, 60.0):
+        sun = Sun(0.4, math.radians(elevation))
+        scene = ground(WHITE, sun=sun, sky_strength=0.0)
+        luminance = mean(cycles, with_texture(scene)) @ [0.2126, 0.7152, 0.0722]
+        assert luminance == pytest.approx(EXPOSURE * math.sin(sun.elevation), rel=0.03)
+
+
+def test_the_sky_alone_is_as_bright_on_the_ground_as_the_raster_engines(cycles: CyclesRenderer) -> None:
+    for elevation, turbidity in ((35.0, 3.0), (12.0, 6.0)):
+        scene = with_texture(ground(WHITE, sun=Sun(0.4, math.radians(elevation))))
+        scene = replace(scene, environment=Environment(turbidity=turbidity))
+        both, sun = mean(cycles, scene), sky_of(scene).sun * math.sin(scene.sun.elevation)
+        luminance = (both - sun) @ [0.2126, 0.7152, 0.0722]
+        assert luminance == pytest.approx(float(sky_of(scene).sky_irradiance @ [0.2126, 0.7152, 0.0722]), rel=0.08)
+
+
+@pytest.mark.parametrize("elevation", [20.0, 40.0, 65.0])
+def test_sunlit_asphalt_is_as_bright_as_in_the_raster_engine(
+    cycles: CyclesRenderer, raster: RasterRenderer, elevation: float
+) -> None:
+    asphalt = Material("ground", (0.12, 0.12, 0.12), roughness=0.9)
+    scene = with_texture(ground(asphalt, sun=Sun(2.0, math.radians(elevation))))
+    ours, theirs = mean(cycles, scene).mean(), mean(raster, scene).mean()
+    assert ours == pytest.approx(theirs, rel=0.12)
+
+
+def test_the_shadow_falls_away_from_the_sun(cycles: CyclesRenderer, raster: RasterRenderer) -> None:
+    post = Node("scene.pole-1", place(0, 0), (box_mesh((-0.1, -0.1, 0), (0.1, 0.1, 1.0), "ground"),))
+    for azimuth in (30.0, 200.0):
+        scene = ground(WHITE, sun=Sun(math.radians(azimuth), math.radians(45)), extra=(post,))
+        dark = [
+            np.argwhere((p := engine.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2)) < 0.6 * np.median(p))
+            for engine in (cycles, raster)
+        ]
+        np.testing.assert_allclose(dark[0].mean(axis=0), dark[1].mean(axis=0), atol=1.0)
+
+
+def test_brighter_toward_the_sun_in_the_sky(cycles: CyclesRenderer) -> None:
+    level = Camera("scene.camera-1", camera_transform((0, 0, 2), 0, 10, 0), focal_length_mm=16.0)
+    seen = {}
+    for azimuth in (0.0, 90.0, 180.0, 270.0):
+        scene = ground(WHITE, sun=Sun(math.radians(azimuth), math.radians(20)), cameras={"camera-1": level})
+        pixels = cycles.full(scene, VIEW).pixels.astype(np.float64)[:8]
+        seen[azimuth] = pixels.mean(), pixels[:, :16].mean(), pixels[:, -16:].mean()
+    assert seen[0.0][0] > 1.3 * seen[180.0][0]
+    assert seen[90.0][2] > 1.1 * seen[90.0][1]  # the world's +x is to the right
+    assert seen[270.0][1] > 1.1 * seen[270.0][2]
+
+
+def test_the_bearing_of_the_street_turns_sun_and_sky(cycles: CyclesRenderer) -> None:
+    scene = ground(WHITE, sun=Sun(math.radians(100), math.radians(30)))
+    turned = replace(
+        scene, sun=replace(scene.sun, azimuth=math.radians(160)), environment=Environment(bearing=math.radians(60))
+    )
+    level = {"camera-1": Camera("scene.camera-1", camera_transform((0, 0, 2), 0, 10, 0), focal_length_mm=16.0)}
+    first, second = (cycles.full(replace(s, cameras=level), VIEW).pixels for s in (scene, turned))
+    np.testing.assert_allclose(first.astype(float), second.astype(float), rtol=0.02, atol=0.01)
+
+
+def test_emission_is_radiance_of_the_image(cycles: CyclesRenderer) -> None:
+    lamp = Material("lamp", (0.0, 0.0, 0.0), emissive=(1.5, 0.75, 0.25), specular=0.0)
+    scene = with_lamp(lamp)
+    pixels = cycles.full(scene, VIEW).pixels[12:20, 20:28].astype(np.float64)
+    np.testing.assert_allclose(pixels.mean(axis=(0, 1)), lamp.emissive, rtol=0.02)
+
+
+def test_a_lamp_lights_what_is_around_it(cycles: CyclesRenderer) -> None:
+    lamp = Material("lamp", (0.0, 0.0, 0.0), emissive=(5.0, 5.0, 5.0))
+    lit, dark = (
+        cycles.full(with_lamp(replace(lamp, emissive=(e, e, e))), VIEW).pixels[14:18, 34:38].astype(np.float64).mean()
+        for e in (5.0, 0.01)
+    )
+    assert lit > 5 * dark
+
+
+def test_texels_below_the_cutoff_let_light_through(cycles: CyclesRenderer) -> None:
+    image = np.full((8, 8, 4), 255, np.uint8)
+    image[:, :4, 3] = 0
+    sheet = sheet_above("sheet")
+    material = Material("sheet", (0.02, 0.02, 0.02), base_color_texture="half", alpha_cutoff=0.5, double_sided=True)
+    scene = ground(WHITE, sun=Sun(0.0, math.radians(89)), extra=(sheet,))
+    scene = replace(scene, materials={**scene.materials, "sheet": material}, textures={"half": Texture("half", image)})
+    pixels = cycles.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2)[8:24]
+    assert pixels[:, 14:20].mean() > 10 * pixels[:, 28:34].mean()
+
+
+def test_metallic_roughness_and_tint_change_what_they_should(cycles: CyclesRenderer) -> None:
+    red = Material("ground", (0.8, 0.1, 0.1), roughness=0.5)
+    scenes = {
+        "plain": red,
+        "metallic": replace(red, metallic=1.0),
+        "rough": replace(red, metallic=1.0, roughness=1.0),
+        "strong": replace(red, specular=2.0, roughness=0.2),
+        "tinted": replace(red, specular=2.0, roughness=0.2, specular_tint=1.0),
+    }
+    seen = {name: mean(cycles, with_texture(ground(m, sun=Sun(0.0, math.radians(60))))) for name, m in scenes.items()}
+
+    def redness(color: NDArray[np.float64]) -> float:
+        return float(color[0] / color[2])
+
+    assert redness(seen["metallic"]) > 1.1 * redness(seen["plain"])
+    assert redness(seen["strong"]) < redness(seen["tinted"])
+    assert not np.allclose(seen["metallic"], seen["rough"], rtol=0.02)
+
+
+def test_a_sheared_object_keeps_its_shape(cycles: CyclesRenderer, raster: RasterRenderer) -> None:
+    shear = np.eye(4)
+    shear[0, 1] = 1.5
+    box = Node("scene.pole-1", shear, (box_mesh((-0.3, -0.3, 0), (0.3, 0.3, 0.2), "dark"),))
+    scene = ground(WHITE, sun=Sun(0.0, math.radians(80)), extra=(box,))
+    scene = replace(scene, materials={**scene.materials, "dark": Material("dark", (0.02, 0.02, 0.02), specular=0.0)})
+    masks = [engine.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2) < 0.5 for engine in (cycles, raster)]
+    assert masks[1].sum() > 30
+    assert (masks[0] != masks[1]).sum() < 0.2 * masks[1].sum()
+
+
+def test_distant_things_fade_into_the_haze_as_in_the_raster_engine(
+    cycles: CyclesRenderer, raster: RasterRenderer
+) -> None:
+    wall = Node("scene.wall-1", place(0, 250), (box_mesh((-300, 0, 0), (300, 1, 200), "black"),))
+    level = Camera("scene.camera-1", camera_transform((0, 0, 2), 0, 5, 0), focal_length_mm=50.0)
+    scene = ground(WHITE, sun=Sun(math.pi, math.radians(40)), extra=(wall,), cameras={"camera-1": level})
+    black = Material("black", (0.0, 0.0, 0.0), specular=0.0)
+    scene = replace(scene, materials={**scene.materials, "black": black}, environment=Environment(turbidity=8.0))
+    ours, theirs = (
+        engine.full(scene, VIEW).pixels[4:12].astype(np.float64).mean(axis=(0, 1)) @ [0.2126, 0.7152, 0.0722]
+        for engine in (cycles, raster)
+    )
+    assert theirs > 0.05
+    assert ours == pytest.approx(theirs, rel=0.1)
+
+
+def with_texture(scene: Scene) -> Scene:
+    """With a small dark thing in a corner, so that the picture is not constant."""
+    post = Node("scene.pole-1", place(1.9, 1.2), (box_mesh((-0.05, -0.05, 0), (0.05, 0.05, 0.01), "dark"),))
+    dark = Material("dark", (0.1, 0.1, 0.1), specular=0.0)
+    return replace(scene, nodes={**scene.nodes, post.path: post}, materials={**scene.materials, "dark": dark})
+
+
+def with_lamp(material: Material) -> Scene:
+    """A cube of 1 m on the ground, at night."""
+    cube = Node("scene.pole-1", place(0, 0), (box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 1.0), "lamp"),))
+    scene = ground(WHITE, sun=Sun(0.0, math.radians(30), irradiance=0.0), extra=(cube,))
+    return replace(scene, materials={**scene.materials, "lamp": replace(material, name="lamp")})
+
+
+def sheet_above(material: str) -> Node:
+    """A square of 2 m, 4 m above the ground and facing up, its texture's first column at −x."""
+    mesh = Mesh(
+        positions=np.array([[-0.6, -0.6, 0], [0.6, -0.6, 0], [0.6, 0.6, 0], [-0.6, 0.6, 0]], np.float32),
+        normals=np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)),
+        uvs=np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32),
+        faces=np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
+        material=material,
+    )
+    return Node("scene.pole-1", place(0, 0, 3.0), (mesh,))
