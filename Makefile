@@ -5,6 +5,8 @@ SHELL := bash
 
 VENV ?= .venv
 export VENV
+CYCLES_VENV ?= .venv-cycles
+export CYCLES_VENV
 PYTHON_BIN := $(VENV)/bin/python
 SPEC ?= examples/first-run.yaml
 PYTEST_OPTIONS ?=
@@ -22,6 +24,10 @@ help: ## Print this list
 .PHONY: setup
 setup: ## Make the virtual environment for running
 	@bin/setup run
+
+.PHONY: cycles
+cycles: ## Install Blender's Cycles in an environment of its own (1 GB; GPL)
+	@bin/cycles
 
 .PHONY: run
 run: setup ## Run a validation from a spec (SPEC=examples/first-run.yaml) and show its result
@@ -61,6 +67,11 @@ test: setup-dev ## The tests (at most 20 minutes on two cores)
 test-all: setup-dev ## Every test but the containers
 	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(PYTEST_OPTIONS)
 
+.PHONY: test-cycles
+test-cycles: setup-dev cycles ## The tests of the engine Cycles with a real Blender (small images)
+	$(TEST_ENVIRONMENT) VALERIE_TEST_CYCLES_PYTHON=$(CYCLES_VENV)/bin/python \
+	  $(PYTHON_BIN) -m pytest tests/cycles $(PYTEST_OPTIONS)
+
 .PHONY: test-compose
 test-compose: setup-dev ## Build and run the containers, and a run through them (needs a Docker engine)
 	$(PYTHON_BIN) -m pytest tests/compose -s $(PYTEST_OPTIONS)
@@ -68,6 +79,8 @@ test-compose: setup-dev ## Build and run the containers, and a run through them 
 BENCHES := $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
 .PHONY: bench
 bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Every benchmark; results go to var/bench/
+
+bench-cycles: cycles
 
 bench-%: setup-dev ## One benchmark, e.g. make bench-render
 	@exec $(PYTHON_BIN) -m benchmarks.bench_$(subst -,_,$*)
@@ -83,4 +96,4 @@ clean: ## Remove what tools left; data (var/) and the environment stay
 
 .PHONY: distclean
 distclean: clean ## Remove the environment too
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(CYCLES_VENV)

@@ -28,10 +28,12 @@ _ALLOWED = Path(__file__).with_name("allowed_skips.txt")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """The container tests need a Docker engine: they run when they are asked for by path, and then never skip."""
-    folder = Path(__file__).with_name("compose")
-    asked_for = any("compose" in str(argument) for argument in config.args)
-    return True if collection_path == folder and not asked_for else None
+    """Tests that need a Docker engine or Blender run when they are asked for by path, and then never skip."""
+    for name in ("compose", "cycles"):
+        folder = Path(__file__).with_name(name)
+        if collection_path == folder and not any(f"tests/{name}" in str(argument) for argument in config.args):
+            return True
+    return None
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from valerie.errors import RenderingError
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
@@ -84,3 +87,15 @@ def test_a_seed_changes_the_noise_and_nothing_else(holder: BlenderHolder) -> Non
     assert (first != second).any()
     means = [pixels[60:].astype(np.float64).mean() for pixels in (first, second)]
     assert abs(means[0] / means[1] - 1) < 0.02
+
+
+def test_what_was_rendered_before_leaves_no_trace(holder: BlenderHolder) -> None:
+    made, asset = engine(holder), simple_asset()
+    first = made.full(asset.base, VIEW)
+    with pytest.raises(RenderingError):
+        made.background(apply({"scene.sun-1.irradiance": 0.0}, asset), VIEW)
+    made.layer(apply({"scene.person-1.character": "blue-coat", "scene.person-2.character": "red-coat"}, asset), VIEW)
+    few = replace(asset.base, nodes={path: node for path, node in asset.base.nodes.items() if "car" not in path})
+    made.background(few, VIEW)
+    layer = made.layer(asset.base, VIEW)
+    np.testing.assert_array_equal(layer.pixels, first.pixels[layer.rectangle.slices])

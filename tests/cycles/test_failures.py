@@ -1,4 +1,4 @@
-"""A real Blender that is killed, stopped or starved in the middle of a picture: an error to try again, and then it works again."""
+"""A real Blender that is killed or stopped in the middle of a picture: an error to try again, and then it works again."""
 
 from __future__ import annotations
 

@@ -30,7 +30,10 @@ VIEW = View("camera-1", 48, 32)
 
 def ground(material: Material, *, sun: Sun, extra: tuple[Node, ...] = (), **scene: object) -> Scene:
     """A large plane of one material, seen from above."""
-    nodes = (Node("scene", np.eye(4)), Node("scene.road-1", np.eye(4), (box_mesh((-300, -300, -1), (300, 300, 0), "ground"),)))
+    nodes = (
+        Node("scene", np.eye(4)),
+        Node("scene.road-1", np.eye(4), (box_mesh((-300, -300, -1), (300, 300, 0), "ground"),)),
+    )
     materials = {"ground": replace(material, name="ground")}
     environment = Environment(sky_strength=float(scene.pop("sky_strength", 1.0)))  # type: ignore[arg-type]
     given = {"textures": {}, "cameras": {"camera-1": DOWN}, **scene}

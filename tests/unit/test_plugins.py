@@ -6,7 +6,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from valerie import plugins
-from valerie.errors import MissingDependency, UnknownName
+from valerie.errors import InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
 from valerie.perception.catalog import FUNCTIONS
 
@@ -22,7 +22,7 @@ def declare(monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
 
 
 def test_names_are_listed_without_importing_what_they_name() -> None:
-    assert plugins.renderer_names() == ("raster", "pyrender")
+    assert plugins.renderer_names() == ("raster", "pyrender", "cycles")
     assert plugins.function_names() == FUNCTIONS
     assert "blank" in plugins.renderer_names(testing=True)
     assert "blank" in plugins.function_names(testing=True)
@@ -47,7 +47,7 @@ def test_a_package_can_add_an_engine_a_function_and_a_sampler(declare) -> None:
 def test_a_package_cannot_take_over_a_built_in_name(declare) -> None:
     declare("renderers", "raster", "os:system")
     declare("samplers", "sobol", "valerie.parameters.samplers.random:RandomSampler")
-    assert plugins.renderer_names() == ("raster", "pyrender")
+    assert plugins.renderer_names() == ("raster", "pyrender", "cycles")
     assert plugins.samplers()["sobol"] is SAMPLERS["sobol"]
 
 
@@ -55,3 +55,37 @@ def test_a_missing_library_is_a_clear_error(declare) -> None:
     declare("renderers", "mine", "no_such_package.engine:Engine")
     with pytest.raises(MissingDependency, match="'mine' needs what is not installed"):
         plugins.create_renderer("mine")
+
+
+def test_settings_of_an_engine_are_complete_whatever_was_said() -> None:
+    said = plugins.engine_inputs("cycles", {"quality": "draft"})
+    assert said == plugins.engine_inputs("cycles", {"samples": 16, "denoise": True})
+    assert said["samples"] == 16
+    assert plugins.engine_inputs("cycles", {"quality": "paper"})["samples"] == 1024
+    assert plugins.engine_inputs("raster", {}) == {}
+
+
+def test_what_pictures_cost_follows_the_samples() -> None:
+    assert plugins.engine_cost("cycles", {"samples": 256}) == 4 * plugins.engine_cost("cycles", {})
+    assert plugins.engine_cost("raster", {}) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("cycles", {"sample": 4}, r"renderer.sample: unknown setting of cycles 'sample'; did you mean samples"),
+        ("cycles", {"samples": 0}, r"renderer.samples: .*greater than or equal to 1"),
+        ("cycles", {"samples": "64"}, r"renderer.samples: .*valid integer"),
+        ("cycles", {"quality": "best"}, r"renderer.quality: .*'draft', 'standard', 'high' or 'paper'"),
+        ("raster", {"samples": 4}, r"renderer.samples: the renderer 'raster' has no settings"),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_place(name: str, given: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidInputs, match=message):
+        plugins.engine_settings(name, given)
+
+
+def test_a_package_can_add_an_engine_with_settings(declare) -> None:
+    declare("renderers", "mine", "valerie.testing.blank:BlankRenderer")
+    declare("engine_settings", "mine", "valerie.rendering.cycles.settings:CyclesSettings")
+    assert plugins.engine_inputs("mine", {"samples": 3})["samples"] == 3

@@ -29,7 +29,9 @@ def worker(
     stage: Annotated[Stage, typer.Argument(metavar="render|infer|eval", help="Which work it takes.")],
     engines: Annotated[
         str | None,
-        typer.Option("--engines", help="Engines that a render worker offers, e.g. cycles; default VALERIE_RENDER_ENGINES."),
+        typer.Option(
+            "--engines", help="Engines that a render worker offers, e.g. cycles; default VALERIE_RENDER_ENGINES."
+        ),
     ] = None,
     data_dir: DataDir = None,
 ) -> None:

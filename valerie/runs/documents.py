@@ -246,7 +246,11 @@ class RunSpec(Document):
     @property
     def engine_settings(self) -> dict[str, Scalar]:
         """What the spec says of the renderer's settings."""
-        return {key: value for key, value in self.renderer.items() if key != "name"} if isinstance(self.renderer, dict) else {}
+        return (
+            {key: value for key, value in self.renderer.items() if key != "name"}
+            if isinstance(self.renderer, dict)
+            else {}
+        )
 
     @property
     def digest(self) -> str:

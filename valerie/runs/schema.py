@@ -103,7 +103,9 @@ def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
 
 def _renderers() -> list[dict[str, Any]]:
     """A name; a name with the settings of a built-in engine; a name with settings that only its package knows."""
-    forms: list[dict[str, Any]] = [{"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}]
+    forms: list[dict[str, Any]] = [
+        {"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}
+    ]
     for name, model in plugins.engine_settings_models().items():
         schema = model.model_json_schema()
         _describe(schema)

@@ -65,6 +65,7 @@ def test_a_value_changes_only_the_products_that_depend_on_it(
         ({"sensors": [{"exposure_ev": -1}]}, MADE),
         ({"sensors": [{"curve": "srgb"}]}, MADE),
         ({"renderer": "pyrender"}, {"background", "layer"} | MADE),
+        ({"renderer": {"name": "raster"}}, set()),
         ({"resolution": {"width": 961, "height": 540}}, {"background", "layer", "truth"} | MADE),
         ({"asset": {"name": "urban-street", "seed": 3}}, set()),
         ({"functions": ["deeplabv3plus-small"]}, set()),
@@ -139,3 +140,20 @@ def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest,
     inputs = split({}, street, "camera-1")
     engine = {"name": "raster", "revision": 1, "numeric_class": pins["engine"]["numeric_class"]}
     assert found.layer == digest(1, "layer", engine, found.background, inputs.layer)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"name": "cycles", "quality": "standard"}, set()),
+        ({"name": "cycles", "samples": 64, "denoise": True}, set()),
+        ({"name": "cycles", "clamp_indirect": 10}, set()),
+        ({"name": "cycles", "samples": 65}, {"background", "layer"} | MADE),
+        ({"name": "cycles", "seed": 1}, {"background", "layer"} | MADE),
+    ],
+)
+def test_settings_of_an_engine_are_inputs_of_its_pictures_however_they_were_said(
+    street: Manifest, pins: dict[str, Any], given: dict[str, Any], expected: set[str]
+) -> None:
+    plain = frame(street, pins, {}, renderer="cycles")
+    assert changed(plain, frame(street, pins, {}, renderer=given)) == expected

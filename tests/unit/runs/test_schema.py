@@ -38,6 +38,8 @@ def test_shipped_specs_and_their_stored_form_follow_the_schema(validator: Any, f
         {"vary": [["p1", "GAUSSIAN", 1, 2, 3]]}, {"vary": [["p1", "HOMOGENEOUS", 1, 2]]}, {"vary": [], "blocks": [{}]},
         {"resolution": {"width": 8}}, {"seed": 1.5}, {"parameters": [["p1", "scene.x.y", "DOUBLE"]]},
         {"sensors": [{"curve": "film"}]}, {"name": None},
+        {"renderer": {"name": "cycles", "sample": 4}}, {"renderer": {"name": "cycles", "samples": 0}}, {"renderer": {}},
+        {"renderer": {"name": "raster", "samples": 4}},
     ],
 )  # fmt: skip
 def test_an_editor_marks_what_the_product_refuses(validator: Any, change: dict[str, Any]) -> None:

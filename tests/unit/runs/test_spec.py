@@ -226,3 +226,16 @@ def test_any_document_is_a_spec_or_refused(given: Any) -> None:
             parse(document)
         except InvalidInput:
             continue
+
+
+def test_a_renderer_is_a_name_or_a_mapping_with_settings() -> None:
+    def given(renderer: object) -> RunSpec:
+        return parse({"name": "one", "asset": "urban-street", "renderer": renderer})
+
+    assert given({"name": "cycles"}) == given("cycles")
+    assert given({"name": "cycles"}).digest == given("cycles").digest
+    assert given("cycles").engine_settings == {}
+    assert given({"name": "cycles", "samples": 16}).engine == "cycles"
+    assert given({"name": "cycles", "samples": 16}).engine_settings == {"samples": 16}
+    with pytest.raises(InvalidInputs, match="a renderer mapping has a name"):
+        given({"samples": 16})

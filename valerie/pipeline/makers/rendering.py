@@ -8,10 +8,10 @@ from typing import Any
 from valerie import plugins
 from valerie.db.products import Finished, Job
 from valerie.errors import TransientError
+from valerie.parameters.assignment import canonical_json
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
-from valerie.parameters.assignment import canonical_json
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation import apply

@@ -15,6 +15,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import IO, Any, Final
@@ -113,10 +114,8 @@ class BlenderProcess:
             return
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None
-            try:
+            with suppress(OSError):  # what was not sent is not wanted any more
                 pipe.close()
-            except OSError:  # what was not sent is not wanted any more
-                pass
         process.kill()
         process.wait()
         self._log.close()
@@ -292,6 +291,15 @@ class BlenderHolder:
 
 def _environment() -> dict[str, str]:
     """What Blender gets to see of the environment: nothing of VALERIE's settings and tokens, no user's Blender settings."""
-    kept = ("PATH", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES", "SYSTEMROOT")
+    kept = (
+        "PATH",
+        "LANG",
+        "LC_ALL",
+        "TMPDIR",
+        "LD_LIBRARY_PATH",
+        "CUDA_VISIBLE_DEVICES",
+        "HIP_VISIBLE_DEVICES",
+        "SYSTEMROOT",
+    )
     found = {name: os.environ[name] for name in kept if name in os.environ}
     return {**found, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": os.devnull}

@@ -204,8 +204,6 @@ class Studio:
             nodes.link(alpha, cut.inputs[0])
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
-        if self._air is None:
-            self._air = _air_group(self._bpy)
         air = nodes.add("ShaderNodeGroup")
         air.node_tree = self._air
         nodes.link(surface, air.inputs[0])
@@ -231,7 +229,7 @@ class Studio:
         self._textures: dict[str, Any] = {}
         self._materials: dict[str, Any] = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
-        self._air: Any = None
+        self._air: Any = _air_group(bpy)
         self._light_set: object = None
         scene = self._scene = bpy.context.scene
         scene.render.engine = "CYCLES"
@@ -289,13 +287,19 @@ class Studio:
 
     def _objects_at(self, wanted: list[dict[str, Any]], matrices: Any) -> None:
         data = self._bpy.data
-        names = {entry["name"] for entry in wanted}
-        for name in [name for name in self._objects if name not in names]:
+        # Noise depends on the order of things. What is not in its place is removed and comes again in the order of a new scene.
+        names = [entry["name"] for entry in wanted]
+        kept = 0
+        for name, there in zip(names, self._objects, strict=False):
+            if name != there:
+                break
+            kept += 1
+        for name in list(self._objects)[kept:]:
             data.objects.remove(self._objects.pop(name)[0])
         for entry, matrix in zip(wanted, matrices, strict=True):
             name = entry["name"]
             state = (entry["mesh"], entry["material"], entry["index"], matrix.tobytes())
-            thing, known = self._objects.get(name, (None, None))
+            thing, known = self._objects.get(name, (None, ()))
             if known == state:
                 continue
             mesh = self._meshes[entry["mesh"]]
@@ -315,8 +319,8 @@ class Studio:
         if self._light_set == (light, sky):
             return
         strength = max(light["sun"])
-        self._sun.hide_render = strength <= 0
         lamp = self._sun.data
+        # Off is energy 0: a hidden lamp would come back in another place of Cycles' order, with other noise.
         # A white Lambert surface that faces the lamp shows its energy divided by π.
         lamp.energy = math.pi * strength
         lamp.color = [value / strength for value in light["sun"]] if strength > 0 else (1.0, 1.0, 1.0)
@@ -328,8 +332,6 @@ class Studio:
         pose[:3, :3] = np.stack([side, np.cross(toward, side), toward], axis=1)
         self._sun.matrix_world = _matrix(pose)
         self._world.show(sky, strength=sky["irradiance"] / self._unit_sky(sky) if sky["irradiance"] > 0 else 0.0)
-        if self._air is None:
-            self._air = _air_group(self._bpy)
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
         self._light_set = (light, sky)
@@ -374,7 +376,7 @@ class Studio:
         return self._rendered(self._scene)
 
     def _rendered(self, scene: Any) -> Any:
-        path = os.path.join(self._folder, "picture.exr")
+        path = f"{self._folder}/picture.exr"
         scene.render.filepath = path
         self._bpy.ops.render.render(write_still=True, scene=scene.name)
         return self._read(path)
@@ -387,7 +389,7 @@ class Studio:
             image.pixels.foreach_get(pixels)
         finally:
             self._bpy.data.images.remove(image)
-            os.unlink(path)
+            os.unlink(path)  # noqa: PTH108
         return pixels.reshape(height, width, 4)[::-1, :, :3]
 
     def _index(self) -> Any:
@@ -410,8 +412,8 @@ class Studio:
             self._bpy.ops.render.render(scene=scene.name)
         finally:
             scene.render.use_compositing = layer.use_pass_object_index = False
-        (name,) = [name for name in os.listdir(self._folder) if name.startswith("index")]
-        return np.rint(self._read(os.path.join(self._folder, name))[..., 0])
+        (name,) = [name for name in os.listdir(self._folder) if name.startswith("index")]  # noqa: PTH208
+        return np.rint(self._read(f"{self._folder}/{name}")[..., 0])
 
 
 class Nodes:
@@ -520,9 +522,7 @@ def _air_group(bpy: Any) -> Any:
     clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", distance, extinction.outputs[0]))
     hidden = nodes.math("SUBTRACT", 1.0, clear)
     seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
-    nodes.link(
-        nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0]
-    )
+    nodes.link(nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0])
     return group
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import re
+from pathlib import Path
+from platform import machine
 from typing import ClassVar, Final
 
 import numpy as np
@@ -86,9 +88,7 @@ class CyclesRenderer:
         return pixels
 
     def _render(self, scene: Scene, view: View, border: Rectangle | None, *, movables: bool) -> NDArray[np.float16]:
-        pixels = translation.render(
-            self._holder.get(), scene, view, self._settings, border=border, movables=movables
-        )
+        pixels = translation.render(self._holder.get(), scene, view, self._settings, border=border, movables=movables)
         return np.clip(pixels, 0.0, _BRIGHTEST).astype(np.float16)
 
 
@@ -103,17 +103,11 @@ def numeric_class(version: str, device: str, device_name: str) -> str:
 
 def _instruction_set() -> str:
     """The widest of the instruction sets that Cycles or its denoiser have code of their own for."""
-    flags: set[str] = set()
     try:
-        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as lines:
-            for line in lines:
-                if line.startswith("flags"):
-                    flags = set(line.partition(":")[2].split())
-                    break
-    except OSError:
-        pass
-    from platform import machine
-
+        lines = Path("/proc/cpuinfo").read_text("ascii", "replace").splitlines()
+    except OSError:  # not Linux
+        lines = []
+    flags = next((set(line.partition(":")[2].split()) for line in lines if line.startswith("flags")), set())
     return next((name for flag, name in _SETS if flag in flags), machine() or "unknown")
 
 

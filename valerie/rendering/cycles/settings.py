@@ -30,7 +30,7 @@ class CyclesSettings(BaseModel):
     """Settings of Blender's Cycles.
 
     Attributes:
-        quality: a preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024 samples as they are.
+        quality: a preset of samples and denoise: draft 16, standard 64, high 256 samples, denoised; paper 1024, not denoised.
         samples: light paths per pixel; overrides the preset's.
         denoise: whether Open Image Denoise cleans the picture; overrides the preset's.
         max_bounces: surfaces that a light path meets at most after the first.

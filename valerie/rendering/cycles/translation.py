@@ -19,7 +19,7 @@ from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, mat
 from valerie.rendering.sky import sky_of
 from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
-#: Share of its light that a thin sheet (`Material.double_sided`) passes on: its lit side then shows what the raster engine's does.
+#: Share of its light that a thin sheet (`Material.double_sided`) passes on; its lit side is then as in the raster engine.
 _TRANSLUCENT_SHARE: Final = 0.175
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 #: Blender's haze per unit of turbidity above pure air, so that our clear day (3) is its ordinary one (1).
@@ -30,13 +30,13 @@ _SPARE: Final = 64
 
 
 class _Placed(NamedTuple):
-    """One mesh of a node in the world; ``index`` is the node's place among the drawn ones, from 1."""
+    """One mesh of a node in the world; ``place`` is the node's among the drawn ones, from 1."""
 
     name: str
     mesh: str
     material: str
     world: Matrix
-    index: int
+    place: int
 
 
 def render(
@@ -92,7 +92,7 @@ def _ask(
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
-        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.index} for p in placed],
+        objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
         index=index,
         **_light(scene),
@@ -107,7 +107,7 @@ class _Sender:
         self._scene = scene
         self._used: set[str] = set()
 
-    def placed(self, item: DrawItem, index: int) -> list[_Placed]:
+    def placed(self, item: DrawItem, place: int) -> list[_Placed]:
         """The meshes of a node, sent."""
         found = []
         for i, mesh in enumerate(item.meshes):
@@ -115,7 +115,7 @@ class _Sender:
                 continue
             material = self._material(material_of(self._scene, mesh, item.node.path))
             key, world = self._mesh(mesh, item.world)
-            found.append(_Placed(f"{item.node.path}#{i}", key, material, world, index))
+            found.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
         return found
 
     def forget_unused(self) -> None:
@@ -125,8 +125,7 @@ class _Sender:
         if len(unused) > len(self._used) + _SPARE:
             kinds = ("mesh", "material", "texture")
             lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
-            # Objects of the last picture may still hold them.
-            self._blender.ask("forget", **{_PLURAL[kind]: keys for kind, keys in lists.items()})
+            self._blender.ask("forget", meshes=lists["mesh"], materials=lists["material"], textures=lists["texture"])
             for key in unused:
                 del known[key]
 
@@ -182,9 +181,6 @@ class _Sender:
             return False
         self._blender.known[key] = thing
         return True
-
-
-_PLURAL: Final = {"mesh": "meshes", "material": "materials", "texture": "textures"}
 
 
 def _camera(camera: Camera) -> dict[str, Any]:

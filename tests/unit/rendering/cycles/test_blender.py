@@ -52,9 +52,7 @@ def test_cpu_seconds_are_those_that_blender_tells_of_over_all_its_lives(holder: 
         ("has no memory", "out of GPU memory"),
     ],
 )
-def test_what_may_pass_is_a_transient_error_and_leaves_no_process(
-    holder: Holders, behaviour: str, reason: str
-) -> None:
+def test_what_may_pass_is_a_transient_error_and_leaves_no_process(holder: Holders, behaviour: str, reason: str) -> None:
     held = holder(behaviour)
     made = engine(held)
     pid = held.get().pid

@@ -1,0 +1,104 @@
+"""A run whose engine computes in a process of its own: what becomes of crashes, hangs and settings."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import Pipeline
+from valerie.broker import route_of
+from valerie.db import processes
+from valerie.db.engine import reading, writing
+from valerie.db.models import Product
+from valerie.pipeline.probe import probe_engine, probe_function
+from valerie.rendering.cycles.blender import process_blender
+
+FAKE = Path(__file__).parents[1] / "rendering" / "cycles" / "fake_blender.py"
+SMALL = {**spec(xs=2, ys=1), "renderer": {"name": "cycles", "samples": 2}, "resolution": {"width": 24, "height": 16}}
+
+
+@pytest.fixture
+def with_blender(
+    pipelines: Callable[..., Pipeline], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[str], Pipeline]]:
+    """Makes a pipeline whose worker offers Cycles with a fake Blender."""
+
+    def make(behaviour: str) -> Pipeline:
+        python = tmp_path / "python"
+        python.write_text(f'#!/bin/sh\nexec {sys.executable} {FAKE} "{behaviour}" "$@"\n')
+        python.chmod(0o755)
+        monkeypatch.setenv("TMPDIR", str(tmp_path))
+        monkeypatch.setenv("VALERIE_CYCLES_PYTHON", str(python))
+        monkeypatch.setenv("VALERIE_CYCLES_SILENCE_SECONDS", "0.6")
+        process_blender.cache_clear()
+        made = pipelines(workers=False)
+        engine = {"name": "cycles", "numeric_class": "bpy-9.9.9-cpu-avx2", "revision": 1}
+        monkeypatch.setattr("valerie.rendering.cycles.renderer._instruction_set", lambda: "avx2")
+        offers = [
+            {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
+            for o in (engine, *(o for o in probe_engine("blank") if o["name"] == "truth"))
+        ]
+        offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
+        row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": time.time()}
+        with writing(made.context.engine) as connection:
+            processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
+        return made
+
+    yield make
+    import os
+
+    process_blender(os.getpid()).close()
+    process_blender.cache_clear()
+
+
+def products(pipeline: Pipeline, kind: str) -> list[Any]:
+    with reading(pipeline.context.engine) as connection:
+        return list(connection.execute(select(Product).where(Product.kind == kind)))
+
+
+def test_a_run_completes_and_blenders_cpu_seconds_count(with_blender: Callable[[str], Pipeline]) -> None:
+    pipeline = with_blender("works")
+    assert pipeline.run(pipeline.submit(SMALL)) == "completed"
+    assert min(row.cpu_seconds for row in products(pipeline, "layer")) > 0.25
+
+
+@pytest.mark.parametrize(("behaviour", "said"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
+def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure(
+    with_blender: Callable[[str], Pipeline], behaviour: str, said: str
+) -> None:
+    pipeline = with_blender(behaviour)
+    assert pipeline.run(pipeline.submit(SMALL), rounds=400) == "completed-with-failures"
+    for row in products(pipeline, "background"):
+        assert row.error["type"] == "TransientError"
+        assert said in row.error["message"]
+        assert row.attempts == row.error["attempts"] == 2
+
+
+def test_one_crash_costs_nothing_but_time(with_blender: Callable[[str], Pipeline]) -> None:
+    pipeline = with_blender("crashes once")
+    assert pipeline.run(pipeline.submit(SMALL), rounds=400) == "completed"
+    assert max(row.attempts for row in products(pipeline, "background")) == 2
+
+
+def test_other_settings_are_other_pictures_and_the_same_truth(with_blender: Callable[[str], Pipeline]) -> None:
+    pipeline = with_blender("works")
+    pipeline.run(pipeline.submit(SMALL))
+    counts = {kind: len(products(pipeline, kind)) for kind in ("background", "layer", "truth")}
+    pipeline.run(pipeline.submit({**SMALL, "renderer": {"name": "cycles", "samples": 3}}))
+    again = {kind: len(products(pipeline, kind)) for kind in counts}
+    assert again == {"background": 2 * counts["background"], "layer": 2 * counts["layer"], "truth": counts["truth"]}
+
+
+def test_a_run_without_such_a_worker_waits_and_says_how_to_get_one(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines()
+    run = pipeline.submit(SMALL)
+    pipeline.step()
+    assert pipeline.state(run) == "submitted"
+    assert "'cycles' (`make cycles` installs it)" in pipeline.row(run).reason
