@@ -15,7 +15,7 @@ FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 def planned(text: str) -> Plan:
     spec = parse(text)
     manifest, digest = asset_manifest(spec.asset)
-    run = resolve(spec, manifest, asset_digest=digest, engines=("raster", "pyrender"), functions=FUNCTIONS)
+    run = resolve(spec, manifest, asset_digest=digest, engines=("raster", "pyrender", "cycles"), functions=FUNCTIONS)
     assert run.warnings == ()
     return plan(run)
 

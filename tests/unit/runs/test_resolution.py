@@ -14,7 +14,7 @@ def resolved(street: Manifest, **given: Any) -> ResolvedRun:
     return resolve(
         parse({"name": "one", "asset": "urban-street", "functions": ["deeplabv3plus-small"], **given}),
         street,
-        engines=("raster", "pyrender"),
+        engines=("raster", "pyrender", "cycles"),
         functions=("deeplabv3plus-small", "semantic-fpn-small"),
     )
 
