@@ -56,42 +56,45 @@ def blender_filmic(linear: Floats) -> Floats:
         linear: (…, 3), not negative.
     """
     lattice, curve = _tables()
-    size = _SIZE
     smallest = np.float32(2.0**_LOWEST_STOP)
-    stops = np.log2(np.maximum(linear.reshape(-1, 3), smallest)) - np.float32(_LOWEST_STOP)
-    place = np.minimum(stops * np.float32((size - 1) / _STOPS), np.float32(size - 1))
-    corner = np.minimum(place.astype(np.int32), size - 2)
-    part = place - corner
-    log = _interpolated(lattice, corner, part, size)
-    index = np.minimum(log, np.float32(1.0)) * np.float32(len(curve) - 1)
-    lower = np.minimum(index.astype(np.int32), len(curve) - 2)
-    below = curve[lower]
-    display: Floats = below + (curve[lower + 1] - below) * (index - lower)
-    return display.reshape(linear.shape)
+    # Channel by channel, each in one piece: numpy is several times faster on long rows than on rows of three.
+    values = np.ascontiguousarray(linear.reshape(-1, 3).T)
+    stops = np.log2(np.maximum(values, smallest)) - np.float32(_LOWEST_STOP)
+    place = np.minimum(stops * np.float32((_SIZE - 1) / _STOPS), np.float32(_SIZE - 1))
+    index = _interpolated(lattice, place) * np.float32(len(curve) - 1)
+    floor = np.minimum(np.floor(index), np.float32(len(curve) - 2))
+    lower = floor.astype(np.int32)
+    below = np.take(curve, lower)
+    display: Floats = below + (np.take(curve, lower + 1) - below) * (index - floor)
+    return display.T.reshape(linear.shape)
 
 
-def _interpolated(lattice: Floats, corner: NDArray[np.int32], part: Floats, size: int) -> Floats:
-    """(N, 3) values between the lattice's corners: a walk along the axes, the one with the largest part first."""
-    strides = np.array([size * size, size, 1], np.int32)
-    first = corner @ strides
-    largest, smallest = part.argmax(axis=1), part.argmin(axis=1)
-    # Where two parts are equal the middle one is whichever is left; where all are, the middle is of no weight.
-    middle = np.where(largest == smallest, largest, 3 - largest - smallest)
-    rows = np.arange(len(part))
-    a, b, c = (part[rows, axis][:, None] for axis in (largest, middle, smallest))
-    second = first + strides[largest]
+def _interpolated(lattice: Floats, place: Floats) -> Floats:
+    """(3, N) values between the lattice's corners, at (3, N) places.
+
+    In each cell it walks along the axes from the lower corner to the upper, the one with the largest part first.
+    """
+    floor = np.minimum(np.floor(place), np.float32(_SIZE - 2))
+    red, green, blue = place - floor
+    strides = np.array([_SIZE * _SIZE, _SIZE, 1], np.int32)
+    first = strides @ floor.astype(np.int32)
+    # Where parts are equal, the order of their axes is of no consequence, as long as two different ones are taken.
+    largest = np.where(red >= np.maximum(green, blue), strides[0], np.where(green >= blue, strides[1], strides[2]))
+    smallest = np.where(blue <= np.minimum(red, green), strides[2], np.where(green <= red, strides[1], strides[0]))
+    high, low = np.maximum(red, green), np.minimum(red, green)
+    a, b, c = np.maximum(high, blue), np.maximum(low, np.minimum(high, blue)), np.minimum(low, blue)
     last = first + strides.sum()
-    third = last - strides[smallest]
-    one = np.float32(1.0)
-    mixed: Floats = (
-        lattice[first] * (one - a) + lattice[second] * (a - b) + lattice[third] * (b - c) + lattice[last] * c
-    )
+    corners = ((first, np.float32(1.0) - a), (first + largest, a - b), (last - smallest, b - c), (last, c))
+    mixed = np.zeros_like(place)
+    for channel, values in enumerate(lattice):
+        for at, weight in corners:
+            mixed[channel] += np.take(values, at) * weight
     return mixed
 
 
 @cache
 def _tables() -> tuple[Floats, Floats]:
-    """The lattice as (33³, 3), its values cut off at white, and the curve as (4096,): both float32 in [0, 1]."""
+    """The lattice as (3, 33³), its values cut off at white, and the curve as (4096,): both float32 in [0, 1]."""
     steps = np.arange(_SIZE)
     linear = 2.0 ** (_LOWEST_STOP + _STOPS * steps / (_SIZE - 1))
     shares = np.where(steps > max(_SHARES), 1.0, 0.0)
@@ -102,4 +105,4 @@ def _tables() -> tuple[Floats, Floats]:
     scale = (np.log2(moved) - _LOWEST_STOP) / _STOPS
     lattice = np.minimum(scale / _SHOWN, 1.0)
     curve = PchipInterpolator(np.linspace(0.0, 1.0, len(_NODES)), _NODES)(np.linspace(0.0, 1.0, _CURVE))
-    return lattice.astype(np.float32), np.asarray(curve, np.float32)
+    return np.ascontiguousarray(lattice.T, np.float32), np.asarray(curve, np.float32)

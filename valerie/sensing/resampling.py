@@ -11,10 +11,10 @@ def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.f
 
     Args:
         image: (H, W) or (H, W, C).
-        x, y: same shape, any: pixel coordinates; 0 is the centre of the first pixel.
+        x, y: any shapes that fit each other: pixel coordinates; 0 is the centre of the first pixel.
 
     Returns:
-        ``x.shape`` or ``x.shape + (C,)``.
+        (the common shape of x and y) or (that shape, C).
     """
     height, width = image.shape[:2]
     x, y = np.clip(x, 0.0, width - 1.0), np.clip(y, 0.0, height - 1.0)
@@ -23,13 +23,13 @@ def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.f
     across, down = (x - left).astype(np.float32), (y - top).astype(np.float32)
     first = top * width + left
     right, below = int(width > 1), width * int(height > 1)
-    flat = image.reshape(height * width, *image.shape[2:])
+    flat: NDArray[np.float32] = image.reshape(height * width, *image.shape[2:])
     if image.ndim == 3:
         across, down = across[..., None], down[..., None]
-    upper: NDArray[np.float32] = flat[first]
-    upper += (flat[first + right] - upper) * across
-    lower: NDArray[np.float32] = flat[first + below]
-    lower += (flat[first + below + right] - lower) * across
+    upper: NDArray[np.float32] = np.take(flat, first, axis=0)
+    lower: NDArray[np.float32] = np.take(flat, first + below, axis=0)
+    upper += (np.take(flat, first + right, axis=0) - upper) * across
+    lower += (np.take(flat, first + below + right, axis=0) - lower) * across
     lower -= upper
     lower *= down
     upper += lower

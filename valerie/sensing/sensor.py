@@ -144,7 +144,8 @@ def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats
     middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
     aberration = setting.lens.chromatic_aberration
     if setting.distortion.identity:
-        x, y = np.broadcast_arrays(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)[:, None])
+        # A row of columns and a column of rows: what is the same for all of them is computed once.
+        x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
     else:
         found = pixel_map(setting.distortion, width, height, focal_px)
         x, y = found.x, found.y
