@@ -1,5 +1,6 @@
 """Who imports whom: the rules of .importlinter, and what really gets loaded."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -72,3 +73,19 @@ def test_an_infer_worker_loads_no_gl_and_a_render_worker_no_torch() -> None:
 def test_the_command_line_answers_without_loading_what_it_does_not_need() -> None:
     unneeded = ("numpy", "pydantic", "sqlalchemy", "celery", "fastapi", "httpx", "redis")
     assert _loaded_by("import valerie.cli.main", unneeded) == []
+
+
+def test_the_program_inside_blender_and_valerie_import_nothing_of_each_other() -> None:
+    # Two programs under two licences that exchange messages: docs/cycles.md.
+    inside = ROOT / "valerie" / "rendering" / "cycles" / "inside_blender.py"
+    assert _imports(inside) - sys.stdlib_module_names == {"numpy", "bpy", "mathutils"}
+    for file in (*(ROOT / "valerie").rglob("*.py"), *(ROOT / "services").rglob("*.py")):
+        assert not any("import" in line and "inside_blender" in line for line in file.read_text("utf-8").splitlines())
+
+
+def _imports(file: Path) -> set[str]:
+    """First parts of all that a module imports, wherever in it."""
+    nodes = list(ast.walk(ast.parse(file.read_text("utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    found = plain | {node.module or "." for node in nodes if isinstance(node, ast.ImportFrom)}
+    return {name.partition(".")[0] for name in found}
