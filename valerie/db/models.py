@@ -23,6 +23,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Text,
+    UniqueConstraint,
     text,
 )
 from sqlalchemy.dialects.postgresql import JSONB
@@ -262,6 +263,28 @@ class PersonScore(Base):
     tp: Mapped[int]
     fn: Mapped[int]
     pacc: Mapped[float | None] = mapped_column(Float)
+
+
+class Function(Base):
+    """A registered function under test: one version of a name. Rows are written once and never changed."""
+
+    __tablename__ = "functions"
+
+    name: Mapped[str] = mapped_column(String(64), primary_key=True)
+    #: Of the document without its name; see `valerie.perception.documents.FunctionDocument`.
+    digest: Mapped[str] = mapped_column(Digest, primary_key=True)
+    #: Counts the versions of a name; the highest is the newest.
+    version: Mapped[int]
+    document: Mapped[dict[str, Any]]
+    #: SHA-256 of the payload in the artifact store; None for kinds without one.
+    payload: Mapped[str | None] = mapped_column(String(64))
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        UniqueConstraint("name", "version"),
+        Index("ix_functions_digest", "digest"),
+        Index("ix_functions_payload", "payload"),
+    )
 
 
 class Worker(Base):

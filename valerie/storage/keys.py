@@ -13,9 +13,12 @@ from valerie.errors import InvalidInput
 
 PRODUCTS: Final = "products/"
 RUNS: Final = "runs/"
+FUNCTIONS: Final = "functions/"
 
 _KIND = re.compile(r"[a-z][a-z-]{0,30}")
 _DIGEST = re.compile(r"[0-9a-f]{32}")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_FORMAT = re.compile(r"[a-z][a-z0-9]{0,15}")
 _RUN = re.compile(r"[0-9A-Za-z][0-9A-Za-z_-]{0,63}")
 _NAME = re.compile(r"[0-9A-Za-z][0-9A-Za-z_-]*(\.[0-9A-Za-z_-]+)*")
 
@@ -68,3 +71,25 @@ def run_prefix(run_id: str) -> str:
     if not _RUN.fullmatch(run_id):
         raise InvalidInput("not a run id", field="run", value=run_id, limit="letters, digits, _ and -")
     return f"{RUNS}{run_id}/"
+
+
+def function_key(sha256: str, file_format: str) -> str:
+    """Key of the payload of a function under test: ``functions/ab/abcd….onnx``.
+
+    Raises:
+        InvalidInput: not a SHA-256 in lower-case hexadecimal characters, or not a format.
+    """
+    if not _SHA256.fullmatch(sha256):
+        raise InvalidInput("not a SHA-256", field="sha256", value=sha256, limit="64 lower-case hexadecimal characters")
+    if not _FORMAT.fullmatch(file_format):
+        raise InvalidInput("not a format", field="format", value=file_format, limit="lower-case letters and digits")
+    return f"{FUNCTIONS}{sha256[:2]}/{sha256}.{file_format}"
+
+
+def parse_function_key(key: str) -> str | None:
+    """The SHA-256 in a payload's key; None for any other key."""
+    parts = key.removeprefix(FUNCTIONS).split("/")
+    sha256, _, file_format = parts[-1].partition(".")
+    if not key.startswith(FUNCTIONS) or not _SHA256.fullmatch(sha256) or not _FORMAT.fullmatch(file_format):
+        return None
+    return sha256 if key == function_key(sha256, file_format) else None
