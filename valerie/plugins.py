@@ -169,7 +169,7 @@ def function_names(*, testing: bool = False) -> tuple[str, ...]:
     return (*FUNCTIONS, *sorted(_FUNCTIONS.declared()), *((TESTING_ENGINE,) if testing else ()))
 
 
-def create_function(name: str, *, threads: int = 1) -> PerceptionFunction:
+def create_function(name: str, *, threads: int = 1, device: str = "auto") -> PerceptionFunction:
     """Load a function under test; one of an installed package is made by calling its entry point without arguments.
 
     Raises:
@@ -177,7 +177,7 @@ def create_function(name: str, *, threads: int = 1) -> PerceptionFunction:
         NotFound, InvalidInput: its file is missing or damaged.
     """
     if name in FUNCTIONS:
-        return load_function(name, threads=threads)
+        return load_function(name, threads=threads, device=device)
     function: PerceptionFunction = _FUNCTIONS.load(name)()
     return function
 

@@ -58,6 +58,19 @@ class Settings(BaseSettings):
     api_token: SecretStr | None = Field(None, description="bearer token that every request must carry")
     max_body_bytes: int = Field(2_000_000, ge=1_000, description="longest request body that is read")
 
+    # Functions under test
+    max_function_mb: int = Field(
+        1_024, ge=1, le=8_192, description="longest file of a function that is taken; checked before it is read"
+    )
+    import_memory_mb: int = Field(
+        8_192, ge=0, description="private memory of the process that converts and checks such a file; 0: no limit"
+    )
+    import_seconds: Seconds = Field(600.0, description="time that converting and checking may take")
+    function_cache_mb: int = Field(4_096, ge=1, description="files of functions that a machine keeps in data_dir")
+    predictions_hours: float = Field(
+        168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for predictions that people bring"
+    )
+
     # Runs
     max_variants: int = Field(1_000_000, ge=1, description="largest run that is accepted")
     feed_window: int = Field(4_000, ge=1, description="unfinished products that are written ahead of the workers")
@@ -86,6 +99,29 @@ class Settings(BaseSettings):
     cycles_threads: int = Field(0, ge=0, le=1024, description="threads of Cycles; 0: one per core of the machine")
     cycles_silence_seconds: Seconds = Field(300.0, description="a Blender that shows no progress for so long is ended")
     cycles_max_memory_mb: int = Field(8_192, ge=512, description="a Blender that outgrows this is ended")
+    infer_engines: str = Field(
+        "",
+        description="engines for registered functions that an inference worker offers, as torch/fp32,openvino/bf16; "
+        "empty: all that work on its machine; none: no registered functions",
+    )
+    infer_device: str = Field(
+        "auto", pattern=r"^(auto|cpu|cuda(:[0-9]+)?)$", description="where torch runs: auto, cpu, cuda, cuda:1"
+    )
+    infer_memory_mb: int = Field(
+        16_384,
+        ge=0,
+        description="private memory of the process that runs a function; beyond it allocations fail; 0: no limit",
+    )
+    infer_seconds: float = Field(
+        600.0,
+        ge=0,
+        le=86_400,
+        allow_inf_nan=False,
+        description="longest time to open a function or for one picture; 0: any",
+    )
+    http_functions: str = Field(
+        "", description="where functions behind HTTP may be, as models.example:8000,10.1.0.0/16; empty: nowhere"
+    )
     testing_engines: bool = Field(False, description="accept the blank engine and function of benchmarks and tests")
     infer_threads: int = Field(0, ge=0, description="threads of the inference engine; 0: one per core of the machine")
 
@@ -121,6 +157,11 @@ class Settings(BaseSettings):
     def inference_threads(self) -> int:
         """Threads of an inference worker; part of the numeric class, since the last bits of sums depend on it."""
         return self.infer_threads or os.cpu_count() or 1
+
+    @property
+    def http_addresses(self) -> tuple[str, ...]:
+        """The entries of ``http_functions``."""
+        return tuple(entry.strip() for entry in self.http_functions.split(",") if entry.strip())
 
     @property
     def exposed(self) -> bool:

@@ -62,6 +62,7 @@ class System:
                 "testing_engines": True,
                 "render_engines": "blank",
                 "infer_functions": "blank",
+                "infer_engines": "none",
                 "visibility_timeout_seconds": 5,
                 "shutdown_seconds": 1.0,
                 "min_free_mb": 0,

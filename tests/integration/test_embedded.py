@@ -46,6 +46,7 @@ class Command:
                 "VALERIE_TESTING_ENGINES": "true",
                 "VALERIE_RENDER_ENGINES": "blank",
                 "VALERIE_INFER_FUNCTIONS": "blank",
+                "VALERIE_INFER_ENGINES": "none",
                 "VALERIE_API_PORT": "0",
                 "VALERIE_ASSET_DIR": str(folder / "assets"),
                 **environment,

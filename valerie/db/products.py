@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import orjson
 from sqlalchemy import (
@@ -31,7 +31,10 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.bulk import insert_rows
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
+from valerie.runs.states import BROUGHT_ROUTE
 
+#: Cache group of the evaluations of predictions that people bring.
+BROUGHT_GROUP: Final = "brought"
 #: (digest, kind, route, cache group): what the broker needs to ring for a product.
 Ready = tuple[str, str, str, str]
 
@@ -115,7 +118,7 @@ def _promote(connection: Connection, condition: Any, now: float) -> list[Ready]:
         .values(state="ready", sent_at=now)
         .returning(*_READY_COLUMNS)
     )
-    return [_ready(row) for row in connection.execute(statement)]
+    return _to_ring_for(connection.execute(statement))
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,15 +360,17 @@ def take_back_expired(connection: Connection, *, now: float, max_attempts: int) 
         .values(state="ready", lease_owner=None, lease_until=None, sent_at=now)
         .returning(*_READY_COLUMNS)
     )
-    return [_ready(row) for row in rows]
+    return _to_ring_for(rows)
 
 
 def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Ready]:
     """Sweep: ready products for which nobody rang since ``before`` (a lost message, or a pause after a fault)."""
     rows = connection.execute(
-        select(*_READY_COLUMNS).where(_UNFINISHED, Product.state == "ready", Product.sent_at < before).limit(limit)
+        select(*_READY_COLUMNS)
+        .where(_UNFINISHED, Product.state == "ready", Product.sent_at < before, Product.route != BROUGHT_ROUTE)
+        .limit(limit)
     )
-    return [_ready(row) for row in rows]
+    return _to_ring_for(rows)
 
 
 def mark_sent(connection: Connection, digests: Iterable[str], now: float) -> None:
@@ -386,8 +391,13 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
 
 
 def unfinished_count(connection: Connection) -> int:
-    """Products that wait, are ready or run: what the feeding window bounds."""
-    return connection.scalar(select(func.count()).select_from(Product).where(_UNFINISHED)) or 0
+    """Products that wait, are ready or run: what the feeding window bounds.
+
+    Predictions that people bring, and what is counted from them, are left out: nobody could see all frames of a large run
+    before the first label maps came.
+    """
+    brought = (Product.route == BROUGHT_ROUTE) | (Product.cache_group == BROUGHT_GROUP)
+    return connection.scalar(select(func.count()).select_from(Product).where(_UNFINISHED, ~brought)) or 0
 
 
 def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
@@ -488,8 +498,9 @@ def delete(connection: Connection, digests: Iterable[str]) -> None:
     connection.execute(sql_delete(Product).where(_among(connection, Product.digest, digests)))
 
 
-def _ready(row: Any) -> Ready:
-    return row.digest, row.kind, row.route, row.cache_group
+def _to_ring_for(rows: Iterable[Any]) -> list[Ready]:
+    """Rows as messages need them, without what people bring: there is nobody to ring for."""
+    return [(row.digest, row.kind, row.route, row.cache_group) for row in rows if row.route != BROUGHT_ROUTE]
 
 
 def _insert_of(connection: Connection) -> Any:

@@ -12,6 +12,7 @@ from sqlalchemy.orm import aliased
 
 from valerie.db.models import Block, Evaluation, Frame, Product, Run, Variant
 from valerie.errors import Conflict, NotFound
+from valerie.runs.states import BROUGHT_ROUTE
 
 ACTIVE = ("submitted", "running", "paused", "finishing")
 
@@ -213,6 +214,31 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
         "eval_failed",
     )
     return dict(zip(names, (int(value or 0) for value in (*frames, *evaluations)), strict=True))
+
+
+def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
+    """Digests of a function's predictions whose frames can be seen and that nobody brought yet."""
+    return list(
+        connection.scalars(
+            select(Product.digest)
+            .join(Evaluation, Evaluation.prediction == Product.digest)
+            .where(Evaluation.run_id == run_id, Evaluation.function_index == function_index, *_AWAITED)
+            .distinct()
+        )
+    )
+
+
+def awaited_count(connection: Connection, run_id: str) -> int:
+    """How many predictions of a run people have still to bring."""
+    statement = (
+        select(func.count(Product.digest.distinct()))
+        .join(Evaluation, Evaluation.prediction == Product.digest)
+        .where(Evaluation.run_id == run_id, *_AWAITED)
+    )
+    return connection.scalar(statement) or 0
+
+
+_AWAITED = (Product.state == "ready", Product.route == BROUGHT_ROUTE)
 
 
 def rejections(connection: Connection, run_id: str) -> dict[str, int]:

@@ -54,12 +54,13 @@ def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
     return document.card(digest=_identity(document))
 
 
-def load_function(name: str, *, threads: int = 1, folder: Path = WEIGHTS) -> PerceptionFunction:
+def load_function(name: str, *, threads: int = 1, device: str = "auto", folder: Path = WEIGHTS) -> PerceptionFunction:
     """Load a function to predict with.
 
     Args:
         name: one of `FUNCTIONS`.
         threads: CPU threads of this process for the inference engine.
+        device: see `valerie.perception.functions.open_function`.
         folder: where the function files are.
 
     Raises:
@@ -69,7 +70,7 @@ def load_function(name: str, *, threads: int = 1, folder: Path = WEIGHTS) -> Per
     """
     path = function_path(name, folder=folder)
     document = file_document(name, path)
-    return open_function(document, path, threads=threads, digest=_identity(document))
+    return open_function(document, path, threads=threads, device=device, digest=_identity(document))
 
 
 def _identity(document: FunctionDocument) -> str:

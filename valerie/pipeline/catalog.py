@@ -12,7 +12,9 @@ from valerie.db.engine import reading
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.perception.catalog import FUNCTIONS, function_card
+from valerie.pipeline import functions as registry
 from valerie.pipeline.context import Context
+from valerie.pipeline.pinning import inference_name
 from valerie.scene.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
@@ -54,7 +56,8 @@ def renderers(context: Context) -> list[dict[str, Any]]:
 def functions(context: Context) -> list[dict[str, Any]]:
     """Functions under test with their cards, and the numeric classes in which living workers offer them.
 
-    One whose file is missing or damaged says so in ``problem``.
+    First those that are installed, then those that are registered: every version, by name, newest first. One whose file is
+    missing or damaged says so in ``problem``.
     """
     offers = _offers(context, "infer")
     found = []
@@ -68,7 +71,43 @@ def functions(context: Context) -> list[dict[str, Any]]:
                 problem = str(error)
         classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
         found.append({**asdict(card), "numeric_classes": classes, "problem": problem})
+    with reading(context.engine) as connection:
+        found += [_registered(one, offers) for one in registry.listed(connection)]
     return found
+
+
+def function(context: Context, reference: str) -> dict[str, Any]:
+    """One function: an installed one by its name, or a version of a registered one with its document.
+
+    Raises:
+        UnknownName, NotFound, InvalidInput: as `valerie.pipeline.functions.find`.
+    """
+    if reference in plugins.function_names():
+        return next(one for one in functions(context) if one["name"] == reference)
+    with reading(context.engine) as connection:
+        found = registry.find(connection, reference)
+    return registered_function(context, found)
+
+
+def registered_function(context: Context, found: registry.Registered) -> dict[str, Any]:
+    """A version with its card, its document, and the numeric classes in which living workers offer its engine."""
+    document = found.document.model_dump(mode="json")
+    return {**_registered(found, _offers(context, "infer")), "document": document}
+
+
+def _registered(found: registry.Registered, offers: list[dict[str, Any]]) -> dict[str, Any]:
+    document = found.document
+    return {
+        **asdict(document.card()),
+        "reference": found.reference,
+        "kind": document.kind,
+        "version": found.version,
+        "classes": list(document.output.reached),
+        "unmapped": list(document.output.unmapped),
+        "created_at": found.created_at.isoformat(),
+        "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == inference_name(document)}),
+        "problem": None,
+    }
 
 
 def _offers(context: Context, stage: str) -> list[dict[str, Any]]:

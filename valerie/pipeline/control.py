@@ -17,8 +17,9 @@ from valerie.db import processes, products, runs
 from valerie.db.engine import reading, writing
 from valerie.db.products import Ready
 from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
-from valerie.pipeline import feeding
+from valerie.pipeline import brought, feeding, functions
 from valerie.pipeline.context import Context
+from valerie.pipeline.deadlines import with_deadlines
 from valerie.pipeline.lifecycle import STORAGE_REASON, pause_for_storage, resume
 from valerie.pipeline.pinning import choose_pins
 from valerie.pipeline.progress import ProgressBook
@@ -98,6 +99,7 @@ class ControlLoop:
         self._finish([run for run in active if run.state == RunState.FINISHING], now)
         if now >= self._next_sweep:
             self._sweep(now)
+            brought.fail_overdue(self._context, running, now)
             self._next_sweep = now + self._settings.sweep_seconds
             self._guard_space()
         if any(run.state == RunState.PAUSED for run in active) and now >= self._next_probe:
@@ -114,7 +116,7 @@ class ControlLoop:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
             offers = processes.offers(connection, now=now) if waiting else []
         for run in waiting:
-            pins, reason = (run.pins, None) if run.pins else choose_pins(run.spec, offers)
+            pins, reason = (run.pins, None) if run.pins else self._pins(run, offers)
             with writing(self._context.engine) as connection:
                 if pins is None:
                     if reason != run.reason:
@@ -125,9 +127,23 @@ class ControlLoop:
                         run.id,
                         expected=(RunState.SUBMITTED,),
                         state=RunState.RUNNING,
-                        pins=pins,
+                        pins=with_deadlines(pins, self._settings, now),
                         started_at=run.started_at or runs.now_utc(),
                     )
+
+    def _pins(self, run: Any, offers: list[dict[str, Any]]) -> tuple[dict[str, Any] | None, str | None]:
+        """`choose_pins`; a run whose function was removed before it could start fails, since it would wait for ever."""
+        names = run.spec["functions"]
+        try:
+            with reading(self._context.engine) as connection:
+                functions.require_known(connection, names)
+                registered = functions.known(connection, names)
+        except TransientError:
+            raise
+        except ValerieError as error:
+            self._fail(run.id, str(error), expected=RunState.SUBMITTED)
+            return None, str(error)
+        return choose_pins(run.spec, offers, registered)
 
     def _feed(self, running: list[Any], now: float) -> bool:
         """Write the next block of each run that has one, while the window has room."""
@@ -161,12 +177,12 @@ class ControlLoop:
             # The rows are committed: the sweeper rings for them when the broker is back.
             log.warning("control.broker", reason=str(error))
 
-    def _fail(self, run_id: str, reason: str) -> None:
+    def _fail(self, run_id: str, reason: str, *, expected: RunState = RunState.RUNNING) -> None:
         with writing(self._context.engine) as connection:
             runs.change_state(
                 connection,
                 run_id,
-                expected=(RunState.RUNNING,),
+                expected=(expected,),
                 state=RunState.FAILED,
                 reason=reason,
                 finished_at=runs.now_utc(),

@@ -13,9 +13,10 @@ from valerie.db import products, runs
 from valerie.db.bulk import insert_rows
 from valerie.db.engine import writing
 from valerie.db.models import Block, Evaluation, Frame, Variant
-from valerie.db.products import Ready, Wanted
+from valerie.db.products import BROUGHT_GROUP, Ready, Wanted
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
+from valerie.runs.states import BROUGHT_ROUTE
 from valerie.scene.legality import rejection_reason
 from valerie.settings import Settings
 
@@ -71,7 +72,11 @@ class Feeder:
         cameras = range(len(self._resolved.cameras))
         engine_route, truth_route = self._pins["engine"]["route"], self._pins["truth"]["route"]
         functions = [self._pins["functions"][name] for name in self._resolved.spec.functions]
-        targets = [(function["route"], function["digest"][:32]) for function in functions]
+        # (route and cache group of predictions, cache group of evaluations)
+        targets = [
+            (one["route"], one["digest"][:32], BROUGHT_GROUP if one["route"] == BROUGHT_ROUTE else "")
+            for one in functions
+        ]
         rows = _Rows()
         want = rows.wanted.setdefault
         for index, (block, assignment) in enumerate(space.values(first, last + 1), start=first):
@@ -87,10 +92,10 @@ class Feeder:
                 want(truth, (truth, "truth", truth_route, background, None, None, None))
                 rows.frames.append((run_id, index, camera, 0, background, layer, truth))
                 for sensor, function, prediction, scores, needs_depth, distorted in evaluations:
-                    route, group = targets[function]
+                    route, group, counted = targets[function]
                     depth = truth if needs_depth else None
                     want(prediction, (prediction, "prediction", route, group, layer, background, depth))
-                    want(scores, (scores, "evaluation", EVAL_QUEUE, "", prediction, truth, None))
+                    want(scores, (scores, "evaluation", EVAL_QUEUE, counted, prediction, truth, None))
                     rows.evaluations.append((run_id, index, camera, 0, sensor, function, prediction, scores, distorted))
         return rows
 

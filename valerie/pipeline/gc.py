@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from valerie.db import products, runs
+from valerie.db import functions, products, runs
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound
 from valerie.pipeline.context import Context
-from valerie.storage.keys import PRODUCTS, RUNS, parse_product_key, product_key
+from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
 
 _BATCH = 500
 #: An object may be stored before its row says so; younger ones without a row are left alone.
@@ -57,6 +57,7 @@ def collect(context: Context, *, dry_run: bool = False) -> Freed:
     for info in context.store.list(RUNS.rstrip("/")):
         if info.modified <= limit and not _run_exists(context, info.key.split("/")[1]):
             orphans.append(info.key)
+    orphans += _unregistered(context, limit)
     for key in orphans:
         objects += 1
         size += context.store.head(key).size
@@ -71,6 +72,18 @@ def _without_rows(context: Context, keys: dict[str, tuple[str, int]]) -> list[st
     with reading(context.engine) as connection:
         known = products.known_digests(connection, keys)
     return [key for digest, (key, _) in keys.items() if digest not in known]
+
+
+def _unregistered(context: Context, limit: datetime) -> list[str]:
+    """Payloads that no registered function has, older than ``limit``."""
+    stored = {}
+    for info in context.store.list(FUNCTIONS.rstrip("/")):
+        sha256 = parse_function_key(info.key)
+        if sha256 is not None and info.modified <= limit:
+            stored[info.key] = sha256
+    with reading(context.engine) as connection:
+        known = functions.known_payloads(connection, set(stored.values()))
+    return [key for key, sha256 in stored.items() if sha256 not in known]
 
 
 def _run_exists(context: Context, run_id: str) -> bool:

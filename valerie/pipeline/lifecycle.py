@@ -13,6 +13,7 @@ from valerie.db import products, runs
 from valerie.db.engine import writing
 from valerie.errors import Conflict, TransientError, ValerieError
 from valerie.pipeline.context import Context
+from valerie.pipeline.deadlines import with_deadlines
 from valerie.runs.states import RunState
 from valerie.storage.keys import run_prefix
 
@@ -106,8 +107,10 @@ def delete(context: Context, run_id: str) -> None:
 def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[str]) -> None:
     # In one transaction: a run that is running again while its products stay parked would never end.
     with writing(context.engine) as connection:
-        pinned = runs.get(connection, run_id).pins is not None
-        state = RunState.RUNNING if pinned else RunState.SUBMITTED
+        pins = runs.get(connection, run_id).pins
+        state = RunState.SUBMITTED if pins is None else RunState.RUNNING
+        if pins is not None:
+            runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, time.time()))
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
         runs.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)

@@ -7,6 +7,7 @@ from typing import Any
 
 from valerie.db import processes, products
 from valerie.db.engine import reading
+from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.pinning import choose_pins
 from valerie.pipeline.resolution import resolve_new
@@ -22,10 +23,12 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
     """
-    resolved = resolve_new(spec, context.settings)
     with reading(context.engine) as connection:
         offers = processes.offers(connection, now=time.time())
-        pins, _ = choose_pins(spec.model_dump(mode="json"), offers)
+        registered = functions.known(connection, spec.functions)
+        names = {one.document.name for one in functions.listed(connection)}
+        resolved = resolve_new(spec, context.settings, registered={*registered, *names})
+        pins, _ = choose_pins(spec.model_dump(mode="json"), offers, registered)
         recorded = products.recorded_costs(connection)
 
         def present(digests: set[str]) -> set[str]:

@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
+"""``python -m valerie.pipeline.probe render|infer|engines NAME …``: what of it runs on this machine, as one line of JSON.
 
 In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
 """
@@ -9,13 +9,23 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from valerie import plugins
-from valerie.errors import ValerieError
+from valerie.errors import UnknownName, ValerieError
+from valerie.perception.addresses import parse_allowed
+from valerie.perception.catalog import FUNCTIONS, file_document, function_path
+from valerie.perception.documents import PRECISIONS, FunctionDocument
+from valerie.pipeline.function_source import open_document
 from valerie.pipeline.pinning import TRUTH
 from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
+from valerie.testing.functions import small_onnx
+
+#: Under this name workers offer to ask functions behind HTTP.
+HTTP: Final = "http"
 
 
 def probe_engine(name: str) -> list[dict[str, Any]]:
@@ -32,7 +42,8 @@ def probe_engine(name: str) -> list[dict[str, Any]]:
 
 def probe_function(name: str) -> list[dict[str, Any]]:
     """Offer of one function under test."""
-    function = plugins.create_function(name, threads=load_settings().inference_threads)
+    settings = load_settings()
+    function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
     try:
         card = function.card
         return [
@@ -48,7 +59,48 @@ def probe_function(name: str) -> list[dict[str, Any]]:
         function.close()
 
 
-_PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {"render": probe_engine, "infer": probe_function}
+def probe_inference(name: str) -> list[dict[str, Any]]:
+    """Offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+    settings = load_settings()
+    if name == HTTP:
+        if not settings.http_addresses:
+            return []
+        parse_allowed(settings.http_addresses, field="VALERIE_HTTP_FUNCTIONS")
+        from valerie.perception.http_function import HttpFunction
+
+        return [{"name": HTTP, "revision": HttpFunction.revision, "numeric_class": HTTP}]
+    if name not in inference_names():
+        raise UnknownName("inference engine", name, inference_names(), field="VALERIE_INFER_ENGINES")
+    engine, _, precision = name.partition("/")
+    with TemporaryDirectory(prefix="valerie-probe-") as folder:
+        document, path = _sample(engine, precision, Path(folder))
+        function = open_document(document, path, settings)
+        try:
+            return [{"name": name, "revision": function.revision, "numeric_class": function.numeric_class}]
+        finally:
+            function.close()
+
+
+def inference_names() -> tuple[str, ...]:
+    """Every inference engine in every precision that there may be."""
+    of_engines = (f"{engine}/{one}" for engine, several in PRECISIONS.items() if engine != "none" for one in several)
+    return (*of_engines, HTTP)
+
+
+def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument, Path]:
+    """A function that is quickly opened in an engine."""
+    if engine == "torch":
+        path = function_path(FUNCTIONS[0])
+        document = file_document(FUNCTIONS[0], path)
+        return document.model_copy(update={"engine": engine, "precision": precision}), path
+    return small_onnx(folder, engine=engine, precision=precision)
+
+
+_PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
+    "render": probe_engine,
+    "infer": probe_function,
+    "engines": probe_inference,
+}
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -14,6 +14,8 @@ from sqlalchemy import Engine
 
 from valerie.db import processes, products, runs
 from valerie.db.engine import reading, writing
+from valerie.pipeline.deadlines import awaiting_reason, deadlines
+from valerie.runs.states import BROUGHT_ROUTE
 
 #: stage → (total, done, failed) in the counts of a block.
 _STAGES: Final = {
@@ -51,14 +53,15 @@ class ProgressBook:
             if run.id not in self._closed:
                 self._closed[run.id] = dict(runs.closed_counts(connection, run.id))
             unfinished = products.unfinished_by_route(connection)
-            served = {offer["route"] for offer in processes.offers(connection, now=now)}
+            served = {offer["route"] for offer in processes.offers(connection, now=now)} | {BROUGHT_ROUTE}
+            awaited = runs.awaited_count(connection, run.id) if deadlines(row.pins) else 0
         closed = self._closed[run.id]
         for number in counted:  # a retry opened it again
             closed.pop(number, None)
         finished = {number: counts for number, (_, counts) in counted.items() if _is_final(counts)}
         total = _sum([*closed.values(), *(counts for _, counts in counted.values())])
         closed.update(finished)
-        document = self._document(row, total, unfinished, served, now)
+        document = self._document(row, total, unfinished, served, awaited, now)
         with writing(self._engine) as connection:
             for number, counts in finished.items():
                 runs.close_block(connection, run.id, number, counts)
@@ -71,6 +74,7 @@ class ProgressBook:
         total: dict[str, int],
         unfinished: list[tuple[str, str, int]],
         served: set[str],
+        awaited: int,
         now: float,
     ) -> dict[str, Any]:
         history = self._history.setdefault(run.id, deque())
@@ -98,10 +102,13 @@ class ProgressBook:
         idle = sorted({route for route, _, _ in unfinished if _stage(route) != "eval"} - served)
         return {
             "state": run.state,
-            "reason": f"no living worker serves the queue {', '.join(idle)}" if idle else None,
+            "reason": f"no living worker serves the queue {', '.join(idle)}"
+            if idle
+            else awaiting_reason(awaited, run.pins),
             "variants": {"total": run.variant_count, "fed": run.next_index, "rejected": run.rejected_count},
             "frames": {"fed": total["frames"], "exact": unfed == 0},
             "stages": stages,
+            "awaiting": awaited,
             "updated_at": now,
         }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,14 @@ _KEPT = 32
 _stored: OrderedDict[tuple[str, str, Path], ResolvedRun] = OrderedDict()
 
 
-def resolve_new(spec: RunSpec, settings: Settings) -> ResolvedRun:
+def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str] = ()) -> ResolvedRun:
     """Check everything that a new run names.
+
+    Args:
+        spec: what was asked for.
+        settings: of this deployment.
+        registered: those of the spec's functions that are registered (`valerie.pipeline.functions.known`), and all other names
+            that it might have meant.
 
     Raises:
         InvalidInput: an unknown name, a bound, a size: with field, value and limit.
@@ -28,7 +35,7 @@ def resolve_new(spec: RunSpec, settings: Settings) -> ResolvedRun:
         manifest,
         asset_digest=digest,
         engines=plugins.renderer_names(testing=settings.testing_engines),
-        functions=plugins.function_names(testing=settings.testing_engines),
+        functions=(*plugins.function_names(testing=settings.testing_engines), *registered),
         max_variants=settings.max_variants,
         samplers=plugins.samplers(),
     )

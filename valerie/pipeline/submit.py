@@ -9,6 +9,7 @@ from typing import Any
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.errors import NotFound
+from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.pinning import choose_pins
 from valerie.pipeline.resolution import resolve_new
@@ -26,12 +27,14 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         Conflict: the idempotency key belongs to another spec.
         NotFound: ``parent_run`` does not exist.
     """
-    resolved = resolve_new(spec, context.settings)
-    document = spec.model_dump(mode="json")
     now = time.time()
     with reading(context.engine) as connection:
         offers = processes.offers(connection, now=now)
-    pins, reason = choose_pins(document, offers)
+        registered = functions.known(connection, spec.functions)
+        names = {one.document.name for one in functions.listed(connection)}
+    resolved = resolve_new(spec, context.settings, registered={*registered, *names})
+    document = spec.model_dump(mode="json")
+    pins, reason = choose_pins(document, offers, registered)
     values: dict[str, Any] = {
         "id": new_run_id(now),
         "name": spec.name,

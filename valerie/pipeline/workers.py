@@ -115,16 +115,23 @@ def render_offers(engines: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
-def infer_offers(functions: Sequence[str]) -> list[dict[str, Any]]:
-    """Functions under test that run here, with the numeric class that the inference engine really has.
+def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[dict[str, Any]]:
+    """What this machine infers with, in the numeric classes that its inference engines really have.
+
+    Args:
+        functions: names of installed functions.
+        engines: for registered functions, as `valerie.pipeline.probe.inference_names` calls them.
 
     Raises:
-        MissingDependency: none of them does; says why.
+        MissingDependency: none of ``functions`` works here; says why.
     """
     offers, complaint = _probe("infer", functions)
     if not offers:
         raise MissingDependency(f"no function under test works on this machine: {complaint}")
-    return [{"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in offers]
+    of_engines, complaint = _probe("engines", engines) if engines else ([], "")
+    if complaint:
+        log.warning("worker.no_engine", reason=complaint)
+    return [{"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in (*offers, *of_engines)]
 
 
 def _probe(stage: str, names: Sequence[str]) -> tuple[list[dict[str, Any]], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Final
 
 
 class RunState(StrEnum):
@@ -83,3 +84,7 @@ class Stage(StrEnum):
     RENDER = "render"
     INFER = "infer"
     EVAL = "eval"
+
+
+#: Route of predictions that people bring (functions of kind ``predictions``): no worker serves it and nobody is rung for.
+BROUGHT_ROUTE: Final = "infer.brought"

@@ -1,0 +1,80 @@
+"""Opening functions in a worker: those that are installed by their names, those that are registered by their digests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from valerie import plugins
+from valerie.db import functions
+from valerie.db.engine import reading
+from valerie.errors import CorruptArtifact, NotFound, TransientError
+from valerie.perception.base import PerceptionFunction
+from valerie.perception.documents import FunctionDocument
+from valerie.perception.functions import open_function
+from valerie.pipeline.context import Context
+from valerie.pipeline.function_cache import FunctionCache
+from valerie.settings import Settings
+
+_FOLDER: Final = "functions"
+
+
+class FunctionSource:
+    """Loads what runs pinned; knows functions that were registered after this process started."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        settings = context.settings
+        self._cache = FunctionCache(
+            context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
+        )
+
+    def open(self, name: str, pin: Mapping[str, Any]) -> PerceptionFunction:
+        """Load a function as a run pinned it.
+
+        Raises:
+            NotFound: this version was removed from the registry.
+            TransientError: what this process has differs from what was pinned; another worker may have it.
+            ValerieError: it cannot be opened here.
+        """
+        settings = self._context.settings
+        if "kind" in pin:  # registered
+            function = self._registered(pin["digest"], name)
+        else:
+            function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
+        if function.card.digest != pin["digest"]:
+            has, wants = function.card.digest[:12], pin["digest"][:12]
+            function.close()
+            raise TransientError(f"{name} has digest {has} here; the run pinned {wants}")
+        if function.numeric_class != pin["numeric_class"]:
+            runs_as = function.numeric_class
+            function.close()
+            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin['numeric_class']}")
+        return function
+
+    def _registered(self, digest: str, name: str) -> PerceptionFunction:
+        with reading(self._context.engine) as connection:
+            row = functions.of_digest(connection, digest)
+        if row is None:
+            raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:12]}: it was removed")
+        document = FunctionDocument.model_validate(row.document)
+        try:
+            return self._opened(document)
+        except CorruptArtifact:  # of this machine's copy, or of the store's
+            self._cache.forget(document)
+            return self._opened(document)
+
+    def _opened(self, document: FunctionDocument) -> PerceptionFunction:
+        settings = self._context.settings
+        return open_document(document, self._cache.fetch(document), settings)
+
+
+def open_document(document: FunctionDocument, payload: Any, settings: Settings) -> PerceptionFunction:
+    """`open_function` as this deployment's settings want it."""
+    return open_function(
+        document,
+        payload,
+        threads=settings.inference_threads,
+        device=settings.infer_device,
+        addresses=settings.http_addresses,
+    )
