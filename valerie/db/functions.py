@@ -73,7 +73,8 @@ def remove(connection: Connection, name: str, digest: str) -> None:
 
 def known_payloads(connection: Connection, digests: Iterable[str]) -> set[str]:
     """Those SHA-256 that a version needs."""
-    return set(connection.scalars(select(Function.payload).where(Function.payload.in_(list(digests))))) - {None}
+    found = connection.scalars(select(Function.payload).where(Function.payload.in_(list(digests))))
+    return {payload for payload in found if payload is not None}
 
 
 def unfinished_runs(connection: Connection) -> list[Row[Any]]:

@@ -44,7 +44,9 @@ def choose_pins(
         missing.append("a render worker with the truth pass")
     for function, offer in functions.items():
         if offer is None and function in registered:
-            missing.append(f"an inference worker with {inference_name(registered[function])} (for the function {function!r})")
+            missing.append(
+                f"an inference worker with {inference_name(registered[function])} (for the function {function!r})"
+            )
         elif offer is None:
             missing.append(f"an inference worker with the function {function!r}")
     if missing:

@@ -201,7 +201,7 @@ def test_the_document_may_set_another_deadline_than_the_deployment(pipelines: Ca
 def test_frames_that_wait_for_people_do_not_hold_up_the_rest_of_a_large_run(pipelines: Callable[..., Pipeline]) -> None:
     pipeline = pipelines(feed_window=600)
     functions.register(pipeline.context, parse_function(TEXT), None)
-    run = pipeline.submit(spec(xs=30, ys=20, functions=["mine"]))
-    for _ in range(30):
+    run = pipeline.submit(spec(xs=26, ys=10, functions=["mine"]))
+    for _ in range(10):
         pipeline.step()
-    assert pipeline.row(run).progress["awaiting"] == 1200
+    assert pipeline.row(run).progress["awaiting"] == 520
