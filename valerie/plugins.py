@@ -70,6 +70,9 @@ RENDERERS: Final = MappingProxyType(
 )
 #: Engine to what a run that waits for it is told.
 ENGINE_HINTS: Final = MappingProxyType({"cycles": "`make cycles` installs it"})
+#: What an engine cannot show: name to the attributes of the environment that a spec with it may not name.
+_WEATHER: Final = frozenset({"cloud_cover", "visibility", "rain"})
+WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER, "cycles": _WEATHER})
 _RENDERERS: Final = _Kind(
     "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
 )

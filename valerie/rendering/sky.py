@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import Scene
+from valerie.scene.model import CLEAR_VISIBILITY_M, Environment, Scene
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,9 @@ EXPOSURE: Final = 2.4
 #: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
 AZIMUTHS: Final = 48
 ELEVATIONS: Final = 40
+
+#: Thickness of a layer of fog.
+FOG_HEIGHT_M: Final = 60.0
 
 _GROUND: Final = 6_360e3
 _TOP: Final = 6_420e3
@@ -61,6 +64,9 @@ class Sky:
         haze: (3,) radiance of the horizon, which distant things fade into.
         ground: (3,) radiance of sunlit and skylit ground of albedo 0.2.
         sky_irradiance: (3,) of a horizontal surface by the whole sky, sun excluded.
+        fog: per metre, the part of ``extinction`` that is fog and rain; 0 for clear air.
+        wetness: of what faces up, 0 dry … 1 wet.
+        drops: share of the image that streaks of rain cross, 0 without rain.
     """
 
     sun_direction: Array
@@ -70,6 +76,9 @@ class Sky:
     haze: Array
     ground: Array
     sky_irradiance: Array
+    fog: float
+    wetness: float
+    drops: float
 
     def radiance(self, directions: Array) -> Array:
         """(N, 3) sky radiance in world directions (N, 3) above the horizon, nearest entries of the table."""
@@ -84,22 +93,87 @@ class Sky:
 
 
 def sky_of(scene: Scene) -> Sky:
-    """The sky of a scene."""
+    """The sky of a scene; in clear air without rain exactly the clear sky's model."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
     table = table * (EXPOSURE * sun.irradiance * environment.sky_strength)
     sky_irradiance = _horizontal(table)
     direct = sun_color * (EXPOSURE * sun.irradiance)
-    ground = _GROUND_ALBEDO * (direct * max(np.sin(sun.elevation), 0.0) + sky_irradiance)
+    height = max(np.sin(sun.elevation), 0.0)
+    if environment.cloud_cover > 0:
+        direct, table = _clouded(direct, table, sky_irradiance, height, environment.cloud_cover)
+        sky_irradiance = _horizontal(table)
+    haze = table[1].mean(axis=0)
+    fog = fog_extinction(environment)
+    if fog > 0:
+        direct, table = _fogged(direct, table, sky_irradiance, height, fog)
+        sky_irradiance = _horizontal(table)
+        # Light in fog comes from all sides: half of what falls on the ground, seen against the air's own share.
+        share = fog / (fog + float(extinction[1]))
+        haze = (1 - share) * haze + share * 0.7 * (sky_irradiance + direct * height)
+        extinction = extinction + fog
+    ground = _GROUND_ALBEDO * (direct * height + sky_irradiance)
     return Sky(
         sun_direction=scene.sun_direction(),
         sun=direct,
         table=table.astype(np.float32),
         extinction=extinction,
-        haze=table[1].mean(axis=0),
+        haze=haze,
         ground=ground,
         sky_irradiance=sky_irradiance,
+        fog=fog,
+        wetness=wetness(environment),
+        drops=0.0 if environment.rain <= 0 else float(np.clip(0.08 * environment.rain**0.5, 0.0, 0.5)),
     )
+
+
+def fog_extinction(environment: Environment) -> float:
+    """Per metre, of fog and rain.
+
+    Fog: Koschmieder 1924, −ln(0.02) / visibility, less what `CLEAR_VISIBILITY_M` stands for. Rain: 1.076 R^0.67 dB/km for
+    R in mm/h (Carbonneau and Wisely 1998, doi:10.1117/12.326801).
+    """
+    koschmieder = -np.log(0.02)
+    fog = koschmieder * max(1 / environment.visibility - 1 / CLEAR_VISIBILITY_M, 0.0)
+    rain = 1.076 * environment.rain**0.67 * np.log(10) / 10 / 1000 if environment.rain > 0 else 0.0
+    return float(fog + rain)
+
+
+def wetness(environment: Environment) -> float:
+    """0 dry … 1 wet: how much of what faces up is covered with water. From 2 mm/h on nearly all of it is."""
+    return float(1 - np.exp(-environment.rain / 0.8))
+
+
+def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: float) -> tuple[Array, Array]:
+    """Sun and sky under clouds.
+
+    The global irradiance falls by 1 − 0.75 N^3.4 (Kasten and Czeplak 1980, doi:10.1016/0038-092X(80)90391-6); the beam, and
+    the clear sky between the clouds, by their share 1 − N; the rest comes from the clouds, with the distribution of the CIE
+    overcast sky (Moon and Spencer 1942): radiance proportional to 1 + 2 sin(elevation), grey.
+    """
+    clear_total = direct * height + diffuse
+    total = (1 - 0.75 * cover**3.4) * clear_total
+    beam, between = direct * (1 - cover), table * (1 - cover)
+    cloud_light = np.maximum(total - beam * height - diffuse * (1 - cover), 0.0)
+    grey = np.full(3, float(cloud_light @ _LUMINANCE))
+    overcast = ((1 + 2 * np.sin(_elevations())) / 3)[:, None, None] * np.ones((ELEVATIONS, AZIMUTHS, 3))
+    return beam, between + overcast * (grey / _horizontal(overcast))
+
+
+def _fogged(direct: Array, table: Array, diffuse: Array, height: float, fog: float) -> tuple[Array, Array]:
+    """Sun and sky seen from below a layer of fog `FOG_HEIGHT_M` thick: what the beam and the sky lose comes from all sides.
+
+    Of the scattered light a share of 1 / (1 + 0.15 τ) reaches the ground (two streams with the forward scattering of droplets,
+    asymmetry 0.85: Bohren 1987, doi:10.1119/1.15109).
+    """
+    thickness = fog * FOG_HEIGHT_M
+    kept = np.exp(-thickness / max(height, 0.05))
+    through = np.exp(-thickness / np.maximum(np.sin(_elevations()), 0.02))[:, None, None]
+    seen = table * through
+    lost = direct * height * (1 - kept) + np.maximum(diffuse - _horizontal(seen), 0.0)
+    grey = np.full(3, float(lost @ _LUMINANCE)) / (1 + 0.15 * thickness)
+    veil = (1 - through) * np.ones((ELEVATIONS, AZIMUTHS, 3))
+    return direct * kept, seen + veil * (grey / np.maximum(_horizontal(veil), 1e-9))
 
 
 def sky_directions() -> Array:

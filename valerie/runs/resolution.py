@@ -22,9 +22,11 @@ from valerie.parameters.distributions import (
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
+from valerie.plugins import RENDERERS, WITHOUT
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
 from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.scene.manifest import Manifest
+from valerie.scene.naming import ENVIRONMENT_PATH
 
 #: Variants of a run, unless the caller allows another number.
 MAX_VARIANTS: Final = 1_000_000
@@ -209,7 +211,12 @@ class _Resolver:
     def _path(self, name: str, place: str) -> str:
         if name not in self._paths:
             raise UnknownName("parameter", name, self._paths, field=place)
-        return self._paths[name]
+        path = self._paths[name]
+        engine = self.spec.renderer
+        if path.startswith(f"{ENVIRONMENT_PATH}.") and path.rpartition(".")[2] in WITHOUT.get(engine, ()):
+            others = ", ".join(other for other in RENDERERS if other not in WITHOUT)
+            raise InvalidInput(f"the engine {engine!r} shows no such weather", field=place, value=path, limit=others)
+        return path
 
     def _number(self, written: Any, definition: ParameterDefinition, place: str) -> float:
         number, unit_given = to_unit(written, definition.unit, field=place)

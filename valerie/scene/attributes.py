@@ -15,7 +15,7 @@ from typing import Any, Final
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
 from valerie.scene.draft import CameraPose, Draft, cloth_materials
-from valerie.scene.model import Scene
+from valerie.scene.model import CLEAR_VISIBILITY_M, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.transforms import Pose
@@ -275,6 +275,9 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("irradiance", sun, number, "", 0, 100, light, *_sun("irradiance", angle=False))
     yield Attribute("turbidity", sky, number, "", 1.7, 10, light, *_environment("turbidity"))
     yield Attribute("sky_strength", sky, number, "", 0, 100, light, *_environment("sky_strength"))
+    yield Attribute("cloud_cover", sky, number, "", 0, 1, light, *_environment("cloud_cover"))
+    yield Attribute("visibility", sky, number, "m", 10, CLEAR_VISIBILITY_M, light, *_environment("visibility"))
+    yield Attribute("rain", sky, number, "mm/h", 0, 100, light, *_environment("rain"))
     for row in SENSOR_PARAMETERS.values():
         ends = (row.minimum, row.maximum)
         yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_sensor(row.neutral))

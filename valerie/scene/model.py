@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,19 +179,29 @@ class Sun:
     angular_diameter: float = math.radians(0.53)
 
 
+#: Metres of visibility that stand for no fog: the air is then what turbidity says.
+CLEAR_VISIBILITY_M: Final = 100_000.0
+
+
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """Light that belongs to no object.
+    """Light and weather that belong to no object.
 
     Attributes:
         bearing: compass bearing of the world's +y axis, radians clockwise from north.
         turbidity: haze of the analytic sky, 2 (clear) … 10 (hazy).
         sky_strength: factor on the sky's radiance.
+        cloud_cover: share of the sky under cloud, 0 (clear) … 1 (overcast: no sun, no shadows).
+        visibility: metres at which fog leaves 2 % of a black object's contrast (Koschmieder); `CLEAR_VISIBILITY_M` is no fog.
+        rain: mm/h; wets what faces up, adds extinction and drops in the air.
     """
 
     bearing: float = 0.0
     turbidity: float = 3.0
     sky_strength: float = 1.0
+    cloud_cover: float = 0.0
+    visibility: float = CLEAR_VISIBILITY_M
+    rain: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,20 @@
 """The sky against what can be calculated by hand, and against its own symmetries."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, EXPOSURE, sky_directions, sky_of
+from valerie.rendering.sky import (
+    AZIMUTHS,
+    ELEVATIONS,
+    EXPOSURE,
+    fog_extinction,
+    sky_directions,
+    sky_of,
+    wetness,
+)
 from valerie.scene.model import Environment, Scene, Sun
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -81,3 +90,59 @@ def test_the_sky_turns_with_the_sun() -> None:
     at_east = east.radiance(np.array([[0.9, 0.0, 0.4]]))
     np.testing.assert_allclose(at_north, at_east)
     assert at_north.sum() > 1.5 * north.radiance(np.array([[0.0, -0.9, 0.4]])).sum()
+
+
+def weather(elevation: float = 40.0, **environment: float) -> Scene:
+    return replace(scene_with(elevation), environment=Environment(**environment))
+
+
+def on_the_ground(scene: Scene) -> np.ndarray:
+    """Irradiance of a horizontal surface by sun and sky."""
+    sky = sky_of(scene)
+    return sky.sun * math.sin(scene.sun.elevation) + sky.sky_irradiance
+
+
+@pytest.mark.parametrize("cover", [0.0, 0.3, 0.7, 1.0])
+def test_clouds_take_of_the_light_on_the_ground_what_kasten_and_czeplak_measured(cover: float) -> None:
+    share = (on_the_ground(weather(cloud_cover=cover)) @ LUMINANCE) / (on_the_ground(weather()) @ LUMINANCE)
+    assert share == pytest.approx(1 - 0.75 * cover**3.4, rel=0.01)
+
+
+def test_an_overcast_sky_has_no_sun_is_grey_and_three_times_as_bright_above_as_at_the_horizon() -> None:
+    sky = sky_of(weather(cloud_cover=1.0))
+    assert not sky.sun.any()
+    np.testing.assert_allclose(sky.table, sky.table[..., :1] * np.ones(3), rtol=1e-5)
+    assert sky.table[-1, 0, 0] / sky.table[0, 0, 0] == pytest.approx(3.0, rel=0.02)
+
+
+@pytest.mark.parametrize("visibility", [30.0, 200.0, 3000.0])
+def test_at_the_visibility_a_black_objects_contrast_is_two_percent(visibility: float) -> None:
+    # Less than the air itself, which turbidity describes and which is not fog.
+    assert math.exp(-fog_extinction(Environment(visibility=visibility)) * visibility) == pytest.approx(0.02, rel=0.15)
+
+
+def test_rain_takes_light_as_measured() -> None:
+    # 25 mm/h: 1.076 · 25^0.67 = 9.3 dB/km.
+    assert 10 * math.log10(math.exp(fog_extinction(Environment(rain=25.0)) * 1000)) == pytest.approx(9.3, rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "values"), [("cloud_cover", (0.2, 0.6, 1.0)), ("visibility", (1000.0, 200.0, 40.0))])
+def test_the_sun_weakens_steadily_with_weather(name: str, values: tuple[float, ...]) -> None:
+    suns = [sky_of(weather(**{name: value})).sun @ LUMINANCE for value in values]
+    assert sky_of(weather()).sun @ LUMINANCE > suns[0] > suns[1] > suns[2] >= 0
+
+
+def test_the_road_is_dry_without_rain_and_wet_in_a_shower() -> None:
+    assert wetness(Environment()) == 0
+    assert wetness(Environment(rain=0.2)) < 0.5
+    assert wetness(Environment(rain=5.0)) > 0.95
+
+
+@pytest.mark.parametrize("elevation", [4.0, 60.0])
+@pytest.mark.parametrize("environment", [{"cloud_cover": 1.0, "visibility": 20.0, "rain": 50.0}, {"visibility": 20.0}])
+def test_the_worst_weather_is_finite_and_not_dark(elevation: float, environment: dict[str, float]) -> None:
+    sky = sky_of(weather(elevation, **environment))
+    for value in (sky.sun, sky.table, sky.haze, sky.ground, sky.extinction):
+        assert np.isfinite(value).all()
+        assert (value >= 0).all()
+    assert sky.haze.min() > 0

@@ -4,6 +4,7 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInputs
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.manifest import Manifest
 
@@ -23,6 +24,32 @@ def problems(street: Manifest, **given: Any) -> dict[str, str]:
     with pytest.raises(InvalidInputs) as caught:
         resolved(street, **given)
     return {problem.field: str(problem) for problem in caught.value.problems}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"constants": {"environment-1.rain": 4.0}},
+        {"vary": [["environment-1.cloud_cover", "HOMOGENEOUS", 0.0, 1.0, 0.5]]},
+    ],
+)
+def test_an_engine_without_weather_is_refused_where_a_spec_names_it(street: Manifest, given: dict[str, Any]) -> None:
+    weather = [
+        ParameterDefinition(
+            path=f"scene.environment-1.{name}",
+            type=ParameterType.FLOAT,
+            minimum=0,
+            maximum=10,
+            default=0.0,
+            affects=Affects.LIGHT,
+        )
+        for name in ("rain", "cloud_cover")
+    ]
+    street = street.model_copy(update={"parameters": (*street.parameters, *weather)})
+    (found,) = problems(street, renderer="pyrender", **given).values()
+    assert "pyrender" in found
+    assert "raster" in found
+    resolved(street, renderer="raster", **given)
 
 
 def test_the_papers_two_lists_give_ten_variants(street: Manifest) -> None:

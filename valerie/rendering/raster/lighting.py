@@ -124,6 +124,9 @@ class Lighting:
             "ground": sky.ground,
             "street": street_by_sky + street_by_sun * 0.4,
             "extinction": sky.extinction,
+            "wetness": sky.wetness,
+            "drops": sky.drops,
+            "pixel_height": view.height,
         }
         return LitFrame(
             occlusion=_Step(self.occlusion, targets.occlusion, depth | normals, occlusion),

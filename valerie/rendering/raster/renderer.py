@@ -248,7 +248,7 @@ class RasterRenderer:
         if not width or not height:
             return np.zeros((0, 0), np.bool_)
         samples = frame.canvas.read_materials(frame.canvas.drawn) >= len(frame.prepared.statics.materials)
-        seen: Mask = samples.reshape(height, SAMPLES, width, SAMPLES).any(axis=(1, 3))
+        seen: Mask = np.logical_or.reduce(samples.reshape(height, SAMPLES, width, SAMPLES), axis=(1, 3))
         return seen
 
     def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:

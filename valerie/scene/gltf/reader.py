@@ -196,7 +196,9 @@ class _Reader:
         own = own_extras(self._document.scenes[self._document.scene or 0].extras).get("environment")
         if not isinstance(own, dict):
             return None
-        return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]))
+        # Files written before weather was known lack its entries.
+        weather = {name: float(own[name]) for name in ("cloud_cover", "visibility", "rain") if name in own}
+        return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]), **weather)
 
 
 def _used(document: pygltflib.GLTF2) -> set[str]:

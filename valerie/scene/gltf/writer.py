@@ -62,6 +62,9 @@ class _Writer:
                 "bearing": environment.bearing,
                 "turbidity": environment.turbidity,
                 "sky_strength": environment.sky_strength,
+                "cloud_cover": environment.cloud_cover,
+                "visibility": environment.visibility,
+                "rain": environment.rain,
             }
         }
         document.scenes = [pygltflib.Scene(name=ROOT, nodes=roots, extras={EXTRAS_KEY: extras})]

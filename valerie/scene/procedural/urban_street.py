@@ -35,7 +35,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.scene.asset import GeneratorSettings
 from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
-from valerie.scene.model import Camera, Environment, Material, Node, Scene, Sun, Texture
+from valerie.scene.model import CLEAR_VISIBILITY_M, Camera, Environment, Material, Node, Scene, Sun, Texture
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
 from valerie.scene.objects import classified
 from valerie.scene.procedural.street.layout import layout_street
@@ -213,6 +213,14 @@ def _parameters() -> Iterator[ParameterDefinition]:
     yield _number(f"{SUN_PATH}.elevation", 3.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
     yield _number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
     yield _number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
+    yield _number(
+        f"{ENVIRONMENT_PATH}.cloud_cover", 0.0, 1.0, 0.0, Affects.LIGHT, "", "0 clear … 1 overcast, no shadows"
+    )
+    yield _number(
+        f"{ENVIRONMENT_PATH}.visibility", 20.0, CLEAR_VISIBILITY_M, CLEAR_VISIBILITY_M, Affects.LIGHT, "m",
+        "in fog (Koschmieder, 2 %); the largest value is no fog",
+    )  # fmt: skip
+    yield _number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
     for name, camera in CAMERAS.items():
         yield from _camera_parameters(f"{ROOT}.{name}", camera)
     for row in SENSOR_PARAMETERS.values():

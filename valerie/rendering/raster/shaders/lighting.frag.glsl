@@ -28,6 +28,9 @@ uniform vec3 street;                // radiance of an average street surface, re
 uniform vec3 extinction;            // per metre
 uniform float sun_angle;            // radians, half the disc
 uniform float shadow_distance;      // metres along the optical axis; shadows fade out before
+uniform float wetness;              // 0 dry … 1 wet, of what faces up
+uniform float drops;                // share of the image that streaks cross
+uniform int pixel_height;           // of the image
 layout(location = 0) out vec4 out_radiance;
 
 // Brightest value that is stored; the disc of the sun is far above what any sensor holds.
@@ -91,13 +94,45 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     return min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, turn, wanted));
 }
 
+float random_of(vec3 p) {
+    p = fract(p * vec3(0.1031, 0.1030, 0.0973));
+    p += dot(p, p.yzx + 33.33);
+    return fract((p.x + p.y) * p.z);
+}
+
+// Streaks of rain across the image: layers of cells, each with at most one drop drawn out by its fall during the exposure. A
+// fixed pattern of places, so that background and layer of a frame agree; how much of the drop's light lies over a sample.
+float streak() {
+    vec2 at = gl_FragCoord.xy / float(pixel_height);
+    float found = 0.0;
+    int layers = drops > 0.0 ? 4 : 0;
+    for (int i = 0; i < layers; ++i) {
+        float finer = 1.0 + 0.7 * float(i);
+        vec2 cells = at * vec2(30.0, 5.0) * finer;
+        cells.x += cells.y * 0.12;
+        cells.y += random_of(vec3(floor(cells.x), float(i), 7.0));
+        vec3 cell = vec3(floor(cells), float(i));
+        vec2 inside = fract(cells);
+        float centre = 0.15 + 0.7 * random_of(cell + 11.0);
+        float thin = 1.0 - smoothstep(0.0, 0.035, abs(inside.x - centre));
+        float long_side = smoothstep(0.0, 0.3, inside.y) * (1.0 - smoothstep(0.5, 0.9, inside.y));
+        found = max(found, random_of(cell) < drops * 1.6 ? thin * long_side / finer : 0.0);
+    }
+    return found;
+}
+
+// Rain in front of what a sample sees: a drop shows a wide piece of sky, upside down.
+vec3 through_rain(vec3 color) {
+    return drops > 0.0 ? mix(color, haze, 0.3 * streak()) : color;
+}
+
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     float window = texelFetch(depth_map, s, 0).r;
     vec3 ray = ray_of(s);
     vec3 d = normalize(ray);
     if (window == 1.0) {
-        out_radiance = vec4(min(sky(d) + sun_disc(d), vec3(BRIGHTEST)), 1.0);
+        out_radiance = vec4(min(through_rain(sky(d) + sun_disc(d)), vec3(BRIGHTEST)), 1.0);
         return;
     }
     float depth = linear_depth(window);
@@ -110,6 +145,18 @@ void main() {
     vec4 surface = texelFetch(material_table, ivec2(1, row), 0);
     vec4 glow = texelFetch(material_table, ivec2(2, row), 0);
     float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
+
+    // Water on what faces up: pores filled with water darken (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and the film is
+    // smooth, with the reflectance of water at normal incidence.
+    float film = wetness * smoothstep(0.7, 0.95, face.z) * (1.0 - metallic);
+    if (film > 0.0) {
+        albedo *= mix(1.0, 0.5, film * smoothstep(0.2, 0.6, roughness));
+        // Not every place holds water: puddles and patches a metre or two wide.
+        float patch_of = 0.5 + 0.5 * sin(p.x * 1.9 + sin(p.y * 1.3) * 2.0) * sin(p.y * 0.9 + sin(p.x * 0.7) * 2.0);
+        roughness = mix(roughness, mix(0.32, 0.07, patch_of), film);
+        surface.z = mix(surface.z, max(surface.z, 0.55), film);
+        normal = normalize(mix(normal, face, 0.85 * film));
+    }
 
     float luminance = dot(albedo, vec3(0.2126, 0.7152, 0.0722));
     vec3 tint = luminance > 0.0 ? albedo / luminance : vec3(1.0);
@@ -155,6 +202,6 @@ void main() {
 
     color += glow.rgb;
     vec3 clear_air = exp(-extinction * length(p - eye));
-    color = mix(haze, color, clear_air);
+    color = through_rain(mix(haze, color, clear_air));
     out_radiance = vec4(min(color, vec3(BRIGHTEST)), 1.0);
 }
