@@ -212,7 +212,7 @@ class _Resolver:
         if name not in self._paths:
             raise UnknownName("parameter", name, self._paths, field=place)
         path = self._paths[name]
-        engine = self.spec.renderer
+        engine = self.spec.engine
         if path.startswith(f"{ENVIRONMENT_PATH}.") and path.rpartition(".")[2] in WITHOUT.get(engine, ()):
             others = ", ".join(other for other in RENDERERS if other not in WITHOUT)
             raise InvalidInput(f"the engine {engine!r} shows no such weather", field=place, value=path, limit=others)
