@@ -216,7 +216,7 @@ class Studio:
         self._settings(header["settings"], header["size"], header["border"])
         self._camera_at(header["camera"])
         self._objects_at(header["objects"], arrays["matrices"])
-        self._light(header["light"], header["sky"])
+        self._light(header["light"], header["sky"], arrays.get("sky"))
         if header.get("index"):
             return {}, {"index": self._index()}
         return {}, {"pixels": self._picture()}
@@ -315,8 +315,9 @@ class Studio:
             thing.matrix_world = _matrix(matrix)
             self._objects[name] = (thing, state)
 
-    def _light(self, light: dict[str, Any], sky: dict[str, Any]) -> None:
-        if self._light_set == (light, sky):
+    def _light(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
+        wanted = (light, sky, None if panorama is None else panorama.tobytes())
+        if self._light_set == wanted:
             return
         strength = max(light["sun"])
         lamp = self._sun.data
@@ -331,10 +332,13 @@ class Studio:
         pose = np.eye(4)
         pose[:3, :3] = np.stack([side, np.cross(toward, side), toward], axis=1)
         self._sun.matrix_world = _matrix(pose)
-        self._world.show(sky, strength=sky["irradiance"] / self._unit_sky(sky) if sky["irradiance"] > 0 else 0.0)
+        if panorama is not None:
+            self._world.show_panorama(self._bpy.data, sky, panorama)
+        else:
+            self._world.show(sky, strength=sky["irradiance"] / self._unit_sky(sky) if sky["irradiance"] > 0 else 0.0)
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
-        self._light_set = (light, sky)
+        self._light_set = wanted
 
     def _unit_sky(self, sky: dict[str, Any]) -> float:
         """Luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""
@@ -488,12 +492,12 @@ class World:
 
     def __init__(self, world: Any) -> None:
         world.use_nodes = True
-        nodes = Nodes(world.node_tree)
+        nodes = self._nodes = Nodes(world.node_tree)
+        self._picture = nodes.add("ShaderNodeTexEnvironment")
         self._sky = nodes.add("ShaderNodeTexSky")
         self._sky.sky_type, self._sky.sun_disc = "NISHITA", False
         self._above = nodes.add("ShaderNodeBackground")
         self._below = nodes.add("ShaderNodeBackground")
-        nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
         place = nodes.add("ShaderNodeTexCoord")
         parts = nodes.add("ShaderNodeSeparateXYZ")
         nodes.link(place.outputs["Generated"], parts.inputs[0])
@@ -505,7 +509,24 @@ class World:
         """Blender's sky of a sun ``rotation`` radians clockwise from +y, times ``strength``."""
         self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
         self._sky.dust_density = sky["dust"]
+        self._nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
         self._above.inputs["Strength"].default_value = strength
+        self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
+
+    def show_panorama(self, data: Any, sky: dict[str, Any], panorama: Any) -> None:
+        """The sky of an equirectangular picture (H, W, 3), first row straight up."""
+        old, (height, width, _) = self._picture.image, panorama.shape
+        image = data.images.new("sky", width, height, float_buffer=True, alpha=False)
+        image.colorspace_settings.name = "Linear Rec.709"
+        rgba = np.ones((height, width, 4), np.float32)
+        rgba[..., :3] = panorama[::-1]
+        image.pixels.foreach_set(rgba.ravel())
+        image.pack()
+        self._picture.image = image
+        if old is not None:
+            data.images.remove(old)
+        self._nodes.link(self._picture.outputs["Color"], self._above.inputs["Color"])
+        self._above.inputs["Strength"].default_value = 1.0
         self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
+Sky = Literal["nishita", "scene"]
 Quality = Literal["draft", "standard", "high", "paper"]
 
 
@@ -36,6 +37,7 @@ class CyclesSettings(BaseModel):
         max_bounces: surfaces that a light path meets at most after the first.
         light_tree: sample lamps by their importance (many lamps: less noise).
         clamp_indirect: largest value of light after a bounce, in the image's unit; 0 for none. Keeps single bright pixels away.
+        sky: nishita: Blender's parametric sky, as bright on the ground as the raster engine's; scene: the raster engine's itself.
         seed: of the noise.
     """
 
@@ -47,6 +49,7 @@ class CyclesSettings(BaseModel):
     max_bounces: Annotated[int, Field(ge=0, le=64)] = 8
     light_tree: bool = True
     clamp_indirect: Annotated[float, Field(ge=0, le=1e6)] = 10.0
+    sky: Sky = "nishita"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
     def inputs(self) -> dict[str, Any]:

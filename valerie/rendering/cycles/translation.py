@@ -12,11 +12,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
-from valerie.rendering.sky import sky_of
+from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
 from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Share of its light that a thin sheet (`Material.double_sided`) passes on; its lit side is then as in the raster engine.
@@ -25,6 +26,8 @@ _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 #: Blender's haze per unit of turbidity above pure air, so that our clear day (3) is its ordinary one (1).
 _DUST_PER_TURBIDITY: Final = 0.5
 _MOST_DUST: Final = 10.0
+#: Rows and columns of the picture of a sky.
+_PANORAMA: Final = (256, 512)
 #: Unused things beyond this, and beyond as many as are in use, are removed from Blender.
 _SPARE: Final = 64
 
@@ -88,14 +91,14 @@ def _ask(
     matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
     return blender.ask(
         "render",
-        {"matrices": matrices},
+        {"matrices": matrices, **({"sky": _panorama(sky_of(scene))} if settings["sky"] == "scene" else {})},
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
         objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
         index=index,
-        **_light(scene),
+        **_light(scene, settings["sky"]),
     )
 
 
@@ -193,8 +196,8 @@ def _camera(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _light(scene: Scene) -> dict[str, Any]:
-    """Sun, air and sky. The sun is ours at every elevation; the sky is Blender's, as bright on the ground as ours."""
+def _light(scene: Scene, kind: str) -> dict[str, Any]:
+    """Sun, air and sky. The sun is ours at every elevation; Blender's sky is as bright on the ground as ours."""
     sky = sky_of(scene)
     return {
         "light": {
@@ -205,6 +208,7 @@ def _light(scene: Scene) -> dict[str, Any]:
             "haze": sky.haze.tolist(),
         },
         "sky": {
+            "kind": kind,
             "elevation": scene.sun.elevation,
             "rotation": scene.sun.azimuth - scene.environment.bearing,
             "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
@@ -212,6 +216,19 @@ def _light(scene: Scene) -> dict[str, Any]:
             "ground": sky.ground.tolist(),
         },
     }
+
+
+def _panorama(sky: Sky) -> NDArray[np.float32]:
+    """(H, W, 3) equirectangular picture of our sky: straight up at the top, +x in the middle, +y a quarter to the left."""
+    height, width = _PANORAMA
+    elevation = np.maximum(np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi, 0.0)
+    direction = np.pi - (np.arange(width) + 0.5) / width * 2 * np.pi
+    toward = np.arctan2(sky.sun_direction[1], sky.sun_direction[0])
+    azimuth = np.abs((direction - toward + np.pi) % (2 * np.pi) - np.pi)
+    rows = np.clip(np.sqrt(elevation / (np.pi / 2)) * ELEVATIONS - 0.5, 0, ELEVATIONS - 1)
+    columns = np.clip(azimuth / np.pi * AZIMUTHS - 0.5, 0, AZIMUTHS - 1)
+    at = np.stack(np.meshgrid(rows, columns, indexing="ij"))
+    return np.stack([map_coordinates(sky.table[..., i], at, order=1) for i in range(3)], axis=2).astype(np.float32)
 
 
 def _sheared(world: Matrix) -> bool:
