@@ -206,6 +206,31 @@ def test_distant_things_fade_into_the_haze_as_in_the_raster_engine(
     assert ours == pytest.approx(theirs, rel=0.1)
 
 
+def test_under_clouds_and_in_fog_the_ground_is_as_bright_as_sun_and_sky_make_it(cycles: CyclesRenderer) -> None:
+    asphalt = Material("ground", (0.12, 0.12, 0.12), roughness=1.0, specular=0.0)
+    clear = with_texture(ground(asphalt, sun=Sun(2.0, math.radians(40))))
+    for environment in (Environment(cloud_cover=1.0), Environment(visibility=80.0)):
+        scene = replace(clear, environment=environment)
+        sky = sky_of(scene)
+        clear_air = np.exp(-sky.extinction.mean() * 6.0)
+        light = sky.sun * math.sin(scene.sun.elevation) + sky.sky_irradiance
+        expected = (0.12 * light * clear_air + sky.haze * (1 - clear_air)).mean()
+        assert mean(cycles, scene).mean() == pytest.approx(expected, rel=0.05)
+
+
+def test_an_overcast_sky_casts_no_sharp_shadow(cycles: CyclesRenderer) -> None:
+    post = Node("scene.pole-1", place(0, 0), (box_mesh((-0.1, -0.1, 0), (0.1, 0.1, 1.0), "ground"),))
+    scene = ground(WHITE, sun=Sun(math.radians(200), math.radians(45)), extra=(post,))
+    darkest = [
+        float(
+            (p := cycles.full(replace(scene, environment=e), VIEW).pixels.astype(np.float64).mean(axis=2)).min()
+            / p.max()
+        )
+        for e in (Environment(), Environment(cloud_cover=1.0))
+    ]
+    assert darkest[0] < 0.4 < darkest[1]
+
+
 def with_texture(scene: Scene) -> Scene:
     """With a small dark thing in a corner, so that the picture is not constant."""
     post = Node("scene.pole-1", place(1.9, 1.2), (box_mesh((-0.05, -0.05, 0), (0.05, 0.05, 0.01), "dark"),))

@@ -37,7 +37,8 @@ class CyclesSettings(BaseModel):
         max_bounces: surfaces that a light path meets at most after the first.
         light_tree: sample lamps by their importance (many lamps: less noise).
         clamp_indirect: largest value of light after a bounce, in the image's unit; 0 for none. Keeps single bright pixels away.
-        sky: nishita: Blender's parametric sky, as bright on the ground as the raster engine's; scene: the raster engine's itself.
+        sky: nishita: Blender's parametric sky, as bright on the ground as the raster engine's; scene: the raster engine's itself,
+            as always under clouds and in fog.
         seed: of the noise.
     """
 

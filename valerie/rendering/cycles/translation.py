@@ -85,20 +85,23 @@ def _ask(
     index: bool,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
+    sky = sky_of(scene)
+    # Blender's sky knows neither clouds nor fog.
+    own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0
     sender = _Sender(blender, scene)
     placed = [one for i, item in enumerate(items, start=1) for one in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
     return blender.ask(
         "render",
-        {"matrices": matrices, **({"sky": _panorama(sky_of(scene))} if settings["sky"] == "scene" else {})},
+        {"matrices": matrices, **({"sky": _panorama(sky)} if own_sky else {})},
         size=[view.width, view.height],
         border=None if border is None else [border.x, border.y, border.width, border.height],
         camera=_camera(camera),
         objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
         index=index,
-        **_light(scene, settings["sky"]),
+        **_light(scene, sky),
     )
 
 
@@ -196,9 +199,8 @@ def _camera(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _light(scene: Scene, kind: str) -> dict[str, Any]:
+def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
     """Sun, air and sky. The sun is ours at every elevation; Blender's sky is as bright on the ground as ours."""
-    sky = sky_of(scene)
     return {
         "light": {
             "sun": sky.sun.tolist(),
@@ -208,7 +210,6 @@ def _light(scene: Scene, kind: str) -> dict[str, Any]:
             "haze": sky.haze.tolist(),
         },
         "sky": {
-            "kind": kind,
             "elevation": scene.sun.elevation,
             "rotation": scene.sun.azimuth - scene.environment.bearing,
             "dust": min(max(scene.environment.turbidity - 1.0, 0.0) * _DUST_PER_TURBIDITY, _MOST_DUST),
