@@ -8,8 +8,9 @@ as not the statics' afterwards. Nothing of this can be seen in a pixel: a tile i
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 #: x, y, width, height in pixels from the bottom left.
 Area = tuple[int, int, int, int]
 
+_NEIGHBOURS: Final = np.ones((3, 3), np.uint8)
+
 
 class StaticSurfaces:
     """The statics seen by one camera: the G-buffer, and what of it decides where movables can change near occlusion.
@@ -32,7 +35,8 @@ class StaticSurfaces:
 
     Attributes:
         target: the G-buffer.
-        nearest, farthest: metres along the optical axis, per tile, over all samples.
+        nearest, farthest: metres along the optical axis, per tile, over all samples of its pixels and of their neighbours, whose
+            light the tent filter brings in.
         open: per tile, whether near occlusion before its blur is nothing in every pixel.
         smooth: (height, width) uint8, near occlusion after its blur, 255 for none.
     """
@@ -52,13 +56,17 @@ class StaticSurfaces:
         if not mask.any():
             return
         area = x, y, width, height = self.grid.around(mask)
-        fine = x * SAMPLES, y * SAMPLES, width * SAMPLES, height * SAMPLES
-        window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(height * SAMPLES, width * SAMPLES)
-        # Two by two samples to a pixel, then pixels to tiles; depth grows with the window's.
-        low = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        left, bottom = max(x - 1, 0), max(y - 1, 0)
+        wide = min(x + width + 1, self.grid.width) - left
+        tall = min(y + height + 1, self.grid.height) - bottom
+        fine = left * SAMPLES, bottom * SAMPLES, wide * SAMPLES, tall * SAMPLES
+        window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(tall * SAMPLES, wide * SAMPLES)
+        # Two by two samples to a pixel, pixels with their neighbours, then to tiles; depth grows with the window's.
+        inner = np.s_[y - bottom : y - bottom + height, x - left : x - left + width]
+        low = cv2.erode(np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)]), _NEIGHBOURS)[inner]
         # Where nothing was drawn there is nothing to change.
         window = np.where(window < 1, window, 0)
-        high = np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        high = cv2.dilate(np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)]), _NEIGHBOURS)[inner]
         raw = _read(targets.occlusion.framebuffer, area, 1, "f1").reshape(height, width)
         smooth = _read(targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(height, width)
         rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))

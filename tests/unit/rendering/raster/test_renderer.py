@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 
@@ -32,6 +32,8 @@ def one_mesh(
     )
 
 
+@example(-3.4161, 28.4147, 345.26, "blue-coat", 11.1507, 255.38, 22.342, "camera-2")
+@example(0.9110, 23.0605, 102.92, "absent", 23.0507, 130.44, 22.889, "camera-1")  # a shadow's edge between two tiles
 @given(
     x=st.floats(-8, 8),
     y=st.floats(0, 30),
