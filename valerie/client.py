@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
+from urllib.parse import quote
 
 import httpx
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -175,6 +177,69 @@ class Client:
     def delete(self, run_id: str) -> None:
         """Delete an ended run."""
         self._send("DELETE", f"/v1/runs/{run_id}")
+
+    def functions(self) -> list[dict[str, Any]]:
+        """Functions under test with their cards."""
+        found: list[dict[str, Any]] = self._send("GET", "/v1/functions").json()
+        return found
+
+    def function(self, reference: str) -> dict[str, Any]:
+        """One function with its card and document."""
+        return self._document("GET", f"/v1/functions/{quote(reference)}")
+
+    def function_payload(self, reference: str) -> bytes:
+        """The file of a registered function."""
+        return self._send("GET", f"/v1/functions/{quote(reference)}/payload").content
+
+    def register_function(
+        self, texts: Mapping[str, str], payload: Path | None = None, *, filename: str | None = None
+    ) -> tuple[dict[str, Any], bool]:
+        """Register a function; what is registered, and whether it is new.
+
+        Args:
+            texts: ``document``, ``name``, ``engine``, ``precision``: what is known.
+            payload: its file.
+            filename: what the file is called; None: its own name.
+        """
+        fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
+        # Converting and trying out a large network takes minutes.
+        patient = httpx.Timeout(3600.0, connect=5.0)
+        if payload is None:
+            response = self._send("POST", "/v1/functions", files=fields, timeout=patient)
+        else:
+            with payload.open("rb") as stream:
+                fields.append(("payload", (filename or payload.name, stream)))
+                response = self._send("POST", "/v1/functions", files=fields, timeout=patient)
+        return response.json(), response.status_code == httpx.codes.CREATED
+
+    def remove_function(self, reference: str) -> None:
+        """Remove one version of a registered function."""
+        self._send("DELETE", f"/v1/functions/{quote(reference)}")
+
+    def frames(self, run_id: str) -> Iterator[dict[str, Any]]:
+        """Frames of a run in order, with their states."""
+        cursor: str | None = None
+        while True:
+            parameters: dict[str, str | int] = {"limit": 1000, **({"cursor": cursor} if cursor else {})}
+            page = self._document("GET", f"/v1/runs/{run_id}/frames", params=parameters)
+            yield from page["items"]
+            cursor = page.get("next")
+            if not cursor:
+                return
+
+    def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:
+        """What functions see of a frame, as PNG."""
+        parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
+        return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
+
+    def put_prediction(
+        self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None
+    ) -> bool:
+        """Bring the label map of a frame (PNG); whether it is new."""
+        parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
+        path = f"/v1/frames/{quote(frame_id)}/prediction"
+        headers = {"Content-Type": "image/png"}
+        return bool(self._document("PUT", path, params=parameters, content=data, headers=headers)["new"])
 
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._document(method, path, **options))

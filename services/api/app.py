@@ -13,7 +13,7 @@ from fastapi.responses import RedirectResponse
 from services.api import openapi, problems
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
-from services.api.routers import catalog, frames, health, results, runs
+from services.api.routers import catalog, frames, functions, health, results, runs
 from valerie.db.migrate import migrate
 from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
@@ -69,7 +69,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, frames, results, catalog, health)]
+    routers = [module.router for module in (runs, frames, results, functions, catalog, health)]
     openapi.install(app, routers)
     app.add_middleware(Protection, settings=settings)
     for router in routers:

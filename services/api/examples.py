@@ -281,6 +281,23 @@ ASSET: Final[dict[str, Any]] = {
     ],
 }
 RENDERERS: Final[list[dict[str, Any]]] = [{"name": "raster", "numeric_classes": [_CLASSES["engine"]]}]
+_INSTALLED: Final = dict.fromkeys(("reference", "kind", "version", "classes", "unmapped", "created_at"))
+_REGISTERED: Final[dict[str, Any]] = {
+    "name": "street-net",
+    "digest": "3f1d0c5b7a9e42861c0d9e8f7a6b5c4d",
+    "architecture": "onnx",
+    "precision": "fp32",
+    "engine": "openvino",
+    "provenance": {"source": "street-net.onnx", "producer": "pytorch 2.13.0", "opset": "17"},
+    "numeric_classes": ["openvino-2026.4.1-cpu-fp32-amx-t2"],
+    "problem": None,
+    "reference": "street-net@3f1d0c5b7a9e",
+    "kind": "onnx",
+    "version": 1,
+    "classes": ["road", "person"],
+    "unmapped": ["everything else"],
+    "created_at": "2026-11-21T06:40:00Z",
+}
 FUNCTIONS: Final[list[dict[str, Any]]] = [
     {
         "name": "deeplabv3plus-small",
@@ -291,8 +308,28 @@ FUNCTIONS: Final[list[dict[str, Any]]] = [
         "provenance": {"licence": "Apache-2.0"},
         "numeric_classes": [_CLASSES["infer"]],
         "problem": None,
-    }
+        **_INSTALLED,
+    },
+    _REGISTERED,
 ]
+FUNCTION: Final[dict[str, Any]] = {
+    **_REGISTERED,
+    "document": {
+        "name": "street-net",
+        "kind": "onnx",
+        "payload": {"sha256": "e0" * 32, "bytes": 16_042_000, "format": "onnx"},
+        "output": {"kind": "logits", "classes": ["road", "person", "everything else"]},
+        "engine": "openvino",
+        "precision": "fp32",
+    },
+    "check": {
+        "numeric_class": "openvino-2026.4.1-cpu-fp32-amx-t1",
+        "precision": "fp32",
+        "picture": [256, 128],
+        "cpu_seconds": 0.021,
+    },
+}
+PREDICTION: Final[dict[str, Any]] = {"frame_id": f"{_RUN_ID}.5.0.0", "new": True}
 LABELS: Final[list[dict[str, Any]]] = [
     {
         "name": "person",

@@ -29,6 +29,11 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
     ),
     413: ("The body is too long", "InvalidInput", "the request body is too large: 10000000 bytes; limit: 2000000"),
     422: ("Something that was given is wrong: field, value and limit", "InvalidInput", "step: must be above 0; got 0"),
+    501: (
+        "This needs a library that is not installed where the server runs",
+        "MissingDependency",
+        "converting a checkpoint needs torch, which is not installed here",
+    ),
     503: (
         "Database, broker or artifact store do not answer; try again",
         "TransientError",

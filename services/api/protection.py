@@ -7,6 +7,7 @@ import re
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -20,6 +21,10 @@ _OPEN_PREFIXES = ("/dashboard",)
 
 #: No more digits than any limit has: a longer number would only cost time.
 _NUMBER = re.compile(r"[0-9]{1,15}", re.ASCII)
+_FUNCTIONS = "/v1/functions"
+_PREDICTION = re.compile(r"/v1/frames/[^/]+/prediction")
+#: An uncompressed label map of 8K and its surroundings.
+_PREDICTION_BYTES = 1 << 25
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
 _HEADERS = (
@@ -36,6 +41,7 @@ class Protection:
         self._app = app
         self._token = settings.api_token.get_secret_value().encode() if settings.api_token else None
         self._limit = settings.max_body_bytes
+        self._function_limit = (settings.max_function_mb << 20) + self._limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one connection."""
@@ -66,13 +72,17 @@ class Protection:
             )
             await refusal(scope, receive, send)
             return
+        limit = self._limit_of(request)
         declared = request.headers.get("content-length", "0")
-        if not _NUMBER.fullmatch(declared) or int(declared) > self._limit:
-            await self._too_large(declared)(scope, receive, send)
+        if not _NUMBER.fullmatch(declared) or int(declared) > limit:
+            await _too_large(declared, limit)(scope, receive, send)
+            return
+        if limit > self._limit:
+            await self._app(scope, _counted(receive, limit), send)
             return
         body = await self._body(receive)
         if body is None:
-            await self._too_large("a longer stream")(scope, receive, send)
+            await _too_large("a longer stream", limit)(scope, receive, send)
             return
 
         sent = False
@@ -85,6 +95,14 @@ class Protection:
             return {"type": "http.request", "body": body, "more_body": False}
 
         await self._app(scope, replay, send)
+
+    def _limit_of(self, request: Request) -> int:
+        """Longest body of this request: files of functions and label maps are longer than documents."""
+        if request.method == "POST" and request.url.path == _FUNCTIONS:
+            return self._function_limit
+        if request.method == "PUT" and _PREDICTION.fullmatch(request.url.path):
+            return max(_PREDICTION_BYTES, self._limit)
+        return self._limit
 
     def _authorized(self, request: Request) -> bool:
         path = request.url.path
@@ -120,10 +138,26 @@ class Protection:
             if not message.get("more_body", False):
                 return b"".join(parts)
 
-    def _too_large(self, value: str) -> Response:
-        return problem(
-            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-            "InvalidInput",
-            f"the request body is too large: {value} bytes; limit: {self._limit}",
-            errors=[{"field": "body", "message": "too large", "value": value, "limit": self._limit}],
-        )
+
+def _counted(receive: Receive, limit: int) -> Receive:
+    """A large body goes through piece by piece; the endpoint that reads it is stopped when it is longer than announced."""
+    size = 0
+
+    async def counting() -> Message:
+        nonlocal size
+        message = await receive()
+        size += len(message.get("body", b""))
+        if size > limit:
+            raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"the request body is too large; limit: {limit}")
+        return message
+
+    return counting
+
+
+def _too_large(value: str, limit: int) -> Response:
+    return problem(
+        HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+        "InvalidInput",
+        f"the request body is too large: {value} bytes; limit: {limit}",
+        errors=[{"field": "body", "message": "too large", "value": value, "limit": limit}],
+    )

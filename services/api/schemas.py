@@ -281,13 +281,33 @@ class RendererRead(Read):
 
 class FunctionRead(Read):
     name: str
-    digest: str
+    digest: str = Field(description="of a registered version 32 characters, of an installed function those of its file")
     architecture: str
     precision: str
     engine: str
     provenance: dict[str, str]
     numeric_classes: list[str] = Field(description="in which living workers offer it")
     problem: str | None = Field(None, description="why it cannot be used; the rest is empty then")
+    reference: str | None = Field(None, description="what a spec writes to mean this version; None: installed")
+    kind: str | None = Field(None, description="network, onnx, huggingface, http or predictions; None: installed")
+    version: int | None = Field(None, description="counts the versions of a registered name")
+    classes: list[str] | None = Field(None, description="Cityscapes classes that it can predict")
+    unmapped: list[str] | None = Field(None, description="its own classes that count as void")
+    created_at: Moment | None = None
+
+
+class FunctionDetail(FunctionRead):
+    model_config = _example(examples.FUNCTION)
+
+    document: dict[str, Any] | None = Field(None, description="of a registered version; see docs/functions.md")
+    check: dict[str, Any] | None = Field(None, description="what trying it out said, when it was registered just now")
+
+
+class PredictionRead(Read):
+    model_config = _example(examples.PREDICTION)
+
+    frame_id: str
+    new: bool = Field(description="False: the same label map was there already")
 
 
 class LabelRead(Read):

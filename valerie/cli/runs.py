@@ -18,10 +18,10 @@ from valerie.cli.shell import (
     Url,
     command_name,
     console,
-    read_spec,
     say,
     settings_of,
 )
+from valerie.cli.specs import Functions, require_resolvable, spec_text
 
 if TYPE_CHECKING:
     from valerie.cli.connecting import System
@@ -33,6 +33,7 @@ RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `vale
 
 def run(
     spec: SpecFile,
+    functions: Functions = None,
     report: Annotated[
         Path | None,
         typer.Option("--report", help="Where the report goes.", show_default="reports/ beside the data folder"),
@@ -50,15 +51,11 @@ def run(
     from valerie.cli.connecting import system_of
     from valerie.cli.display import display_of, print_event
     from valerie.cli.following import exit_code, follow, report_path, show_result
-    from valerie.pipeline.resolution import resolve_new
-    from valerie.runs.spec import parse
 
     _bind_to_parent(end_with_parent)
     settings = settings_of(data_dir)
-    text = read_spec(spec)
-    # What is wrong with the spec is said before anything is started.
-    document = parse(text)
-    resolve_new(document, settings)
+    text = spec_text(spec, functions)
+    require_resolvable(text, settings)
     with system_of(settings) as system:
         run = system.client.submit(text)
         if json_lines:
@@ -98,6 +95,7 @@ def up(data_dir: DataDir = None, end_with_parent: EndWithParent = False) -> None
 
 def submit(
     spec: SpecFile,
+    functions: Functions = None,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Follow the run to its end.")] = False,
     key: Annotated[
         str | None, typer.Option("--key", help="Idempotency key: submitting again with it makes no second run.")
@@ -111,7 +109,7 @@ def submit(
 
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
-        run = client.submit(read_spec(spec), idempotency_key=key)
+        run = client.submit(spec_text(spec, functions), idempotency_key=key)
         if not watch:
             _print(run.model_dump(mode="json"), run.id, as_json=json_lines)
             say(f"follow it with: {command_name()} status {run.id} --watch")

@@ -12,8 +12,17 @@ from valerie.cli.shell import DataDir, Json, Url, command_name, console, read_sp
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+
+    from valerie.pipeline.context import Context
     from valerie.runs.planning import Plan
     from valerie.settings import Settings
+
+Functions = Annotated[
+    str | None,
+    typer.Option("--functions", metavar="NAMES", help="Take these functions instead of the spec's: a,b."),
+]
 
 
 def new(
@@ -37,6 +46,7 @@ def new(
 
 def plan(
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")],
+    functions: Functions = None,
     as_json: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
@@ -46,7 +56,7 @@ def plan(
     Asks the server that runs on the data folder, if one does; else computes it
     here.
     """
-    document = _plan(read_spec(spec), url, settings_of(data_dir))
+    document = _plan(spec_text(spec, functions), url, settings_of(data_dir))
     if as_json:
         import json
 
@@ -55,6 +65,40 @@ def plan(
     from valerie.runs.planning import Plan
 
     _show(Plan.model_validate(document))
+
+
+def spec_text(path: Path, functions: str | None) -> bytes:
+    """The text of a spec file, or of standard input, with other functions where they are given.
+
+    Raises:
+        InvalidInput: it cannot be read, or is no spec.
+    """
+    text = read_spec(path)
+    if functions is None:
+        return text
+    from valerie.runs.spec import parse
+
+    names = [name.strip() for name in functions.split(",") if name.strip()]
+    return parse({**parse(text).model_dump(mode="json", exclude_defaults=True), "functions": names}).to_yaml().encode()
+
+
+def require_resolvable(text: bytes, settings: Settings) -> None:
+    """Say what is wrong with a spec before anything is started for it.
+
+    Raises:
+        InvalidInput: every problem, with field, value and limit.
+    """
+    from valerie.db.engine import reading
+    from valerie.pipeline.functions import known, names
+    from valerie.pipeline.resolution import resolve_new
+    from valerie.runs.spec import parse
+
+    spec = parse(text)
+    if _has_database(settings):
+        _migrate(settings)  # as whatever is started would
+    with deployment_or_empty(settings) as context, reading(context.engine) as connection:
+        registered = names(connection, known(connection, spec.functions))
+    resolve_new(spec, settings, registered=registered)
 
 
 def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
@@ -68,39 +112,51 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
     from valerie.runs.spec import parse
 
     spec = parse(text)
-    with _context(settings) as context:
+    with deployment_or_empty(settings) as context:
         return plan_run(context, spec).model_dump(mode="json")
 
 
-def _context(settings: Settings) -> Any:
+def deployment_or_empty(settings: Settings) -> AbstractContextManager[Context]:
     """The deployment's context, or, before there is any, an empty one that leaves nothing behind."""
     from contextlib import contextmanager
     from tempfile import TemporaryDirectory
 
-    from valerie.db.engine import open_engine
-    from valerie.db.migrate import migrate, require_current
+    from valerie.db.migrate import require_current
     from valerie.pipeline.context import open_context
 
     @contextmanager
-    def opened() -> Any:
+    def opened() -> Iterator[Context]:
         if _has_database(settings):
             context = open_context(settings)
-            require_current(context.engine)
-            yield context
-            context.engine.dispose()
+            try:
+                require_current(context.engine)
+                yield context
+            finally:
+                context.engine.dispose()
             return
         with TemporaryDirectory(prefix="valerie-plan-") as folder:
             empty = settings.model_copy(
                 update={"database_url": f"sqlite:///{folder}/plan.sqlite3", "artifacts_url": folder}
             )
-            engine = open_engine(empty.database_url)
-            migrate(engine)
-            engine.dispose()
+            _migrate(empty)
             context = open_context(empty)
-            yield context
-            context.engine.dispose()
+            try:
+                yield context
+            finally:
+                context.engine.dispose()
 
     return opened()
+
+
+def _migrate(settings: Settings) -> None:
+    from valerie.db.engine import open_engine
+    from valerie.db.migrate import migrate
+
+    engine = open_engine(settings.database_url)
+    try:
+        migrate(engine)
+    finally:
+        engine.dispose()
 
 
 def _has_database(settings: Settings) -> bool:

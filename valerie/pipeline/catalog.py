@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from valerie import plugins
 from valerie.db import processes
@@ -17,6 +17,10 @@ from valerie.pipeline.context import Context
 from valerie.pipeline.pinning import inference_name
 from valerie.scene.asset import asset_manifest, asset_names
 from valerie.settings import Settings
+
+
+#: What only registered functions have.
+_NOT_REGISTERED: Final = dict.fromkeys(("reference", "kind", "version", "classes", "unmapped", "created_at"))
 
 
 def assets(settings: Settings) -> list[dict[str, Any]]:
@@ -70,7 +74,7 @@ def functions(context: Context) -> list[dict[str, Any]]:
             except ValerieError as error:
                 problem = str(error)
         classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
-        found.append({**asdict(card), "numeric_classes": classes, "problem": problem})
+        found.append({**asdict(card), **_NOT_REGISTERED, "numeric_classes": classes, "problem": problem})
     with reading(context.engine) as connection:
         found += [_registered(one, offers) for one in registry.listed(connection)]
     return found

@@ -123,6 +123,11 @@ def known(connection: Connection, references: Iterable[str]) -> dict[str, Functi
     return found
 
 
+def names(connection: Connection, registered: Mapping[str, FunctionDocument]) -> set[str]:
+    """What a spec may call: ``registered`` (see `known`), and the names that it might have meant."""
+    return {*registered, *(row.name for row in functions.every(connection))}
+
+
 def remove(context: Context, reference: str) -> Registered:
     """Delete one version, and its payload where no other version has the same.
 

@@ -26,8 +26,8 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
     with reading(context.engine) as connection:
         offers = processes.offers(connection, now=time.time())
         registered = functions.known(connection, spec.functions)
-        names = {one.document.name for one in functions.listed(connection)}
-        resolved = resolve_new(spec, context.settings, registered={*registered, *names})
+        names = functions.names(connection, registered)
+        resolved = resolve_new(spec, context.settings, registered=names)
         pins, _ = choose_pins(spec.model_dump(mode="json"), offers, registered)
         recorded = products.recorded_costs(connection)
 

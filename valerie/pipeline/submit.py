@@ -31,8 +31,8 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
     with reading(context.engine) as connection:
         offers = processes.offers(connection, now=now)
         registered = functions.known(connection, spec.functions)
-        names = {one.document.name for one in functions.listed(connection)}
-    resolved = resolve_new(spec, context.settings, registered={*registered, *names})
+        names = functions.names(connection, registered)
+    resolved = resolve_new(spec, context.settings, registered=names)
     document = spec.model_dump(mode="json")
     pins, reason = choose_pins(document, offers, registered)
     values: dict[str, Any] = {

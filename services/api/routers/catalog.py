@@ -1,4 +1,4 @@
-"""What can be asked for: assets with their parameters, render engines, functions under test; and who is at work."""
+"""What can be asked for: assets with their parameters, render engines, classes; and who is at work."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastapi import APIRouter, HTTPException, Path, status
 from services.api import examples
 from services.api.dependencies import ContextDependency
 from services.api.openapi import example, problems
-from services.api.schemas import AssetEntry, AssetRead, FunctionRead, LabelRead, QueueRead, RendererRead, WorkerRead
+from services.api.schemas import AssetEntry, AssetRead, LabelRead, QueueRead, RendererRead, WorkerRead
 from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
@@ -42,15 +42,6 @@ def asset(name: Name, context: ContextDependency) -> AssetRead:
 )
 def renderers(context: ContextDependency) -> list[RendererRead]:
     return [RendererRead.model_validate(one) for one in catalog.renderers(context)]
-
-
-@router.get(
-    "/functions",
-    responses={**problems(), **example(examples.FUNCTIONS)},
-    summary="Functions under test with their cards",
-)
-def functions(context: ContextDependency) -> list[FunctionRead]:
-    return [FunctionRead.model_validate(one) for one in catalog.functions(context)]
 
 
 @router.get(

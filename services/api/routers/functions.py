@@ -1,0 +1,177 @@
+"""Functions under test: register, list, read, remove; and predictions that people bring."""
+
+from __future__ import annotations
+
+import threading
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
+
+from services.api import examples
+from services.api.dependencies import ContextDependency, FrameId, split_frame_id, wake_control
+from services.api.openapi import binary, example, problems
+from services.api.schemas import FunctionDetail, FunctionRead, PredictionRead
+from services.api.transfer import ConditionsDependency, send
+from services.api.upload import FormDependency
+from valerie.db.engine import reading
+from valerie.errors import NotFound, UnknownName
+from valerie.pipeline import catalog, functions
+from valerie.pipeline.brought import put_prediction
+from valerie.pipeline.importing import Brought, import_function
+
+router = APIRouter(prefix="/v1", tags=["functions"])
+
+Reference = Annotated[
+    str,
+    Path(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}(@[0-9a-f]{6,32})?$",
+        description="name, or name@digest of a registered version; the first characters of the digest are enough",
+        examples=["deeplabv3plus-small"],
+    ),
+]
+#: Converting and checking takes memory and time: one at a time in this process.
+_IMPORTS: Final = threading.Lock()
+_FORM: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision win "
+        "over the document.",
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "properties": {
+                        "document": {"type": "string"},
+                        "payload": {"type": "string", "format": "binary"},
+                        "name": {"type": "string"},
+                        "engine": {"type": "string"},
+                        "precision": {"type": "string"},
+                    },
+                }
+            }
+        },
+    }
+}
+_PNG: Final[dict[str, Any]] = {
+    "requestBody": {
+        "required": True,
+        "description": "PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void",
+        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+
+
+async def _body(request: Request) -> bytes:
+    return await request.body()
+
+
+@router.post(
+    "/functions",
+    status_code=status.HTTP_201_CREATED,
+    openapi_extra=_FORM,
+    responses={
+        **problems(409, 413, 422, 501, 507),
+        **example(examples.FUNCTION, status=201),
+        200: {"model": FunctionDetail, "description": "this version was registered already"},
+    },
+    summary="Register a function under test; an equal document under the same name changes nothing",
+    response_description="registered; Location names this version",
+)
+def register(form: FormDependency, request: Request, response: Response, context: ContextDependency) -> FunctionDetail:
+    brought = Brought(
+        path=form.payload,
+        filename="" if form.payload is None else form.payload.name,
+        document=form.texts.get("document", ""),
+        name=form.texts.get("name"),
+        engine=form.texts.get("engine"),
+        precision=form.texts.get("precision"),
+    )
+    with _IMPORTS:
+        imported = import_function(brought, form.folder, context.settings)
+    registered, new = functions.register(context, imported.document, imported.payload)
+    wake_control(request)
+    response.headers["Location"] = f"/v1/functions/{registered.reference}"
+    if not new:
+        response.status_code = status.HTTP_200_OK
+    return FunctionDetail.model_validate({**catalog.registered_function(context, registered), "check": imported.check})
+
+
+@router.get(
+    "/functions",
+    responses={**problems(), **example(examples.FUNCTIONS)},
+    summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
+)
+def list_functions(context: ContextDependency) -> list[FunctionRead]:
+    return [FunctionRead.model_validate(one) for one in catalog.functions(context)]
+
+
+@router.get("/functions/{reference}", responses=problems(404, 422), summary="One function with its card and document")
+def read(reference: Reference, context: ContextDependency) -> FunctionDetail:
+    try:
+        return FunctionDetail.model_validate(catalog.function(context, reference))
+    except UnknownName as error:  # here it is the address that is wrong, not a field of a document
+        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
+
+
+@router.get(
+    "/functions/{reference}/payload",
+    response_class=Response,
+    responses={**problems(404, 422), **binary("application/octet-stream", "The file")},
+    summary="The file of a registered function",
+)
+def payload(reference: Reference, context: ContextDependency, conditions: ConditionsDependency) -> Response:
+    try:
+        with reading(context.engine) as connection:
+            document = functions.find(connection, reference).document
+    except UnknownName as error:
+        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
+    if document.payload is None:
+        raise NotFound("payload of the function", reference)
+    size = document.payload.bytes
+    return send(
+        conditions,
+        tag=document.payload.sha256,
+        media_type="application/octet-stream",
+        size=lambda: size,
+        read=lambda start, length: functions.read_payload(context, document)[start : start + length],
+        headers={"Content-Disposition": f'attachment; filename="{document.name}.{document.payload.format}"'},
+    )
+
+
+@router.delete(
+    "/functions/{reference}",
+    status_code=status.HTTP_204_NO_CONTENT,
+    responses=problems(404, 409, 422),
+    summary="Remove one version (name@digest) that no unfinished run needs",
+)
+def remove(reference: Reference, context: ContextDependency) -> None:
+    try:
+        functions.remove(context, reference)
+    except UnknownName as error:
+        raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
+
+
+@router.put(
+    "/frames/{frame_id}/prediction",
+    status_code=status.HTTP_201_CREATED,
+    openapi_extra=_PNG,
+    responses={
+        **problems(404, 409, 413, 422, 507),
+        200: {"model": PredictionRead, "description": "the same label map was there already"},
+    },
+    summary="Bring the prediction of a frame, for functions of kind predictions",
+)
+def bring(
+    frame_id: FrameId,
+    request: Request,
+    response: Response,
+    context: ContextDependency,
+    body: Annotated[bytes, Depends(_body)],
+    function: Annotated[str | None, Query(max_length=200, description="default: the only one of this kind")] = None,
+    sensor: Annotated[str | None, Query(max_length=200, description="default: the only one")] = None,
+) -> PredictionRead:
+    new = put_prediction(context, *split_frame_id(frame_id), body, function=function, sensor=sensor)
+    wake_control(request)
+    if not new:
+        response.status_code = status.HTTP_200_OK
+    return PredictionRead(frame_id=frame_id, new=new)

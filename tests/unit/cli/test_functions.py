@@ -1,0 +1,100 @@
+"""`valerie function …` without a server: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from valerie.cli.main import app
+from valerie.errors import InvalidInput, NotFound
+from valerie.testing.functions import small_onnx
+
+
+@pytest.fixture
+def valerie(tmp_path: Path):  # type: ignore[no-untyped-def]
+    """Runs a command on a data folder of its own; returns its standard output."""
+
+    def run(*arguments: object) -> str:
+        given = [*map(str, arguments), "--data-dir", str(tmp_path / "data")]
+        result = CliRunner().invoke(app, given, catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return result.stdout
+
+    return run
+
+
+@pytest.fixture
+def onnx(tmp_path: Path) -> Path:
+    return small_onnx(tmp_path)[1]
+
+
+@pytest.fixture
+def side(tmp_path: Path) -> Path:
+    path = tmp_path / "side.yaml"
+    path.write_text("output: {classes: [road, person]}\nengine: onnxruntime\n")
+    return path
+
+
+def test_import_prints_the_card_and_the_line_for_a_spec(valerie, onnx: Path, side: Path) -> None:  # type: ignore[no-untyped-def]
+    printed = valerie("function", "import", onnx, "--document", side, "--name", "mine")
+    assert printed.rstrip().endswith("functions: [mine]")
+    assert "road, person" in printed
+    assert "runs: onnxruntime-" in printed
+
+
+def test_what_is_registered_is_listed_shown_exported_and_removed(  # type: ignore[no-untyped-def]
+    valerie, onnx: Path, side: Path, tmp_path: Path
+) -> None:
+    found = json.loads(valerie("function", "import", onnx, "--document", side, "--json"))
+    listed = json.loads(valerie("function", "list", "--json"))
+    assert [one["reference"] for one in listed if one["version"]] == [found["reference"]]
+    assert found["digest"] in valerie("function", "show", "small")
+    valerie("function", "export", "small", tmp_path / "out")
+    assert (tmp_path / "out" / "small.onnx").read_bytes() == onnx.read_bytes()
+    document = yaml.safe_load((tmp_path / "out" / "small.yaml").read_text())
+    assert document["output"]["classes"] == ["road", "person"]
+    again = json.loads(
+        valerie(
+            "function",
+            "import",
+            tmp_path / "out" / "small.onnx",
+            "--document",
+            tmp_path / "out" / "small.yaml",
+            "--json",
+        )
+    )
+    assert (again["digest"], again["new"]) == (found["digest"], False), "what was exported is the same function"
+    valerie("function", "remove", found["reference"])
+    with pytest.raises(InvalidInput, match="unknown registered function 'small'"):
+        valerie("function", "show", "small")
+
+
+def test_without_a_deployment_the_installed_functions_are_listed_and_nothing_is_written(
+    valerie, tmp_path: Path
+) -> None:  # type: ignore[no-untyped-def]
+    assert "semantic-fpn-small" in valerie("function", "list")
+    assert not (tmp_path / "data").exists()
+
+
+def test_nothing_to_import_is_an_error(valerie, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InvalidInput, match="nothing to import"):
+        valerie("function", "import")
+    with pytest.raises(NotFound, match="there is no file"):
+        valerie("function", "import", tmp_path / "none.onnx")
+
+
+def test_other_functions_than_the_specs_are_planned(valerie, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(
+        "name: r\nasset: urban-street\nvary: [[person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]]\n"
+        "functions: [deeplabv3plus-small]\n"
+    )
+    plan = json.loads(valerie("plan", spec, "--functions", "semantic-fpn-small,deeplabv3plus-small", "--json"))
+    one = json.loads(valerie("plan", spec, "--json"))
+    assert plan["evaluations"] == 2 * one["evaluations"]
+    with pytest.raises(InvalidInput, match="unknown function 'mine'"):
+        valerie("plan", spec, "--functions", "mine")

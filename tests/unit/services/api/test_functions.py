@@ -1,0 +1,149 @@
+"""Functions under test over REST: registered once, read back, removed, refused with reasons; predictions brought."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from sketch.fixtures import Sketch
+
+from services.api.app import create_app
+from valerie.perception.label_png import encode_png
+from valerie.testing.functions import small_onnx
+
+SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
+
+
+@pytest.fixture(scope="module")
+def onnx(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_onnx(tmp_path_factory.mktemp("onnx"))[1]
+
+
+def post(client: httpx.Client, payload: Path | None = None, *, filename: str = "", **texts: str) -> httpx.Response:
+    files: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
+    if payload is not None:
+        files.append(("payload", (filename or payload.name, payload.read_bytes())))
+    return client.post("/v1/functions", files=files)
+
+
+def test_an_onnx_file_with_its_document_is_registered_once(fresh: httpx.Client, onnx: Path) -> None:
+    first = post(fresh, onnx, document=SIDE)
+    assert first.status_code == 201, first.text
+    found = first.json()
+    assert first.headers["Location"] == f"/v1/functions/{found['reference']}"
+    assert found["classes"] == ["road", "person"]
+    assert found["check"]["numeric_class"].startswith("onnxruntime-")
+    again = post(fresh, onnx, document=SIDE)
+    assert (again.status_code, again.json()["digest"]) == (200, found["digest"])
+    listed = [one for one in fresh.get("/v1/functions").json() if one["name"] == "small"]
+    assert [(one["version"], one["digest"]) for one in listed] == [(1, found["digest"])]
+
+
+def test_a_version_is_read_by_name_and_by_digest_and_its_file_is_what_was_sent(fresh: httpx.Client, onnx: Path) -> None:
+    one = post(fresh, onnx, document=SIDE, name="mine").json()
+    two = post(fresh, onnx, document=SIDE + "provenance: {note: second}", name="mine").json()
+    assert fresh.get("/v1/functions/mine").json()["digest"] == two["digest"]
+    read = fresh.get(f"/v1/functions/mine@{one['digest'][:8]}").json()
+    assert (read["digest"], read["version"]) == (one["digest"], 1)
+    payload = fresh.get(f"/v1/functions/{one['reference']}/payload")
+    assert payload.content == onnx.read_bytes()
+    assert payload.headers["ETag"]
+
+
+def test_a_version_is_removed_by_its_digest_alone(fresh: httpx.Client, onnx: Path) -> None:
+    reference = post(fresh, onnx, document=SIDE).json()["reference"]
+    assert fresh.delete("/v1/functions/small").status_code == 422
+    assert fresh.delete(f"/v1/functions/{reference}").status_code == 204
+    assert fresh.get("/v1/functions/small").status_code == 404
+    assert fresh.delete(f"/v1/functions/{reference}").status_code == 404
+
+
+def test_a_version_that_a_waiting_run_would_take_cannot_be_removed(fresh: httpx.Client, onnx: Path) -> None:
+    reference = post(fresh, onnx, document=SIDE).json()["reference"]
+    spec = {"name": "r", "asset": "urban-street", "vary": [["person-1.pos.x", "HOMOGENEOUS", 1.5, 5.5, 1.0]]}
+    run = fresh.post("/v1/runs", json={**spec, "functions": ["small"]}).json()["id"]
+    answer = fresh.delete(f"/v1/functions/{reference}")
+    assert answer.status_code == 409
+    assert run in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("filename", "texts", "detail"),
+    [
+        ("model.pt2", {}, "runs code when it is loaded and is not accepted; export the network as ONNX"),
+        ("model.py", {}, "a Python program runs code"),
+        ("model.xyz", {}, "not a kind of file that is known"),
+        ("model.onnx", {"document": "output: {classes: [road, walrus]}", "name": "Bad Name"}, "name: "),
+        ("model.onnx", {"document": "output: {classes: [road, person], class_map: {road: raod}}"}, "did you mean road"),
+        ("model.onnx", {"document": "kind: http\noptions: {url: 'http://a:1/'}"}, "kind http takes no file"),
+        ("model.onnx", {"document": "just text"}, "document"),
+        ("model.onnx", {"nonsense": "x"}, "unknown part of the form"),
+        ("../../escape.onnx", {"document": "output: {classes: [a, b]}"}, "no class leads to a Cityscapes class"),
+    ],
+)
+def test_what_is_wrong_is_said(
+    fresh: httpx.Client, onnx: Path, filename: str, texts: dict[str, str], detail: str
+) -> None:
+    answer = post(fresh, onnx, filename=filename, **texts)
+    assert answer.status_code == 422, answer.text
+    assert detail in answer.json()["detail"]
+    assert answer.headers["Content-Type"] == "application/problem+json"
+
+
+def test_a_document_without_its_file_is_refused(fresh: httpx.Client) -> None:
+    answer = post(fresh, None, document="name: a\nkind: onnx\noutput: {classes: [road, person]}")
+    assert answer.status_code == 422
+
+
+def test_what_is_no_form_is_refused(fresh: httpx.Client) -> None:
+    assert fresh.post("/v1/functions", json={"name": "a"}).status_code == 422
+    broken = fresh.post("/v1/functions", content=b"--x\r\n", headers={"Content-Type": "multipart/form-data"})
+    assert broken.status_code == 422
+
+
+def test_names_of_installed_functions_are_taken(fresh: httpx.Client, onnx: Path) -> None:
+    assert post(fresh, onnx, document=SIDE, name="semantic-fpn-small").status_code == 409
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    from sketch.runs import open_sketch, settings_of
+    from sketch.serving import served
+
+    context, _ = open_sketch(settings_of(tmp_path, max_function_mb=1))
+    context.engine.dispose()
+    with served(create_app(settings_of(tmp_path, max_function_mb=1), control=False)) as client:
+        url = client.base_url
+        connection = http.client.HTTPConnection(url.host, url.port, timeout=30)
+        connection.putrequest("POST", "/v1/functions")
+        connection.putheader("Content-Type", "multipart/form-data; boundary=x")
+        connection.putheader("Content-Length", str(10 << 20))
+        connection.endheaders()  # not one byte of the body is sent
+        answer = connection.getresponse()
+        assert answer.status == 413
+        assert json.loads(answer.read())["errors"][0]["limit"] == (1 << 20) + 2_000_000
+        connection.close()
+
+        def pieces() -> Any:
+            yield b"--x\r\nContent-Disposition: form-data; name=payload; filename=a.onnx\r\n\r\n"
+            for _ in range(40):
+                yield b"\0" * 100_000
+
+        streamed = client.post(
+            "/v1/functions", content=pieces(), headers={"Content-Type": "multipart/form-data; boundary=x"}
+        )
+        assert streamed.status_code == 413, "a stream that declares no length is cut off"
+
+
+def test_predictions_are_brought_by_frame(fresh: httpx.Client, sketch: Sketch) -> None:
+    """The finished run has no function of that kind: what is asked for does not fit, and is said."""
+    frame = fresh.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
+    data = encode_png(np.zeros((54, 96), np.uint8))
+    answer = fresh.put(f"/v1/frames/{frame}/prediction", content=data, headers={"Content-Type": "image/png"})
+    assert answer.status_code == 409
+    assert "waits for no predictions" in answer.json()["detail"]
+    assert fresh.put("/v1/frames/none.0.0.0/prediction", content=data).status_code == 404

@@ -1,0 +1,331 @@
+"""Commands about functions under test: bring one's own, list them, take them along."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+import typer
+
+from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
+from valerie.errors import InvalidInput, NotFound
+
+if TYPE_CHECKING:
+    from valerie.client import Client
+    from valerie.pipeline.context import Context
+
+app = typer.Typer(no_args_is_help=True, help="Register, list, show and remove functions under test.")
+
+Reference = Annotated[
+    str, typer.Argument(metavar="NAME[@DIGEST]", help="A function; without a digest its newest version.")
+]
+
+
+@app.command("import")
+def import_(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]", help="Checkpoint (.pth, .pkl, .safetensors), .onnx, or a Hugging Face folder."
+        ),
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="How specs shall call it.")] = None,
+    document: Annotated[
+        Path | None,
+        typer.Option("--document", metavar="SIDE.yaml", help="What the file does not say: classes, input, class map."),
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option("--engine", metavar="ENGINE", help="torch, openvino or onnxruntime.")
+    ] = None,
+    precision: Annotated[
+        str | None, typer.Option("--precision", metavar="PRECISION", help="fp32 (the reference), bf16 or fp16.")
+    ] = None,
+    as_json: Json = False,
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Convert, check and register a function under test.
+
+    Nothing in the file is run. Works here, or in the server that runs on the data
+    folder. Functions behind HTTP and brought predictions need only a document.
+    """
+    if file is None and document is None:
+        raise InvalidInput("nothing to import", field="FILE", limit="a file, or --document SIDE.yaml, or both")
+    texts = {"document": _text(document)} if document is not None else {}
+    given = {"name": name, "engine": engine, "precision": precision}
+    texts |= {field: value for field, value in given.items() if value is not None}
+    with TemporaryDirectory(prefix="valerie-import-") as folder:
+        payload = file
+        if file is not None and file.is_dir():
+            texts, payload = _huggingface(file, texts)
+        elif file is not None and not file.is_file():
+            raise NotFound("file", file)
+        with _registry(url, data_dir, create=True) as registry:
+            registered, new = registry.register_function(texts, payload, Path(folder))
+    if as_json:
+        typer.echo(json.dumps({**registered, "new": new}, ensure_ascii=False))
+        return
+    _card(registered)
+    say(("registered" if new else "registered already") + f" as {registered['reference']}; in a spec:")
+    typer.echo(f"functions: [{registered['name']}]")
+    say(f"runs that start from now on pin this version; try it with: {command_name()} run SPEC")
+
+
+@app.command("list")
+def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+    """List the functions that a spec may name, every version of registered ones."""
+    with _registry(url, data_dir) as registry:
+        found = registry.functions()
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        return
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("name", "version", "kind", "architecture", "engine", "offered"):
+        table.add_column(column, no_wrap=column in ("name", "version"))
+    for one in found:
+        reference = one["reference"] or one["name"]
+        offered = one["problem"] or ("yes" if one["numeric_classes"] else "no living worker")
+        if one["kind"] == "predictions":
+            offered = "by whoever brings them"
+        version = "installed" if one["version"] is None else str(one["version"])
+        engine = "" if one["engine"] in ("", "none") else f"{one['engine']} {one['precision']}"
+        table.add_row(reference, version, one["kind"] or "", one["architecture"], engine, offered)
+    console().print(table)
+
+
+@app.command()
+def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
+    """Show the card of a function."""
+    with _registry(url, data_dir) as registry:
+        found = registry.function(reference)
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        return
+    _card(found)
+
+
+@app.command()
+def export(
+    reference: Reference,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write into; made if need be.")],
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Write a registered function as document and file, as `valerie function import` takes them."""
+    import yaml
+
+    with _registry(url, data_dir) as registry:
+        found = registry.function(reference)
+        document = found.get("document")
+        if document is None:
+            raise InvalidInput("an installed function is no document of the registry", field="NAME", value=reference)
+        payload = document["payload"]
+        data = None if payload is None else registry.function_payload(found["reference"])
+    name = document["name"]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        files = [folder / f"{name}.yaml"]
+        with files[0].open("x", encoding="utf-8") as stream:
+            yaml.safe_dump(document, stream, sort_keys=False, allow_unicode=True)
+        if data is not None:
+            files.append(folder / f"{name}.{payload['format']}")
+            with files[1].open("xb") as target:
+                target.write(data)
+    except FileExistsError as error:
+        raise InvalidInput("the file exists", value=str(error.filename)) from None
+    except OSError as error:
+        raise InvalidInput(f"the folder cannot be written ({error.strerror})", value=str(folder)) from error
+    for path in files:
+        typer.echo(path)
+
+
+@app.command()
+def remove(
+    reference: Annotated[str, typer.Argument(metavar="NAME@DIGEST", help="One version; `list` shows them.")],
+    url: Url = None,
+    data_dir: DataDir = None,
+) -> None:
+    """Remove one version of a registered function that no unfinished run needs."""
+    with _registry(url, data_dir) as registry:
+        registry.remove_function(reference)
+    say(f"{reference} is removed; results that were made with it stay")
+
+
+class _Registry(Protocol):
+    """What these commands need, here or in a server."""
+
+    def functions(self) -> list[dict[str, Any]]: ...
+    def function(self, reference: str) -> dict[str, Any]: ...
+    def function_payload(self, reference: str) -> bytes: ...
+    def remove_function(self, reference: str) -> None: ...
+    def register_function(
+        self, texts: dict[str, str], payload: Path | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]: ...
+
+
+class _Remote:
+    """A server's."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self.functions, self.function = client.functions, client.function
+        self.function_payload, self.remove_function = client.function_payload, client.remove_function
+
+    def register_function(
+        self,
+        texts: dict[str, str],
+        payload: Path | None,
+        folder: Path,  # noqa: ARG002  the server converts in a folder of its own
+    ) -> tuple[dict[str, Any], bool]:
+        return self._client.register_function(texts, payload)
+
+
+class _Local:
+    """This data folder's, while no server runs on it."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def functions(self) -> list[dict[str, Any]]:
+        from valerie.pipeline.catalog import functions
+
+        return functions(self._context)
+
+    def function(self, reference: str) -> dict[str, Any]:
+        from valerie.pipeline.catalog import function
+
+        return function(self._context, reference)
+
+    def function_payload(self, reference: str) -> bytes:
+        from valerie.db.engine import reading
+        from valerie.pipeline.functions import find, read_payload
+
+        with reading(self._context.engine) as connection:
+            document = find(connection, reference).document
+        return read_payload(self._context, document)
+
+    def remove_function(self, reference: str) -> None:
+        from valerie.pipeline.functions import remove
+
+        remove(self._context, reference)
+
+    def register_function(
+        self, texts: dict[str, str], payload: Path | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]:
+        from valerie.pipeline.catalog import registered_function
+        from valerie.pipeline.functions import register
+        from valerie.pipeline.importing import Brought, import_function
+
+        name = "" if payload is None else payload.name
+        imported = import_function(
+            Brought(path=payload, filename=name, **texts),
+            folder,
+            self._context.settings,
+        )
+        registered, new = register(self._context, imported.document, imported.payload)
+        return {**registered_function(self._context, registered), "check": imported.check}, new
+
+
+@contextmanager
+def _registry(url: str | None, data_dir: Path | None, *, create: bool = False) -> Iterator[_Registry]:
+    """The named server's, else that of the server on the data folder, else the data folder's own."""
+    from valerie.cli.connecting import client_of
+    from valerie.embedded import running
+
+    settings = settings_of(data_dir)
+    if url is not None or running.find(settings.data_dir) is not None:
+        with client_of(settings, url) as client:
+            yield _Remote(client)
+        return
+    from valerie.cli.specs import deployment_or_empty
+    from valerie.db.migrate import migrate
+    from valerie.pipeline.context import open_context
+
+    if not create:
+        with deployment_or_empty(settings) as context:
+            yield _Local(context)
+        return
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    context = open_context(settings)
+    try:
+        migrate(context.engine)
+        yield _Local(context)
+    finally:
+        context.engine.dispose()
+
+
+def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
+    """A folder as document and file: the configuration is read here, the weights are opened where they are registered."""
+    from valerie.loading import load_document
+    from valerie.perception.huggingface import read_huggingface
+
+    changes = load_document(texts["document"]) if "document" in texts else {}
+    changes |= {field: value for field, value in texts.items() if field != "document"}
+    name = str(changes.pop("name", folder.absolute().name.lower()))
+    document, payload = read_huggingface(folder, name, **changes)
+    return {"document": json.dumps(document.model_dump(mode="json", exclude={"payload"}))}, payload
+
+
+def _text(path: Path) -> str:
+    from valerie.loading import MAX_BYTES
+
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InvalidInput("the document is too large", value=str(path), limit=f"{MAX_BYTES} bytes")
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise InvalidInput(f"the document cannot be read ({error.strerror})", value=str(path)) from error
+    except UnicodeDecodeError:
+        raise InvalidInput("the document is not UTF-8 text", value=str(path)) from None
+
+
+def _card(found: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    document = found.get("document") or {}
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    rows = {
+        "name": found["name"],
+        "version": None if found.get("version") is None else f"{found['version']}  ({found['reference']})",
+        "digest": found["digest"],
+        "kind": found.get("kind"),
+        "architecture": found["architecture"],
+        "engine": None if found["engine"] in ("", "none") else f"{found['engine']} {found['precision']}",
+        "input": _input(document.get("input")),
+        "predicts": ", ".join(found.get("classes") or ()),
+        "void": ", ".join(found.get("unmapped") or ()),
+        "checked": _check(found.get("check")),
+        "offered as": ", ".join(found["numeric_classes"]),
+        "problem": found.get("problem"),
+    }
+    for title, text in rows.items():
+        if text:
+            table.add_row(title, str(text))
+    for title, text in sorted(found["provenance"].items()):
+        table.add_row(title, text)
+    console().print(table)
+
+
+def _input(part: dict[str, Any] | None) -> str:
+    if not part:
+        return ""
+    size = "the frame's size" if part["size"] is None else "{} × {}".format(*part["size"])
+    mean, std = (", ".join(f"{value:g}" for value in part[name]) for name in ("mean", "std"))
+    return f"{part['mode']} to {size}, {part['channel_order'].upper()} × {part['scale']}, mean {mean}, std {std}"
+
+
+def _check(check: dict[str, Any] | None) -> str:
+    if not check:
+        return ""
+    if "skipped" in check:
+        return f"not tried out here: {check['skipped']}"
+    width, height = check["picture"]
+    return f"runs: {check['numeric_class']}, {check['cpu_seconds']:g} CPU seconds for {width} × {height}"
