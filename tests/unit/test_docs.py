@@ -20,6 +20,7 @@ from valerie.cli.shell import Exit
 from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
+from valerie.perception.documents import parse_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
 from valerie.scene.asset import asset_manifest
@@ -144,11 +145,22 @@ def test_named_targets_exist(document: Path) -> None:
     assert named <= targets
 
 
+#: How the document of a function begins in the README.
+_FUNCTION = "# my.yaml"
+
+
+def test_the_readmes_document_of_a_function_is_one() -> None:
+    found = [one for one in blocks((ROOT / "README.md").read_text("utf-8"), "yaml") if one.startswith(_FUNCTION)]
+    payload = {"sha256": "0" * 64, "bytes": 1, "format": "onnx"}
+    documents = [parse_function(one, kind="onnx", payload=payload) for one in found]
+    assert [one.output.reached for one in documents] == [("person", "car")]
+
+
 def specs() -> Iterator[Any]:
     """The YAML of README and docs/spec.md; a part of a spec is completed with a name and an asset."""
     for document in (ROOT / "README.md", ROOT / "docs" / "spec.md"):
         for i, block in enumerate(blocks(document.read_text("utf-8"), "yaml")):
-            if not block.startswith("# manifest.yaml"):
+            if not block.startswith(("# manifest.yaml", _FUNCTION)):
                 yield pytest.param(block, id=f"{document.name}-{i}")
 
 

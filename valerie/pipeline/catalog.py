@@ -18,7 +18,6 @@ from valerie.pipeline.pinning import inference_name
 from valerie.scene.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
-
 #: What only registered functions have.
 _NOT_REGISTERED: Final = dict.fromkeys(("reference", "kind", "version", "classes", "unmapped", "created_at"))
 
