@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from services.infer_worker.tasks import register
 from valerie import plugins
+from valerie.errors import UnknownName
 from valerie.logs import configure_logging
 from valerie.perception.limits import limit_memory
 from valerie.pipeline.context import Context
@@ -12,7 +15,19 @@ from valerie.pipeline.probe import inference_names
 from valerie.pipeline.workers import infer_offers, serve
 from valerie.settings import load_settings
 
-_NO_ENGINE = "none"
+#: No registered functions here.
+_NO_ENGINE: Final = "none"
+
+
+def _engines(chosen: str) -> tuple[str, ...]:
+    known = inference_names()
+    if chosen in ("", _NO_ENGINE):
+        return () if chosen else known
+    names = tuple(name.strip() for name in chosen.split(","))
+    for name in names:
+        if name not in known:
+            raise UnknownName("inference engine", name, known, field="VALERIE_INFER_ENGINES")
+    return names
 
 
 def main() -> None:
@@ -20,9 +35,7 @@ def main() -> None:
     settings = load_settings()
     configure_logging(settings)
     functions = settings.infer_functions.split(",") if settings.infer_functions else plugins.function_names()
-    engines = settings.infer_engines.split(",") if settings.infer_engines else inference_names()
-    if settings.infer_engines == _NO_ENGINE:
-        engines = ()
+    engines = _engines(settings.infer_engines)
 
     def open_maker(context: Context) -> InferMaker:
         limit_memory(settings.infer_memory_mb)

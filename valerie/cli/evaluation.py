@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, console, context_of, say
+from valerie.cli.shell import DataDir, Json, console, context_of, say, settings_of
 from valerie.errors import InvalidInput, NotFound
 
 if TYPE_CHECKING:
@@ -44,18 +44,20 @@ def evaluate(
     Ignores what cityscapesScripts ignores. Every score stands there as frame mean and pooled.
     """
     from valerie.cli.datasets import Lines
+    from valerie.cli.specs import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
     from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_scores
     from valerie.pipeline.opening import open_reference
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
     lines = Lines("frames")
-    result = evaluate_dataset(
-        folder,
-        functions,
-        open_function=lambda name: open_reference(name, threads=threads),
-        progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
-    )
+    with deployment_or_empty(settings_of(data_dir)) as deployment:
+        result = evaluate_dataset(
+            folder,
+            functions,
+            open_function=lambda name: open_reference(name, context=deployment, threads=threads),
+            progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
+        )
     also: dict[str, CollectionScores] = {}
     if beside is not None:
         with context_of(data_dir) as context:

@@ -310,7 +310,8 @@ def _card(found: dict[str, Any]) -> None:
         if text:
             table.add_row(title, str(text))
     for title, text in sorted(found["provenance"].items()):
-        table.add_row(title, text)
+        if text:
+            table.add_row(title, text)
     console().print(table)
 
 

@@ -158,7 +158,7 @@ def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: 
             deployment,
             run,
             versions,
-            open_function=lambda name: open_reference(name, threads=threads),
+            open_function=lambda name: open_reference(name, context=deployment, threads=threads),
             where=where,
             region=selected_region(deployment, run, where, versions[0]) if where else None,
             progress=lines.tell,

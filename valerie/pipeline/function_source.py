@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
 from valerie import plugins
@@ -58,23 +59,25 @@ class FunctionSource:
         if row is None:
             raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:12]}: it was removed")
         document = FunctionDocument.model_validate(row.document)
+        return self.open_document(document, threads=self._context.settings.inference_threads)
+
+    def open_document(self, document: FunctionDocument, *, threads: int) -> PerceptionFunction:
+        """Load a registered function.
+
+        Raises:
+            ValerieError: it cannot be opened here; see `valerie.perception.functions.open_function`.
+        """
         try:
-            return self._opened(document)
+            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
         except CorruptArtifact:  # of this machine's copy, or of the store's
             self._cache.forget(document)
-            return self._opened(document)
-
-    def _opened(self, document: FunctionDocument) -> PerceptionFunction:
-        settings = self._context.settings
-        return open_document(document, self._cache.fetch(document), settings)
+            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
 
 
-def open_document(document: FunctionDocument, payload: Any, settings: Settings) -> PerceptionFunction:
+def open_document(
+    document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
+) -> PerceptionFunction:
     """`open_function` as this deployment's settings want it."""
     return open_function(
-        document,
-        payload,
-        threads=settings.inference_threads,
-        device=settings.infer_device,
-        addresses=settings.http_addresses,
+        document, payload, threads=threads, device=settings.infer_device, addresses=settings.http_addresses
     )

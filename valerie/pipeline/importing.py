@@ -153,7 +153,7 @@ def _tried(entries: dict[str, Any], path: Path, folder: Path, settings: Settings
         entries = parse_function(entries, payload=payload.model_dump()).model_dump(mode="json")
     job = {
         "entries": entries,
-        "path": str(path),
+        "path": str(path.absolute()),
         "folder": str(folder),
         "convert": convert,
         "max_bytes": settings.max_function_mb << 20,

@@ -1,4 +1,4 @@
-"""``python -m valerie.pipeline.probe render|infer|engines NAME …``: what of it runs on this machine, as one line of JSON.
+"""``python -m valerie.pipeline.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
 
 In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
 """
@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from valerie import plugins
-from valerie.errors import UnknownName, ValerieError
+from valerie.errors import ValerieError
 from valerie.perception.addresses import parse_allowed
 from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.documents import PRECISIONS, FunctionDocument
@@ -41,7 +41,9 @@ def probe_engine(name: str) -> list[dict[str, Any]]:
 
 
 def probe_function(name: str) -> list[dict[str, Any]]:
-    """Offer of one function under test."""
+    """Offer of one installed function under test, or of an inference engine (see `inference_names`)."""
+    if name in inference_names():
+        return probe_inference(name)
     settings = load_settings()
     function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
     try:
@@ -69,12 +71,10 @@ def probe_inference(name: str) -> list[dict[str, Any]]:
         from valerie.perception.http_function import HttpFunction
 
         return [{"name": HTTP, "revision": HttpFunction.revision, "numeric_class": HTTP}]
-    if name not in inference_names():
-        raise UnknownName("inference engine", name, inference_names(), field="VALERIE_INFER_ENGINES")
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
-        function = open_document(document, path, settings)
+        function = open_document(document, path, settings, threads=settings.inference_threads)
         try:
             return [{"name": name, "revision": function.revision, "numeric_class": function.numeric_class}]
         finally:
@@ -99,7 +99,6 @@ def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument
 _PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
     "render": probe_engine,
     "infer": probe_function,
-    "engines": probe_inference,
 }
 
 

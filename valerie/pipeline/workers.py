@@ -125,13 +125,13 @@ def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[dict[
     Raises:
         MissingDependency: none of ``functions`` works here; says why.
     """
-    offers, complaint = _probe("infer", functions)
+    # One process for both: importing an inference library costs more than trying it.
+    offers, complaint = _probe("infer", [*functions, *engines])
+    if not any("card" in offer for offer in offers):
+        offers, complaint = _probe("infer", functions)
     if not offers:
         raise MissingDependency(f"no function under test works on this machine: {complaint}")
-    of_engines, complaint = _probe("engines", engines) if engines else ([], "")
-    if complaint:
-        log.warning("worker.no_engine", reason=complaint)
-    return [{"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in (*offers, *of_engines)]
+    return [{"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer} for offer in offers]
 
 
 def _probe(stage: str, names: Sequence[str]) -> tuple[list[dict[str, Any]], str]:

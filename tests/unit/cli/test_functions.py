@@ -39,8 +39,11 @@ def side(tmp_path: Path) -> Path:
     return path
 
 
-def test_import_prints_the_card_and_the_line_for_a_spec(valerie, onnx: Path, side: Path) -> None:  # type: ignore[no-untyped-def]
-    printed = valerie("function", "import", onnx, "--document", side, "--name", "mine")
+def test_import_prints_the_card_and_the_line_for_a_spec(  # type: ignore[no-untyped-def]
+    valerie, onnx: Path, side: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(onnx.parent)  # as people call it: by a name in this folder
+    printed = valerie("function", "import", onnx.name, "--document", side.name, "--name", "mine")
     assert printed.rstrip().endswith("functions: [mine]")
     assert "road, person" in printed
     assert "runs: onnxruntime-" in printed

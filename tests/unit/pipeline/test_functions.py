@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.unit.pipeline.harness import SMALL, Pipeline
@@ -15,6 +16,7 @@ from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents import FunctionDocument, parse_function
 from valerie.pipeline import functions, gc, lifecycle
 from valerie.pipeline.catalog import function as catalogued
+from valerie.pipeline.opening import open_reference
 from valerie.pipeline.probe import probe_engine, probe_function, probe_inference
 from valerie.pipeline.replay import replay_frame
 from valerie.testing.functions import small_onnx
@@ -232,3 +234,12 @@ def test_documents_without_a_file_are_registered_too(pipeline: Pipeline) -> None
     assert new
     with pytest.raises(NotFound, match="payload"):
         functions.read_payload(pipeline.context, version.document)
+
+
+def test_a_registered_function_is_opened_by_its_name_for_other_uses(pipeline: Pipeline, tmp_path: Path) -> None:
+    version = register(pipeline, tmp_path)
+    function = open_reference(version.reference, context=pipeline.context)
+    labels = function.predict(np.full((8, 8, 3), 20, np.uint8))
+    assert set(np.unique(labels).tolist()) == {11}, "dark pixels are persons"
+    with pytest.raises(UnknownName, match="unknown function 'smal'; did you mean small"):
+        open_reference("smal", context=pipeline.context)
