@@ -63,10 +63,12 @@ class StaticSurfaces:
         window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(tall * SAMPLES, wide * SAMPLES)
         # Two by two samples to a pixel, pixels with their neighbours, then to tiles; depth grows with the window's.
         inner = np.s_[y - bottom : y - bottom + height, x - left : x - left + width]
-        low = cv2.erode(np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)]), _NEIGHBOURS)[inner]
+        nearest = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        low: NDArray[np.float32] = cv2.erode(nearest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
         # Where nothing was drawn there is nothing to change.
         window = np.where(window < 1, window, 0)
-        high = cv2.dilate(np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)]), _NEIGHBOURS)[inner]
+        farthest = np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+        high: NDArray[np.float32] = cv2.dilate(farthest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
         raw = _read(targets.occlusion.framebuffer, area, 1, "f1").reshape(height, width)
         smooth = _read(targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(height, width)
         rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))
