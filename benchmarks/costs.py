@@ -148,7 +148,11 @@ def table(samples: Samples) -> dict[str, Any]:
             "bytes": round(float(fixed[1])),
             "bytes_per_megapixel": round(float(slope[1])),
         }
-    return {"measured_by": "benchmarks/costs.py", "machine": machine(), "costs": costs}
+    return {
+        "measured_by": "benchmarks/costs.py; cycles: benchmarks/bench_cycles.py",
+        "machine": machine(),
+        "costs": costs,
+    }
 
 
 def machine() -> str:

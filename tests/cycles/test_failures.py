@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import psutil
@@ -42,9 +43,10 @@ def in_the_middle(holder: BlenderHolder, what: signal.Signals) -> int:
     start = psutil.Process(pid).cpu_times().user
 
     def send() -> None:
-        while psutil.Process(pid).cpu_times().user < start + 1.0:
-            time.sleep(0.05)
-        os.kill(pid, what)
+        with suppress(psutil.NoSuchProcess, ProcessLookupError):  # it ended by itself
+            while psutil.Process(pid).cpu_times().user < start + 1.0:
+                time.sleep(0.05)
+            os.kill(pid, what)
 
     threading.Thread(target=send, daemon=True).start()
     return pid

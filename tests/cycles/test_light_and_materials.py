@@ -160,6 +160,36 @@ def test_texels_below_the_cutoff_let_light_through(cycles: CyclesRenderer) -> No
     assert pixels[:, 14:20].mean() > 10 * pixels[:, 28:34].mean()
 
 
+def test_what_is_cut_away_does_not_catch_the_haze(cycles: CyclesRenderer) -> None:
+    image = np.full((8, 8, 4), 255, np.uint8)
+    image[..., 3] = 0
+    material = Material("sheet", base_color_texture="none", alpha_cutoff=0.5, double_sided=True)
+    bare = replace(
+        with_texture(ground(WHITE, sun=Sun(0.0, math.radians(60)))), environment=Environment(visibility=30.0)
+    )
+    covered = replace(
+        bare,
+        nodes={**bare.nodes, "scene.pole-2": replace(sheet_above("sheet"), path="scene.pole-2")},
+        materials={**bare.materials, "sheet": material},
+        textures={"none": Texture("none", image)},
+    )
+    np.testing.assert_allclose(mean(cycles, covered), mean(cycles, bare), rtol=0.01)
+
+
+def test_the_camera_sees_through_back_faces_of_one_sided_materials_as_in_the_raster_engine(
+    cycles: CyclesRenderer, raster: RasterRenderer
+) -> None:
+    box = box_mesh((-0.6, -0.6, 0.05), (0.6, 0.6, 0.8), "red")
+    open_box = replace(box, faces=box.faces[:10])  # without its lid: five faces, of which the camera sees the insides
+    for double_sided in (False, True):
+        red = Material("red", (0.9, 0.02, 0.02), specular=0.0, double_sided=double_sided)
+        scene = ground(WHITE, sun=Sun(0.0, math.radians(70)), extra=(Node("scene.pole-1", place(0, 0), (open_box,)),))
+        scene = replace(scene, materials={**scene.materials, "red": red})
+        seen = [e.full(scene, VIEW).pixels[8:24, 14:34].astype(np.float64) for e in (cycles, raster)]
+        reddish = [float((p[..., 0] > 2 * p[..., 2]).mean()) for p in seen]
+        assert (reddish[0] > 0.5) == (reddish[1] > 0.5) == double_sided
+
+
 def test_metallic_roughness_and_tint_change_what_they_should(cycles: CyclesRenderer) -> None:
     red = Material("ground", (0.8, 0.1, 0.1), roughness=0.5)
     scenes = {

@@ -121,9 +121,19 @@ def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: 
 def test_an_engine_of_ones_own_is_guessed_to_be_the_dearest() -> None:
     table = CostTable()
     own, basis = table.cost(CostKey(ProductKind.BACKGROUND, "own", 960, 540))
-    known = [table.cost(CostKey(ProductKind.BACKGROUND, name, 960, 540))[0] for name in ("raster", "pyrender")]
+    known = [
+        table.cost(CostKey(ProductKind.BACKGROUND, name, 960, 540))[0] for name in ("raster", "pyrender", "cycles")
+    ]
     assert basis is Basis.GUESSED
     assert own == max(known)
+
+
+def test_a_plan_costs_what_the_engines_settings_ask_for(street: Manifest) -> None:
+    def cpu_seconds(**settings: object) -> float:
+        found = plan(resolved(street, vary=PLACES, renderer={"name": "cycles", **settings}))
+        return sum(one.cpu_seconds for one in found.products if one.maker == "cycles")
+
+    assert cpu_seconds(samples=256) == pytest.approx(4 * cpu_seconds(quality="standard"))
 
 
 def test_shipped_costs_grow_with_pixels_and_are_all_positive() -> None:

@@ -197,6 +197,10 @@ class Studio:
             through = nodes.add("ShaderNodeBsdfTranslucent")
             nodes.link(base, through.inputs["Color"])
             surface = nodes.mixed(header["translucency"], surface, through.outputs["BSDF"])
+        air = nodes.add("ShaderNodeGroup")
+        air.node_tree = self._air
+        nodes.link(surface, air.inputs[0])
+        surface = air.outputs[0]
         if header["alpha_cutoff"] is not None and alpha is not None:
             cut = nodes.add("ShaderNodeMath")
             cut.operation = "LESS_THAN"
@@ -204,10 +208,12 @@ class Studio:
             nodes.link(alpha, cut.inputs[0])
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
-        air = nodes.add("ShaderNodeGroup")
-        air.node_tree = self._air
-        nodes.link(surface, air.inputs[0])
-        nodes.link(air.outputs[0], nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
+        if not header["double_sided"]:
+            # Back faces are not there for the camera; light meets them, as a closed body's inside never sees any.
+            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            hidden = nodes.math("MULTIPLY", nodes.add("ShaderNodeNewGeometry").outputs["Backfacing"], seen)
+            surface = nodes.mixed(hidden, surface, nodes.add("ShaderNodeBsdfTransparent").outputs["BSDF"])
+        nodes.link(surface, nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
         self._materials[header["key"]] = material
         return {}, {}
 
