@@ -17,6 +17,8 @@ from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, Transi
 _BUSY_TIMEOUT_MS = 30_000
 #: Digests are spread over their tables: with the usual 2 MiB of pages, feeding a large run reads most of them again.
 _CACHE_KIB = 32 * 1024
+#: Pages in the log before they are copied into the database (40 MB): the same pages change from block to block.
+_CHECKPOINT_PAGES = 10_000
 #: Documents are written by the thousand; orjson is several times faster than the standard library.
 _OPTIONS: dict[str, Any] = {
     "hide_parameters": True,  # thousands of rows do not belong into a log
@@ -55,6 +57,7 @@ def _prepare_sqlite(connection: Any, _record: object) -> None:
     cursor.execute(f"PRAGMA busy_timeout={_BUSY_TIMEOUT_MS}")
     cursor.execute("PRAGMA foreign_keys=ON")
     cursor.execute(f"PRAGMA cache_size=-{_CACHE_KIB}")
+    cursor.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
     cursor.close()
 
 
