@@ -14,18 +14,21 @@ from typing import Any, Final
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
-from valerie.scene.draft import CameraPose, Draft, cloth_materials
+from valerie.scene.draft import CameraPose, Draft, cloth_materials, paint_materials
 from valerie.scene.model import CLEAR_VISIBILITY_M, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
+from valerie.scene.paints import PAINTS
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.transforms import Pose
 
-#: The choice of a character that hides the person.
+#: The choice of a character, or of a kind of vehicle, that hides it.
 ABSENT: Final = "absent"
 #: Classes whose objects face somewhere: their rotation about z is called heading.
 FACING_CLASSES: Final = frozenset(
     {"person", "rider", "car", "truck", "bus", "caravan", "trailer", "train", "motorcycle", "bicycle"}
 )
+
+_PEOPLE: Final = frozenset({"person", "rider"})
 
 Read = Callable[[Scene, str], Value | None]
 Write = Callable[[Draft, str, Value], None]
@@ -155,20 +158,32 @@ def _write_visible(draft: Draft, path: str, value: Value) -> None:
 
 def characters(scene: Scene, path: str) -> tuple[str, ...]:
     """What a node can look like: its direct children that are no objects by name, if the node is a person."""
+    return _looks(scene, path, _PEOPLE)
+
+
+def kinds(scene: Scene, path: str) -> tuple[str, ...]:
+    """Which vehicle a node can be: its direct children that are no objects by name, if the node is a vehicle."""
+    return _looks(scene, path, FACING_CLASSES - _PEOPLE)
+
+
+def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
     parsed = parse_object_name(path.rpartition(".")[2])
-    if parsed is None or parsed[0] not in {"person", "rider"}:
+    if parsed is None or parsed[0] not in classes:
         return ()
     children = [node.name for node in scene.nodes.values() if node.parent == path]
     return tuple(name for name in children if parse_object_name(name) is None)
 
 
-def _read_character(scene: Scene, path: str) -> Value | None:
-    names = characters(scene, path)
-    shown = [name for name in names if scene.nodes[f"{path}.{name}"].visible]
-    return (shown[0] if shown else ABSENT) if names else None
+def _chosen(looks: Callable[[Scene, str], tuple[str, ...]]) -> Read:
+    def read(scene: Scene, path: str) -> Value | None:
+        names = looks(scene, path)
+        shown = [name for name in names if scene.nodes[f"{path}.{name}"].visible]
+        return (shown[0] if shown else ABSENT) if names else None
+
+    return read
 
 
-def _write_character(draft: Draft, path: str, value: Value) -> None:
+def _write_choice(draft: Draft, path: str, value: Value) -> None:
     draft.choose(path, None if value == ABSENT else str(value))
 
 
@@ -181,6 +196,20 @@ def _cloth(field: str) -> tuple[Read, Write]:
         draft.cloth(path, **{field: _number(value, path)})
 
     return read, write
+
+
+def _read_colour(scene: Scene, path: str) -> Value | None:
+    found = paint_materials(scene, path)
+    if not found:
+        return None
+    material = scene.materials[found[0]]
+    return next((name for name, (color, *_) in PAINTS.items() if color == material.base_color), None)
+
+
+def _write_colour(draft: Draft, path: str, value: Value) -> None:
+    if value not in PAINTS:
+        raise UnknownName("paint", str(value), PAINTS, field=path)
+    draft.paint(path, str(value))
 
 
 def _camera_position(axis: int) -> tuple[Read, Write]:
@@ -262,8 +291,10 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("scale", node, number, "", 1e-3, 1e3, geometry, _read_scale, _write_scale)
     yield Attribute("visible", node, ParameterType.BOOL, "", None, None, geometry, _read_visible, _write_visible)
     yield Attribute(
-        "character", node, ParameterType.CATEGORICAL, "", None, None, geometry, _read_character, _write_character
+        "character", node, ParameterType.CATEGORICAL, "", None, None, geometry, _chosen(characters), _write_choice
     )
+    yield Attribute("kind", node, ParameterType.CATEGORICAL, "", None, None, geometry, _chosen(kinds), _write_choice)
+    yield Attribute("colour", node, ParameterType.CATEGORICAL, "", None, None, material, _read_colour, _write_colour)
     for field in ("metallic", "roughness", "specular_tint"):
         yield Attribute(f"cloth.{field}", node, number, "", 0, 1, material, *_cloth(field))
     yield Attribute("yaw", camera, angle, "deg", 0, 360, geometry, *_camera_angle("yaw"))

@@ -12,6 +12,7 @@ from typing import Any
 from valerie.errors import UnknownName
 from valerie.scene.model import Camera, Material, Node, Scene
 from valerie.scene.naming import ROOT, is_cloth
+from valerie.scene.paints import PAINTS, is_paint, paint_gloss
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
 
 
@@ -102,6 +103,17 @@ class Draft:
         for name in cloth_materials(self.scene, path):
             self._materials[name] = replace(self._materials.get(name) or self.scene.materials[name], **appearance)
 
+    def paint(self, path: str, name: str) -> None:
+        """Give every `Material` of paint at or below a node one of `PAINTS`."""
+        color, metallic, _ = PAINTS[name]
+        for material in paint_materials(self.scene, path):
+            self._materials[material] = replace(
+                self._materials.get(material) or self.scene.materials[material],
+                base_color=color,
+                metallic=metallic,
+                roughness=paint_gloss(metallic),
+            )
+
     def sun(self, **changes: float) -> None:
         """Change fields of the sun; angles in radians."""
         self._sun = replace(self._sun, **changes)
@@ -157,8 +169,17 @@ class Draft:
 
 def cloth_materials(scene: Scene, path: str) -> list[str]:
     """Names of the materials of something worn at or below a node, in the order of the nodes."""
+    return _materials_below(scene, path, is_cloth)
+
+
+def paint_materials(scene: Scene, path: str) -> list[str]:
+    """Names of the materials of paint at or below a node, in the order of the nodes."""
+    return _materials_below(scene, path, is_paint)
+
+
+def _materials_below(scene: Scene, path: str, wanted: Callable[[str], bool]) -> list[str]:
     found: dict[str, None] = {}
     for node in scene.nodes.values():
         if node.path == path or node.path.startswith(f"{path}."):
-            found.update((mesh.material, None) for mesh in node.meshes if is_cloth(mesh.material))
+            found.update((mesh.material, None) for mesh in node.meshes if wanted(mesh.material))
     return list(found)

@@ -57,6 +57,8 @@ class Material:
         emissive: linear RGB radiance.
         alpha_cutoff: None for opaque; else texels with alpha below it are cut (never blended: labels stay exact).
         double_sided: draw back faces too, with the normal turned to the viewer.
+        transmission: share of light that passes straight through a thin pane, in [0, 1]: glass. Labels and depth are the
+            pane's. Engines without it draw the pane opaque.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Material:
     emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
     alpha_cutoff: float | None = None
     double_sided: bool = False
+    transmission: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

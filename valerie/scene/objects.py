@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.scene.draft import cloth_materials
+from valerie.scene.draft import cloth_materials, paint_materials
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Node, Scene
 from valerie.scene.naming import ROOT, object_labels
@@ -66,7 +66,7 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
     for camera in manifest.cameras:
         if camera not in scene.cameras:
             raise UnknownName("camera", camera, scene.cameras, field="cameras")
-    _require_own_cloth(scene, manifest)
+    _require_own_materials(scene, manifest)
     nameless = unclassified(scene)
     if nameless:
         raise InvalidInput(
@@ -77,17 +77,26 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
         )
 
 
-def _require_own_cloth(scene: Scene, manifest: Manifest) -> None:
-    """What cloth parameters change must be worn by that node alone: else other nodes, even the background, change."""
-    for owner in {path.partition(".cloth.")[0] for path in manifest.by_path if ".cloth." in path}:
-        own = set(cloth_materials(scene, owner))
-        if not own:
-            raise InvalidInput("nothing worn below it: no material whose name starts with cloth-", field=owner)
+def _require_own_materials(scene: Scene, manifest: Manifest) -> None:
+    """What cloth and colour parameters change must be that node's alone: else other nodes, even the background, change."""
+    clothed = {path.partition(".cloth.")[0] for path in manifest.by_path if ".cloth." in path}
+    painted = {path.removesuffix(".colour") for path in manifest.by_path if path.endswith(".colour")}
+    for owner in sorted(clothed | painted):
+        own: set[str] = set()
+        if owner in clothed:
+            own |= set(cloth_materials(scene, owner))
+            if not own:
+                raise InvalidInput("nothing worn below it: no material whose name starts with cloth-", field=owner)
+        if owner in painted:
+            coats = paint_materials(scene, owner)
+            if not coats:
+                raise InvalidInput("nothing painted below it: no material whose name starts with paint-", field=owner)
+            own |= set(coats)
         for path, node in scene.nodes.items():
             shared = own.intersection(mesh.material for mesh in node.meshes)
             if shared and path != owner and not path.startswith(f"{owner}."):
                 raise InvalidInput(
-                    f"{path} is drawn with a material that {owner} wears and varies; give it one of its own",
+                    f"{path} is drawn with a material that {owner} wears or is painted with, and varies; give it one of its own",
                     field=owner,
                     value=min(shared),
                 )

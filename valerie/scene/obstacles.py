@@ -9,12 +9,13 @@ from typing import Final
 import shapely
 
 from valerie.parameters.definitions import Value
+from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, Manifest
 from valerie.scene.transforms import cos_sin
 
 #: Edge of a grid cell, metres.
 _CELL_M: Final = 2.0
-_POSE: Final = ("pos.x", "pos.y", "heading", "rot.z", "visible")
+_POSE: Final = ("pos.x", "pos.y", "heading", "rot.z", "visible", "kind")
 
 
 class ObstacleMap:
@@ -58,7 +59,7 @@ class MovingObstacle:
 
     def holds(self, x: float, y: float, assignment: Mapping[str, Value]) -> bool:
         """Whether (x, y) in metres is inside: the point is taken back to where the obstacle stands by default."""
-        if self._value("visible", assignment) is False:
+        if self._value("visible", assignment) is False or self._value("kind", assignment) == ABSENT:
             return False
         x0, y0 = float(self.defaults.get("pos.x", 0.0)), float(self.defaults.get("pos.y", 0.0))
         turned = sum(

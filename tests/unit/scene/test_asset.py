@@ -1,5 +1,6 @@
 """References to assets: names, arguments, digests, and what the cheap manifest must not load."""
 
+import re
 import subprocess
 import sys
 
@@ -26,7 +27,12 @@ def test_another_seed_is_another_asset() -> None:
     )
     assert one_digest != other_digest
     assert one.obstacles != other.obstacles
-    assert one.parameters == other.parameters
+    # Which cars are parked where differs; everything else is declared alike.
+    common = [
+        [definition for definition in manifest.parameters if not re.match(r"scene\.car-\d{1,2}\.", definition.path)]
+        for manifest in (one, other)
+    ]
+    assert common[0] == common[1]
 
 
 def test_an_unknown_asset_lists_near_matches() -> None:

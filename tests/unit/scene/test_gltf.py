@@ -66,7 +66,7 @@ def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     base = simple_asset().base
     odd = Material(
         "paving", (0.1, 0.2, 0.3), "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
-        emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True,
+        emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4,
     )  # fmt: skip
     scene = Scene(
         base.nodes, {**base.materials, "paving": odd}, base.textures, base.cameras, base.sun, Environment(1.1, 5.0, 0.5)

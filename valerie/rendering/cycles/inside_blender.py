@@ -166,7 +166,7 @@ class Studio:
         """Blender's Principled BSDF with the numbers of ``header``."""
         material = self._bpy.data.materials.new(header["key"])
         material.use_nodes = True
-        material.use_transparent_shadow = header["alpha_cutoff"] is not None
+        material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
         # The haze before a surface is an emission too, but no lamp.
         material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) else "NONE"
         nodes = Nodes(material.node_tree)
@@ -208,6 +208,10 @@ class Studio:
             nodes.link(alpha, cut.inputs[0])
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
+        if header["transmission"]:
+            # What is seen through a pane has its own haze, over the whole way.
+            pane = nodes.add("ShaderNodeBsdfTransparent")
+            surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
         if not header["double_sided"]:
             # Back faces are not there for the camera; light meets them, as a closed body's inside never sees any.
             seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]

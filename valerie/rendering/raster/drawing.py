@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 
@@ -27,6 +27,8 @@ class SurfaceDrawer:
         frames: whether it wants to know of textures, without reading them.
         depth_test: False draws over everything.
         all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
+        panes: what becomes of `Material.transmission`: a pane is drawn ``whole`` (for labels), ``sampled`` (some of the samples
+            show what is behind it) or ``not`` at all (it casts no shadow).
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class SurfaceDrawer:
         frames: bool = False,
         depth_test: bool = True,
         all_faces: bool = False,
+        panes: Literal["whole", "sampled", "not"] = "whole",
     ) -> None:
         self._context = context
         self._fragment = fragment
@@ -45,11 +48,14 @@ class SurfaceDrawer:
         self._frames = frames
         self._depth_test = depth_test
         self._all_faces = all_faces
+        self._panes = panes
 
     def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
         """Draw all statics into the target in use."""
         geometry = statics.geometry
         for batch in geometry.batches if self._colors else geometry.whole:
+            if batch.kind.clear and self._panes == "not":
+                continue
             program = self._ready(batch.kind, statics.textures, table, values, movable=False)
             geometry.array(program).render(moderngl.TRIANGLES, vertices=batch.count, first=batch.first)
 
@@ -58,6 +64,8 @@ class SurfaceDrawer:
     ) -> None:
         """Draw placed meshes into the target in use."""
         for mesh in placed:
+            if mesh.kind.clear and self._panes == "not":
+                continue
             mesh.draw(self._ready(mesh.kind, textures, table, values, movable=True))
 
     def _ready(
@@ -84,6 +92,8 @@ class SurfaceDrawer:
                 defines["NORMAL_TEXTURE"] = 1
         if kind.cut:
             defines["CUT"] = 1
+        if kind.clear and self._panes == "sampled":
+            defines["CLEAR"] = 1
         program = self._context.program("geometry.vert", self._fragment, **defines)
         flags = moderngl.DEPTH_TEST if self._depth_test else moderngl.NOTHING
         if not (kind.double_sided or self._all_faces):
@@ -95,7 +105,7 @@ class SurfaceDrawer:
 
 
 def table_texture(gl: moderngl.Context, table: Any) -> moderngl.Texture:
-    """The material table, (N, 4, 4) float32, as a texture of N rows."""
+    """The material table, (N, 5, 4) float32, as a texture of N rows."""
     texture = gl.texture((table.shape[1], table.shape[0]), 4, table.tobytes(), dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

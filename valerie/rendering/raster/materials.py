@@ -12,7 +12,7 @@ from valerie.rendering.raster.textures import TextureSet
 from valerie.scene.model import Material
 
 #: RGBA texels per material.
-TEXELS: Final = 4
+TEXELS: Final = 5
 #: Share of light that a thin sheet (`Material.double_sided`: leaf, cloth, paper) lets through, in its own colour.
 TRANSLUCENCY: Final = 0.35
 
@@ -24,27 +24,33 @@ class SurfaceKind(NamedTuple):
         color_side, normal_side: texture array sides, 0 for none.
         double_sided: back faces are drawn.
         cut: texels with low alpha are cut.
+        clear: a pane that one sees through.
     """
 
     color_side: int
     normal_side: int
     double_sided: bool
     cut: bool
+    clear: bool
 
 
 def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
     """The kind of a material."""
     cut = material.alpha_cutoff is not None and material.base_color_texture is not None
     return SurfaceKind(
-        textures.side(material.base_color_texture), textures.side(material.normal_texture), material.double_sided, cut
+        textures.side(material.base_color_texture),
+        textures.side(material.normal_texture),
+        material.double_sided,
+        cut,
+        material.transmission > 0.0,
     )
 
 
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
-    """(N, 4, 4) float32: per material four RGBA texels.
+    """(N, 5, 4) float32: per material five RGBA texels.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
-    3: layers of the colour and of the normal texture, sides of their arrays (0: none).
+    3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, 0, 0, 0.
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -55,4 +61,5 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
             if name is not None:
                 slot = textures.slots[name]
                 row[3, column], row[3, column + 2] = slot.layer, slot.side
+        row[4, 0] = material.transmission
     return table

@@ -56,9 +56,9 @@ class RasterRenderer:
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
         self._shadows = Shadows(self._context)
-        self._surfaces = SurfaceDrawer(self._context, "surface.frag", colors=True)
-        self._shapes = SurfaceDrawer(self._context, "shape.frag")
-        self._moving = SurfaceDrawer(self._context, "moving.frag", frames=True)
+        self._surfaces = SurfaceDrawer(self._context, "surface.frag", colors=True, panes="sampled")
+        self._shapes = SurfaceDrawer(self._context, "shape.frag", panes="sampled")
+        self._moving = SurfaceDrawer(self._context, "moving.frag", frames=True, panes="sampled")
         with self._context.current() as gl:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "copy.frag"))
             self._lighting = Lighting(self._context, REACH)

@@ -56,7 +56,7 @@ class Prepared:
     materials: tuple[Material, ...]
 
     def table(self) -> NDArray[np.float32]:
-        """The material table, (N, 4, 4) float32."""
+        """The material table, (N, 5, 4) float32."""
         return material_table(self.materials, self.statics.textures)
 
 
@@ -134,7 +134,9 @@ class SceneStore:
             tuple((tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items),
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
-        appearance = tuple((m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff) for m in materials)
+        appearance = tuple(
+            (m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff, m.transmission) for m in materials
+        )
         self._last = Statics(
             nodes, geometry, textures, tuple(materials), (geometry.serial, textures.serial, appearance)
         )

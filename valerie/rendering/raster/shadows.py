@@ -97,7 +97,7 @@ class Shadows:
 
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
-        self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True)
+        self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
         self._movable: ShadowMap | None = None
 
     def static(

@@ -79,8 +79,8 @@ class StaticGeometry:
         self.low, self.high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
         self.core_low, self.core_high = np.quantile(positions, (0.005, 0.995), axis=0)
         ordered: list[NDArray[np.uint32]] = []
-        # Cut surfaces come last: all others are one range for passes that need only their shape.
-        for kind in sorted(faces, key=lambda k: (k.cut, k)):
+        # Cut surfaces and panes come last: all others are one range for passes that need only their shape.
+        for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):
             joined = np.concatenate(faces[kind])
             self.batches.append(Batch(kind, self.triangles * 3, joined.size))
             self.triangles += len(joined)
@@ -96,11 +96,12 @@ class StaticGeometry:
 
     @property
     def whole(self) -> tuple[Batch, ...]:
-        """Batches merged for passes that need no colour: single-sided, double-sided (both uncut), and the cut ones."""
+        """Batches merged for passes that need no colour: single-sided, double-sided (both solid), and the others."""
         merged: list[Batch] = []
+        solid = [b for b in self.batches if not (b.kind.cut or b.kind.clear)]
         for sided in (False, True):
-            merged += _joined([b for b in self.batches if not b.kind.cut and b.kind.double_sided == sided])
-        return (*merged, *(b for b in self.batches if b.kind.cut))
+            merged += _joined([b for b in solid if b.kind.double_sided == sided])
+        return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
         """The vertex array of a program, with those attributes that it reads."""

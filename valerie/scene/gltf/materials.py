@@ -40,6 +40,7 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
         "specular": material.specular,
         "specular_tint": material.specular_tint,
         "emissive": list(material.emissive),
+        **({"transmission": material.transmission} if material.transmission else {}),
     }
     color = None if material.base_color_texture is None else texture_index(material.base_color_texture)
     normal = None if material.normal_texture is None else texture_index(material.normal_texture)
@@ -116,6 +117,7 @@ def read_material(
         emissive=_in_range(_three(extras.get("emissive", emissive), 0.0), f"{name}.emissive", 1e6),
         alpha_cutoff=cutoff,
         double_sided=bool(given.doubleSided),
+        transmission=_in_range([_one(extras.get("transmission"), 0.0)], f"{name}.transmission", 1.0)[0],
     )
 
 

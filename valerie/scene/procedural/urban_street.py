@@ -1,4 +1,7 @@
-"""The built-in asset ``urban-street``: a generated street, two pedestrians, three cameras and the sun.
+"""The built-in asset ``urban-street``: a generated street with traffic, two pedestrians, three cameras and the sun.
+
+Vehicles that move are hidden by default, and then cost nothing; those that are parked belong to the background, so that a
+varied colour or door of one of them makes one background per value. All are made of nodes for body, doors and wheels.
 
 The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
 positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. Measured
@@ -38,14 +41,17 @@ from valerie.scene.manifest import Footprint, GroundRegion, Manifest
 from valerie.scene.model import CLEAR_VISIBILITY_M, Camera, Environment, Material, Node, Scene, Sun, Texture
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
 from valerie.scene.objects import classified
+from valerie.scene.paints import PAINTS, is_paint
 from valerie.scene.procedural.street.layout import layout_street
-from valerie.scene.procedural.street.plan import StreetLayout, StreetSettings
+from valerie.scene.procedural.street.plan import Placement, StreetLayout, StreetSettings, turned_rectangle
+from valerie.scene.procedural.traffic import DEFAULT_PAINT, Traffic, TrafficPlace
+from valerie.scene.procedural.vehicles.build import dimensions, picked_paint, vehicle_seed
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.transforms import camera_transform, place
 
 NAME: Final = "urban-street"
 #: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
-REVISION: Final = 1
+REVISION: Final = 2
 
 #: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
@@ -106,6 +112,18 @@ PERSONS: Final = {
 }
 
 
+#: Vehicles that move: hidden by default, so that they cost nothing where nobody asks for them.
+TRAFFIC: Final = {
+    "car-101": TrafficPlace(2.5, 40.0, 180.0, ("hatchback", "sedan", "estate", "suv", "van")),
+    "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
+}
+#: A cyclist who waits far down the street: he belongs to the background, and shares his shape with the moving one.
+WAITING: Final = ("bicycle-100", "rider-100", TrafficPlace(3.1, 57.0, 180.0))
+#: How many parked cars have parameters of their own: those nearest to where people are varied.
+PARKED_COUNT: Final = 3
+_PEOPLE_Y: Final = 18.0
+
+
 def make_manifest(settings: Settings) -> Manifest:
     """What the asset declares; milliseconds, no meshes."""
     layout = layout_street(_street_settings(settings))
@@ -115,13 +133,14 @@ def make_manifest(settings: Settings) -> Manifest:
         description="A generated street of about 110 m with houses, trees and parked cars, and two pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
-        parameters=tuple(_parameters()),
-        movable=tuple(f"{ROOT}.{person}" for person in PERSONS),
-        obstacles=tuple(_obstacles(layout)),
+        parameters=tuple(_parameters(layout)),
+        movable=tuple(f"{ROOT}.{name}" for name in (*PERSONS, *TRAFFIC)),
+        obstacles=(*_obstacles(layout), *_traffic_obstacles()),
         ground=tuple(GroundRegion(polygon=region.polygon, height=region.height) for region in layout.ground),
         persons=tuple(f"{ROOT}.{person}" for person in PERSONS),
         person_radius_m=PERSON_RADIUS_M,
         cameras=tuple(CAMERAS),
+        node_classes=dict.fromkeys(_rider_paths(), "rider"),
     )
 
 
@@ -129,18 +148,25 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     """The street with both persons in it; a few CPU seconds."""
     from valerie.scene.procedural.street.build import build_street
 
-    content = build_street(layout_street(_street_settings(settings)))
+    layout = layout_street(_street_settings(settings))
+    content = build_street(layout)
     nodes = [Node(part.path, part.transform, part.meshes) for part in content.parts]
+    materials = dict(content.materials)
+    nodes = _with_own_paint(nodes, materials, [car.path for car in parked_cars(layout)])
     persons = _Persons()
     for name, person in PERSONS.items():
         nodes += persons.nodes(name, person)
+    traffic = Traffic()
+    for name, place_of in TRAFFIC.items():
+        nodes += traffic.nodes(name, place_of)
+    nodes += traffic.cyclist(WAITING[0], WAITING[1], WAITING[2], shown=True)
     twice = (content.materials.keys() & persons.materials.keys()) | (content.textures.keys() & persons.textures.keys())
     if twice:
         raise InvalidInput("the street and its people use the same name", field=NAME, value=min(twice))
     return Scene(
         nodes=classified(nodes, manifest.node_classes, manifest.movable),
-        materials=content.materials | persons.materials,
-        textures=content.textures | persons.textures,
+        materials=materials | persons.materials | traffic.materials,
+        textures=content.textures | persons.textures | traffic.textures,
         cameras={name: _camera(name, camera) for name, camera in CAMERAS.items()},
         sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
         environment=Environment(bearing=math.radians(BEARING_DEG)),
@@ -161,6 +187,53 @@ def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
             reason=f"inside {name}",
             height_m=_HEIGHTS_M.get(object_class),
         )
+
+
+def parked_cars(layout: StreetLayout) -> list[Placement]:
+    """The parked cars that have parameters, nearest to the people first."""
+    cars = [placement for placement in layout.placements if placement.object_class == "car"]
+    return sorted(cars, key=lambda car: (abs(car.y - _PEOPLE_Y), car.path))[:PARKED_COUNT]
+
+
+def _with_own_paint(nodes: list[Node], materials: dict[str, Material], paths: list[str]) -> list[Node]:
+    """The same nodes; those below ``paths`` get a paint of their own, added to ``materials``, since it varies alone."""
+
+    def own(node: Node) -> Node:
+        owner = next((path for path in paths if node.path.startswith(f"{path}.")), None)
+        if owner is None:
+            return node
+        meshes = []
+        for mesh in node.meshes:
+            name = f"{owner.removeprefix(f'{ROOT}.')}/{mesh.material}"
+            if is_paint(mesh.material):
+                materials[name] = replace(materials[mesh.material], name=name)
+                meshes.append(replace(mesh, material=name))
+            else:
+                meshes.append(mesh)
+        return replace(node, meshes=tuple(meshes))
+
+    return [own(node) for node in nodes]
+
+
+def _rider_paths() -> Iterator[str]:
+    yield f"{ROOT}.{WAITING[0]}.{WAITING[1]}"
+    for name, place_of in TRAFFIC.items():
+        if place_of.rider:
+            yield f"{ROOT}.{name}.{place_of.rider}"
+
+
+def _traffic_obstacles() -> Iterator[Footprint]:
+    for name, place_of in (*TRAFFIC.items(), (WAITING[0], WAITING[2])):
+        sizes = [dimensions(kind) for kind in place_of.kinds or ("bicycle",)]
+        length, width, height = (max(size[axis] for size in sizes) for axis in range(3))
+        polygon = turned_rectangle(
+            place_of.x,
+            place_of.y,
+            math.radians(place_of.heading),
+            (-0.5 * width, -0.5 * length),
+            (0.5 * width, 0.5 * length),
+        )
+        yield Footprint(path=f"{ROOT}.{name}", polygon=polygon, reason=f"inside {name}", height_m=max(height, 1.8))
 
 
 def _camera(name: str, camera: CameraPlace) -> Camera:
@@ -193,7 +266,53 @@ class _Persons:
             yield Node(f"{path}.{character_name}", np.eye(4), meshes, visible=visible)
 
 
-def _parameters() -> Iterator[ParameterDefinition]:
+def _parameters(layout: StreetLayout) -> Iterator[ParameterDefinition]:
+    yield from _person_parameters()
+    yield from _traffic_parameters()
+    for car in parked_cars(layout):
+        yield from _parked_parameters(car, layout.settings.seed)
+    yield from _other_parameters()
+
+
+def _traffic_parameters() -> Iterator[ParameterDefinition]:
+    for name, place_of in TRAFFIC.items():
+        path = f"{ROOT}.{name}"
+        if place_of.kinds:
+            yield _choice(f"{path}.kind", (*place_of.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
+        else:
+            yield ParameterDefinition(
+                path=f"{path}.visible",
+                type=ParameterType.BOOL,
+                default=False,
+                affects=Affects.GEOMETRY,
+                description="whether it is there",
+            )
+        yield from _place_parameters(path, place_of.x, place_of.y, place_of.heading)
+        yield _choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
+
+
+def _parked_parameters(car: Placement, seed: int) -> Iterator[ParameterDefinition]:
+    yield from _place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
+    coat = picked_paint(car.kind, vehicle_seed(seed, car.variant))
+    yield _choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
+    yield ParameterDefinition(
+        path=f"{car.path}.door-2.rot.z",
+        type=ParameterType.ANGLE,
+        minimum=0.0,
+        maximum=70.0,
+        default=0.0,
+        affects=Affects.GEOMETRY,
+        description="how far the right front door is open",
+    )
+
+
+def _place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
+    yield _number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
+    yield _number(f"{path}.pos.y", -30.0, 112.0, y, Affects.GEOMETRY, "m", "along the street")
+    yield _angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
+
+
+def _person_parameters() -> Iterator[ParameterDefinition]:
     for name, person in PERSONS.items():
         path = f"{ROOT}.{name}"
         yield _number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
@@ -209,6 +328,9 @@ def _parameters() -> Iterator[ParameterDefinition]:
         )
         for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
             yield _number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
+
+
+def _other_parameters() -> Iterator[ParameterDefinition]:
     yield _angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
     yield _number(f"{SUN_PATH}.elevation", 3.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
     yield _number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
@@ -249,6 +371,19 @@ def _number(
         minimum=low,
         maximum=high,
         unit=unit,
+        default=default,
+        affects=affects,
+        description=description,
+    )
+
+
+def _choice(
+    path: str, choices: tuple[str, ...], default: str, affects: Affects, description: str
+) -> ParameterDefinition:
+    return ParameterDefinition(
+        path=path,
+        type=ParameterType.CATEGORICAL,
+        choices=choices,
         default=default,
         affects=affects,
         description=description,

@@ -273,3 +273,84 @@ def test_the_cache_of_statics_notices_a_moved_static(raster: RasterRenderer) -> 
     other = replace(scene, nodes=dict(scene.nodes) | {"scene.car-1": replace(car, transform=moved)})
     assert_same(raster.background(other, view), raster.full(apply_absent(other), view))
     assert_same(raster.background(scene, view), before)
+
+
+def pane_scene(transmission: float | None) -> Scene:
+    """A bright wall behind a dark pane that covers the whole image; None: no pane."""
+    camera = Camera("scene.camera-1", camera_transform((0.0, -4.0, 1.0), 0.0, 0.0, 0.0), 60.0)
+    wall = box_mesh((-9.0, 2.0, -9.0), (9.0, 2.1, 9.0), "wall")
+    pane = box_mesh((-3.0, 0.0, -3.0), (3.0, 0.02, 3.0), "pane")
+    nodes = {"scene.wall-1": Node("scene.wall-1", np.eye(4), (wall,), label_id=12)}
+    if transmission is not None:
+        nodes["scene.car-1"] = Node("scene.car-1", np.eye(4), (pane,), label_id=26, instance_id=26001)
+    materials = {
+        "wall": Material("wall", (0.0, 0.0, 0.0), specular=0.0, emissive=(0.8, 0.4, 0.2)),
+        "pane": Material("pane", (0.0, 0.0, 0.0), specular=0.0, transmission=transmission or 0.0),
+    }
+    return Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.0, math.radians(60.0)))
+
+
+@pytest.mark.parametrize(("transmission", "tolerance"), [(0.25, 0.07), (0.5, 0.005), (0.75, 0.07), (1.0, 0.005)])
+def test_a_pane_lets_its_share_of_light_through_in_every_pixel(
+    raster: RasterRenderer, transmission: float, tolerance: float
+) -> None:
+    view = View("camera-1", 48, 32)
+    free, shut, seen = (
+        raster.full(pane_scene(share), view).pixels[4:-4, 4:-4].astype(np.float64)
+        for share in (None, 0.0, transmission)
+    )
+    wanted = transmission * free + (1.0 - transmission) * shut
+    assert (np.abs(seen - wanted) <= tolerance * np.abs(free - shut) + 1e-3).all()
+    np.testing.assert_allclose(seen.mean(), wanted.mean(), atol=0.01)
+
+
+def test_labels_and_depth_of_a_pane_are_its_own(truth_pass: TruthPass) -> None:
+    truth = truth_pass.truth(pane_scene(0.5), View("camera-1", 48, 32))
+    assert (truth.class_map == 26).all()
+    assert (truth.instance_map == 26001).all()
+    np.testing.assert_allclose(truth.depth, 4.0, atol=0.01)
+
+
+def test_a_pane_casts_no_shadow(raster: RasterRenderer) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0.0, -6.0, 3.0), 0.0, -25.0, 0.0), 50.0)
+    ground = box_mesh((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0), "ground")
+    pane = box_mesh((-1.0, -1.0, 2.9), (1.0, 1.0, 2.92), "pane")
+
+    def lit(share: float) -> np.ndarray:
+        nodes = {
+            "scene.road-1": Node("scene.road-1", np.eye(4), (ground,), label_id=7),
+            "scene.car-1": Node("scene.car-1", np.eye(4), (pane,), label_id=26, instance_id=26001),
+        }
+        materials = {"ground": Material("ground", (0.5, 0.5, 0.5)), "pane": Material("pane", transmission=share)}
+        scene = Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.0, math.radians(89.0)))
+        return raster.full(scene, View("camera-1", 96, 64)).pixels[..., 1].astype(np.float64)
+
+    assert lit(0.0)[32:].min() < 0.7 * lit(0.5)[32:].min()
+
+
+@pytest.mark.parametrize("y", [-3.0, 2.0])
+def test_the_layer_over_the_background_is_the_frame_before_and_behind_panes(raster: RasterRenderer, y: float) -> None:
+    """A movable with a pane of its own stands before or behind a pane that does not move."""
+    camera = Camera("scene.camera-1", camera_transform((0.0, -7.0, 1.2), 0.0, 0.0, 0.0), 40.0)
+    meshes = {
+        "scene.road-1": box_mesh((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0), "ground"),
+        "scene.wall-1": box_mesh((-9.0, 5.0, 0.0), (9.0, 5.2, 4.0), "ground"),
+        "scene.building-1": box_mesh((-2.0, 0.0, 0.0), (2.0, 0.02, 2.0), "pane"),
+        "scene.car-1": box_mesh((-0.6, -0.3, 0.0), (0.0, 0.3, 1.5), "ground"),
+        "scene.car-2": box_mesh((0.1, -0.3, 0.0), (0.9, -0.28, 1.5), "pane"),
+    }
+    move = np.eye(4)
+    move[1, 3] = y
+    nodes = {
+        path: Node(path, move if "car" in path else np.eye(4), (mesh,), label_id=26, movable="car" in path)
+        for path, mesh in meshes.items()
+    }
+    materials = {
+        "ground": Material("ground", (0.5, 0.45, 0.4)),
+        "pane": Material("pane", (0.02, 0.02, 0.02), roughness=0.1, transmission=0.5),
+    }
+    scene = Scene(nodes, materials, {}, {"camera-1": camera}, Sun(0.6, math.radians(50.0)))
+    view = View("camera-1", 160, 96)
+    layer = raster.layer(scene, view)
+    assert not layer.rectangle.empty
+    assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))

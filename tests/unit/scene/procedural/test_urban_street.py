@@ -8,11 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
+from valerie.labels import CITYSCAPES, VOID
 from valerie.parameters.definitions import ParameterType
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.gltf import load_gltf, save_gltf
 from valerie.scene.legality import rejection_reason
 from valerie.scene.model import Scene
+from valerie.scene.paints import PAINTS
 from valerie.scene.procedural.urban_street import CAMERAS
 from valerie.scene.traverse import traverse
 from valerie.scene.variation import apply
@@ -39,7 +41,8 @@ def test_it_declares_what_the_paper_varies_over_wide_ranges() -> None:
             "yellow-shirt",
             "absent",
         }
-    assert MANIFEST.movable == MANIFEST.persons == ("scene.person-1", "scene.person-2")
+    assert MANIFEST.persons == ("scene.person-1", "scene.person-2")
+    assert MANIFEST.movable == (*MANIFEST.persons, "scene.car-101", "scene.bicycle-101")
 
 
 def test_the_default_variant_is_legal() -> None:
@@ -165,3 +168,71 @@ def test_pieces_of_the_street_and_a_pedestrian_survive_gltf_to_the_bit(asset: Sc
     piece = Scene(nodes, materials, textures, asset.base.cameras, asset.base.sun, asset.base.environment)
     save_gltf(piece, tmp_path / "piece.glb")
     assert_same_scene(load_gltf(tmp_path / "piece.glb"), piece)
+
+
+def traffic(asset: SceneAsset, **values: float | str | bool) -> Scene:
+    return apply({f"scene.{path.replace('__', '.').replace('_', '-')}": value for path, value in values.items()}, asset)
+
+
+def test_nobody_drives_by_default(asset: SceneAsset) -> None:
+    scene = apply({}, asset)
+    assert not any(
+        node.visible for path, node in scene.nodes.items() if path.startswith(("scene.car-101", "scene.bicycle-101"))
+    )
+
+
+def test_the_chosen_kind_of_car_drives_where_it_is_told(asset: SceneAsset) -> None:
+    scene = traffic(asset, car_101__kind="suv", car_101__pos__x=2.0, car_101__pos__y=22.0, car_101__heading=10.0)
+    shown = {path for path, node in scene.nodes.items() if path.startswith("scene.car-101.") and node.visible}
+    assert "scene.car-101.suv.door-1" in shown
+    assert all(path.startswith("scene.car-101.suv") for path in shown)
+    np.testing.assert_allclose(scene.world_transform("scene.car-101.suv.body")[:2, 3], [2.0, 22.0])
+
+
+def test_a_colour_repaints_one_car_alone(asset: SceneAsset) -> None:
+    parked = next(
+        p.path.removesuffix(".colour")
+        for p in MANIFEST.parameters
+        if p.path.endswith(".colour") and "101" not in p.path
+    )
+    before, after = apply({}, asset), apply({f"{parked}.colour": "yellow"}, asset)
+    changed = {name for name in after.materials if after.materials[name] != before.materials[name]}
+    assert changed
+    assert all(name.startswith(f"{parked.removeprefix('scene.')}/paint-") for name in changed)
+    assert {after.materials[name].base_color for name in changed} == {PAINTS["yellow"][0]}
+
+
+def test_parked_cars_declare_the_paint_that_they_have(asset: SceneAsset) -> None:
+    for definition in MANIFEST.parameters:
+        if definition.path.endswith(".colour") and "101" not in definition.path:
+            entry = next(entry for entry in traverse(asset) if entry.path == definition.path)
+            assert entry.value == definition.default
+
+
+def test_a_door_opens(asset: SceneAsset) -> None:
+    path = next(p.path for p in MANIFEST.parameters if p.path.endswith("door-2.rot.z"))
+    node = path.removesuffix(".rot.z")
+    turned = apply({path: 50.0}, asset).nodes[node].transform[:2, :2]
+    np.testing.assert_allclose(turned[0, 0], math.cos(math.radians(50.0)))
+
+
+def test_riders_are_riders_on_bicycles_of_their_own(asset: SceneAsset) -> None:
+    riders = {path: node for path, node in asset.base.nodes.items() if node.label_id == 25}
+    assert set(riders) == {"scene.bicycle-100.rider-100", "scene.bicycle-101.rider-101"}
+    assert {node.instance_id for node in riders.values()} == {25100, 25101}
+    assert asset.base.nodes["scene.bicycle-100.frame"].label_id == 33
+
+
+def test_every_cityscapes_class_but_the_train_appears(asset: SceneAsset) -> None:
+    scene = apply({}, asset)
+    found = {node.label_id for node in scene.nodes.values() if node.visible and node.meshes}
+    evaluated = {label.id for label in CITYSCAPES if label.train_id != VOID and label.name not in {"train", "sky"}}
+    assert evaluated <= found
+
+
+def test_a_person_cannot_stand_in_a_car_that_drives_but_where_none_does() -> None:
+    place = {"scene.person-1.pos.x": 2.5, "scene.person-1.pos.y": 40.0}
+    assert rejection_reason(place, MANIFEST) is None
+    reason = rejection_reason({**place, "scene.car-101.kind": "sedan"}, MANIFEST)
+    assert reason == "person-1 stands inside car-101"
+    assert rejection_reason({**place, "scene.car-101.kind": "sedan", "scene.car-101.pos.y": 60.0}, MANIFEST) is None

@@ -8,6 +8,9 @@ layout(location = 2) out uvec2 out_material; // row of the material table + 1; b
                                              // negative where u, v and the normal are left-handed
 
 void main() {
+#ifdef CLEAR
+    see_through();
+#endif
 #ifdef CUT
     cut_by_alpha(color_texel().a);
 #endif

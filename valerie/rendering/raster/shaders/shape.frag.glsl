@@ -2,6 +2,9 @@
 #include "surface.glsl"
 
 void main() {
+#ifdef CLEAR
+    see_through();
+#endif
 #ifdef CUT
     cut_by_alpha(color_texel().a);
 #endif

@@ -13,6 +13,9 @@ vec3 linear_from_srgb(vec3 c) {
 }
 
 void main() {
+#ifdef CLEAR
+    see_through();
+#endif
     vec3 color = material_texel(0).rgb;
 #ifdef COLOR_TEXTURE
     vec4 texel = color_texel();

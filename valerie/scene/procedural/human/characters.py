@@ -23,6 +23,7 @@ from valerie.scene.procedural.human import (
     unwrap,
 )
 from valerie.scene.procedural.human.body import shape_body
+from valerie.scene.procedural.human.riding import Contact, ride
 from valerie.scene.procedural.human.surface import Indices, Points
 
 #: Names of the built-in characters.
@@ -48,6 +49,8 @@ class Character:
         height_m: from the ground to the highest point.
         footprint_radius_m: of the upright cylinder around the origin that holds the whole person.
         licence: where the data come from.
+        head: (4, 4) a frame on the head to the character's: the origin inside the skull at brow height, axes as the rest
+            pose's.
     """
 
     name: str
@@ -57,10 +60,16 @@ class Character:
     height_m: float
     footprint_radius_m: float
     licence: str
+    head: Points
 
 
-def build_character(name: str) -> Character:
-    """Build one of `CHARACTERS`; the same name always gives the same bytes.
+def build_character(name: str, riding: Contact | None = None, *, bare_head: bool = True) -> Character:
+    """Build one of `CHARACTERS`; the same arguments always give the same bytes.
+
+    Args:
+        name: of the character.
+        riding: sits on a bicycle or motorcycle, whose frame is then the character's; otherwise it walks.
+        bare_head: False leaves the hair out, for who wears a helmet.
 
     Raises:
         UnknownName: no such character.
@@ -68,7 +77,7 @@ def build_character(name: str) -> Character:
     """
     if name not in outfits.LOOKS:
         raise UnknownName("character", name, CHARACTERS)
-    return _Tailor(name).character()
+    return _Tailor(name).character(riding, bare_head=bare_head)
 
 
 class _Tailor:
@@ -83,19 +92,23 @@ class _Tailor:
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
 
-    def character(self) -> Character:
+    def character(self, riding: Contact | None = None, *, bare_head: bool = True) -> Character:
         second = clothing.second_skin(self.body)
         pairs = {s: shoes.build_shoe(self.look.shoe, self.body, second, s, self.ground) for s in ("l", "r")}
-        rotations = pose.walk(self.body, self.look.gait)
-        rotations = pose.plant(self.body, rotations, {s: (p[1].points, p[1].weights) for s, p in pairs.items()})
+        if riding is None:
+            rotations = pose.walk(self.body, self.look.gait)
+            rotations = pose.plant(self.body, rotations, {s: (p[1].points, p[1].weights) for s, p in pairs.items()})
+        else:
+            rotations, seat = ride(self.body, riding)
         posed = pose.pose_body(self.body, rotations)
         self._dress(posed)
         self._bare(posed)
-        self._hair(posed)
+        if bare_head:
+            self._hair(posed)
         self._shoes(posed, pairs)
         soles = np.concatenate([posed.apply(p[1].points, p[1].weights) for p in pairs.values()])
         middle = np.mean([posed.apply(p[1].points, p[1].weights).mean(axis=0) for p in pairs.values()], axis=0)
-        origin = np.array([middle[0], middle[1], soles[:, 2].min()])
+        origin = np.array([middle[0], middle[1], soles[:, 2].min()]) if riding is None else seat
         meshes = tuple(_mesh(p - origin, n, uv, f, self._full(m)) for p, n, uv, f, m in self.parts)
         everything = np.concatenate([m.positions for m in meshes])
         return Character(
@@ -106,7 +119,13 @@ class _Tailor:
             height_m=float(everything[:, 2].max()),
             footprint_radius_m=float(np.hypot(everything[:, 0], everything[:, 1]).max()),
             licence=data.LICENCE,
+            head=self._head(posed, origin),
         )
+
+    def _head(self, posed: pose.Posed, origin: Points) -> Points:
+        frame: Points = posed.transforms[data.rig().bones.index("head")].copy()
+        frame[:3, 3] += frame[:3, :3] @ hair.head_centre(self.body) - origin
+        return frame
 
     def _dress(self, posed: pose.Posed) -> None:
         worn: list[clothing.Cloth] = []

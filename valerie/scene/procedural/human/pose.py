@@ -103,7 +103,7 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
     for side, offset in (("l", 0.0), ("r", 0.5)):
         rotations |= _leg(body, gait, side, gait.phase + offset, twist)
         rotations |= _arm(body, gait, side, gait.phase + offset)
-        rotations |= _fingers(body, side)
+        rotations |= curled_fingers(body, side)
     return rotations
 
 
@@ -146,8 +146,8 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
     }
 
 
-def _fingers(body: Body, side: str) -> dict[str, Rotation]:
-    """A relaxed hand: fingers curled towards the palm, the little finger most."""
+def curled_fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
+    """A relaxed hand: fingers curled towards the palm, the little finger most; a larger ``grip`` closes it."""
     hand = body.head(f"hand_{side}")
     across = body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}")
     along = body.head(f"middle_01_{side}") - hand
@@ -160,7 +160,7 @@ def _fingers(body: Body, side: str) -> dict[str, Rotation]:
         for joint, factor in (("01", 1.0), ("02", 1.35), ("03", 0.9)):
             bone = f"{finger}_{joint}_{side}"
             axis = normalize(np.cross(body.tail(bone) - body.head(bone), palm))
-            turns[bone] = Rotation.from_rotvec(np.radians(curl * factor) * axis)
+            turns[bone] = Rotation.from_rotvec(np.radians(grip * curl * factor) * axis)
     towards = normalize(body.head(f"middle_02_{side}") - body.tail(f"thumb_02_{side}"))
     for joint, angle in (("01", 14.0), ("02", 10.0), ("03", 14.0)):
         bone = f"thumb_{joint}_{side}"

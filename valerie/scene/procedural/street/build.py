@@ -10,23 +10,23 @@ import numpy as np
 from valerie.errors import UnknownName
 from valerie.scene.model import Material, Matrix, Mesh, Texture
 from valerie.scene.procedural.street import furniture, road
-from valerie.scene.procedural.street.car_shapes import SHAPES
-from valerie.scene.procedural.street.cars import CarPaint, build_car
 from valerie.scene.procedural.street.geometry import Bag, pose
 from valerie.scene.procedural.street.houses import build_house
 from valerie.scene.procedural.street.layout import HOUSE_STYLES
 from valerie.scene.procedural.street.materials import make_materials, make_textures
 from valerie.scene.procedural.street.plan import Placement, StreetLayout
 from valerie.scene.procedural.street.trees import TreeSettings, build_tree
+from valerie.scene.procedural.vehicles.build import KINDS, build_vehicle, vehicle_seed
+from valerie.scene.procedural.vehicles.content import VehicleContent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One object with its shape.
+    """One node: an object with its shape, or a vehicle, or a part of one.
 
     Attributes:
-        path: node path, e.g. ``scene.car-3``.
-        transform: (4, 4) object to world.
+        path: node path, e.g. ``scene.tree-3`` or ``scene.car-3.door-1``.
+        transform: (4, 4) to the parent's frame, for objects the world.
         meshes: one per material; shared by identity between equal objects.
     """
 
@@ -47,19 +47,26 @@ class StreetContent:
 def build_street(layout: StreetLayout) -> StreetContent:
     """Give every placement of a layout its shape; a few CPU seconds. Equal layouts give equal bytes."""
     workshop = _Workshop(layout.settings.seed)
-    parts = tuple(
-        Part(placement.path, _transform(placement), workshop.meshes(placement)) for placement in layout.placements
-    )
+    parts: list[Part] = []
+    for placement in layout.placements:
+        if placement.kind in KINDS:
+            vehicle = workshop.vehicle(placement)
+            parts.append(Part(placement.path, _transform(placement), ()))
+            parts += (Part(f"{placement.path}.{p.name}", p.transform, p.meshes) for p in vehicle.parts)
+        else:
+            parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
     used = {mesh.material for part in parts for mesh in part.meshes}
-    materials = {name: material for name, material in make_materials(layout.settings.seed).items() if name in used}
+    made = make_materials(layout.settings.seed) | workshop.materials
+    materials = {name: material for name, material in made.items() if name in used}
     wanted = {
         texture
         for material in materials.values()
         for texture in (material.base_color_texture, material.normal_texture)
         if texture
     }
-    textures = {name: texture for name, texture in make_textures(layout.settings.seed).items() if name in wanted}
-    return StreetContent(parts, materials, textures)
+    painted = make_textures(layout.settings.seed) | workshop.textures
+    textures = {name: texture for name, texture in painted.items() if name in wanted}
+    return StreetContent(tuple(parts), materials, textures)
 
 
 def _transform(placement: Placement) -> Matrix:
@@ -75,6 +82,20 @@ class _Workshop:
     def __init__(self, seed: int) -> None:
         self._seed = seed
         self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
+        self._vehicles: dict[tuple[str, int, bool], VehicleContent] = {}
+        self.materials: dict[str, Material] = {}
+        self.textures: dict[str, Texture] = {}
+
+    def vehicle(self, placement: Placement) -> VehicleContent:
+        """The vehicle of one placement; its materials and textures are noted."""
+        fine = _NEAR[0] < placement.y < _NEAR[1]
+        key = (placement.kind, placement.variant, fine)
+        if key not in self._vehicles:
+            built = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
+            self._vehicles[key] = built
+            self.materials |= built.materials
+            self.textures |= built.textures
+        return self._vehicles[key]
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:
         """The shape of one placement.
@@ -93,10 +114,6 @@ class _Workshop:
         return self._shared[key]
 
     def _build_shared(self, kind: str, variant: int) -> Bag:
-        if kind in SHAPES:
-            return build_car(
-                SHAPES[kind], CarPaint(f"paint-{kind}-{variant}", variant % 4, (variant * 3 + len(kind)) % 4)
-            )
         if kind in _TREES:
             rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
             return build_tree(_TREES[kind], rng, bark="bark", leaves=f"leaves-{variant}")
@@ -105,9 +122,12 @@ class _Workshop:
         try:
             return _SHARED[kind]()
         except KeyError:
-            known = (*HOUSE_STYLES, *_UNIQUE, *SHAPES, *_TREES, "face", *_SHARED)
+            known = (*HOUSE_STYLES, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, known) from None
 
+
+#: Where along the street cars are seen from near enough for all their details, metres.
+_NEAR = (-20.0, 34.0)
 
 _TREES = {
     "tree": TreeSettings(),

@@ -116,7 +116,7 @@ def bins(seed: int) -> Bag:
         ]
         bag.add(material, quads(lid), boxes([[x - 0.29, -0.33, high - 0.05]], [[x + 0.29, 0.33, high]], skip=("-z",)))
         bag.add(
-            "car-tyre",
+            "tyre",
             boxes([[x - 0.24, 0.16, 0.0], [x + 0.19, 0.16, 0.0]], [[x - 0.19, 0.34, 0.18], [x + 0.24, 0.34, 0.18]]),
         )
     return bag

@@ -11,6 +11,7 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
+import shapely
 
 from valerie.scene.procedural.street.plan import (
     CAMERA_CORRIDOR,
@@ -33,11 +34,13 @@ from valerie.scene.procedural.street.plan import (
     rectangle,
     turned_rectangle,
 )
+from valerie.scene.procedural.vehicles.build import dimensions
 
 HOUSE_STYLES = ("brick", "classic", "plain", "gable", "shop")
 HOUSE_DEPTH = 11.0
-#: Width and length of each body type, metres; mirrors excluded.
-CAR_SIZES = {"hatch": (1.78, 4.26), "saloon": (1.82, 4.66), "van": (1.92, 4.98)}
+#: What is parked and how often.
+_PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
+#: Seeds of a kind that differ: rims, plates, paint.
 CAR_MODELS = 6
 TREE_MODELS = 3
 #: Along the street: pedestrian crossings (centre).
@@ -77,8 +80,8 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     Args:
         settings: equal settings give equal layouts.
     """
-    streams = np.random.SeedSequence(settings.seed).spawn(5)
-    houses, cars, trees, furniture, ends = (np.random.default_rng(stream) for stream in streams)
+    streams = np.random.SeedSequence(settings.seed).spawn(6)
+    houses, cars, trees, furniture, ends, cycles = (np.random.default_rng(stream) for stream in streams)
     plan = _Plan()
     plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
     plan.add("sidewalk", "left", 0.0, 0.0)
@@ -89,6 +92,8 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     _place_cars(plan, cars)
     kerbside = _place_trees(plan, trees)
     _place_furniture(plan, furniture, kerbside)
+    _place_large_vehicles(plan)
+    _place_cycles(plan, cycles)
     ground = (
         GroundRegion(rectangle(-12.0, ROAD_START, LEFT_KERB, ROAD_STOP - 6.0), KERB_HEIGHT),
         GroundRegion(rectangle(RIGHT_KERB, ROAD_START, 17.0, ROAD_STOP - 6.0), KERB_HEIGHT),
@@ -186,10 +191,10 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
         parked = 0
         while y < ROW_STOP - 8.0:
-            kind = str(rng.choice(["hatch", "hatch", "saloon", "saloon", "van"], p=[0.3, 0.25, 0.25, 0.15, 0.05]))
+            kind = str(rng.choice(list(_PARKED), p=list(_PARKED.values())))
             if left == van_left and parked == 1:
                 kind = "van"
-            width, length = CAR_SIZES[kind]
+            length, width, _ = dimensions(kind)
             crossing = next((c for c in CROSSINGS if y < c + 5.5 and y + length > c - 5.5), None)
             if crossing is not None:
                 y = crossing + 5.6
@@ -199,7 +204,7 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
             backwards = rng.random() < 0.18
             car = plan.add(
                 "car", kind, x, y + 0.5 * length, seed=_seed(rng), variant=int(rng.integers(CAR_MODELS)),
-                heading=(math.pi if backwards else 0.0) + float(rng.normal(0.0, 0.008)),
+                heading=_whole(180.0 * backwards + float(rng.normal(0.0, 0.46))),
             )  # fmt: skip
             plan.block(
                 car,
@@ -207,6 +212,50 @@ def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
             )
             parked += 1
             y += length + _gap(rng, roomy=y < WALK_STOP)
+
+
+def _place_large_vehicles(plan: _Plan) -> None:
+    """A delivery truck and a bus in the cross street at the far end."""
+    for kind, x, y in (("truck", -2.6, ROAD_STOP - 4.5), ("bus", 8.2, ROAD_STOP - 1.5)):
+        length, width, _ = dimensions(kind)
+        placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
+        plan.block(
+            placed, turned_rectangle(x, y, placed.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+        )
+
+
+def _place_cycles(plan: _Plan, rng: np.random.Generator) -> None:
+    """Motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
+    blocked = shapely.union_all([shapely.Polygon(footprint.polygon) for footprint in plan.footprints])
+    zebras = shapely.union_all([shapely.box(LEFT_KERB, c - 3.2, RIGHT_KERB, c + 3.2) for c in CROSSINGS])
+    keep_free = blocked.union(zebras).union(shapely.box(*CAMERA_CORRIDOR))
+    for kind, tries, wanted in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
+        found = 0
+        length, width, _ = dimensions(kind)
+        for _ in range(tries):
+            left = bool(rng.random() < 0.5)
+            y = float(rng.uniform(8.0, ROW_STOP - 8.0))
+            if kind == "motorcycle":
+                x = LEFT_KERB + 1.1 if left else RIGHT_KERB - 1.1
+                heading = (0.5 if left else -0.5) * math.pi + float(rng.uniform(-0.1, 0.1))
+            else:
+                x = LEFT_KERB - 0.55 if left else RIGHT_KERB + 0.55
+                heading = float(rng.choice([0.0, math.pi])) + float(rng.normal(0.0, 0.06))
+            low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
+            polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
+            shape = shapely.Polygon(polygon)
+            if found == wanted or shape.buffer(0.35).intersects(keep_free):
+                continue
+            z = 0.0 if kind == "motorcycle" else KERB_HEIGHT
+            placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
+            plan.block(placed, polygon)
+            keep_free = keep_free.union(shape)
+            found += 1
+
+
+def _whole(degrees: float) -> float:
+    """Radians of a heading in thousandths of a degree, so that a declared default says it exactly."""
+    return math.radians(round(degrees % 360.0, 3))
 
 
 def _gap(rng: np.random.Generator, *, roomy: bool) -> float:

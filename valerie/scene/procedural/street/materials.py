@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from valerie.scene.model import Material, Texture
-from valerie.scene.procedural.street.car_shapes import SHAPES
 from valerie.scene.procedural.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
-from valerie.scene.procedural.street.layout import CAR_MODELS
 from valerie.scene.procedural.street.plan import LANE
 from valerie.scene.procedural.street.textures import ground, things, walls
 
@@ -24,13 +22,6 @@ _DOORS: tuple[Color, ...] = (
     (0.22, 0.20, 0.17),
 )  # fmt: skip
 _ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.12, 0.085), (0.10, 0.09, 0.085))
-#: Car colours as they are bought: mostly white, grey, black, blue, some red; (colour, metallic).
-_PAINTS: tuple[tuple[Color, float], ...] = (
-    ((0.74, 0.74, 0.73), 0.0), ((0.42, 0.43, 0.44), 0.55), ((0.18, 0.185, 0.19), 0.55), ((0.022, 0.023, 0.026), 0.25),
-    ((0.025, 0.055, 0.17), 0.4), ((0.30, 0.018, 0.015), 0.2), ((0.05, 0.09, 0.065), 0.35), ((0.36, 0.30, 0.21), 0.5),
-    ((0.10, 0.17, 0.24), 0.45), ((0.012, 0.03, 0.09), 0.3), ((0.52, 0.12, 0.02), 0.2),
-)  # fmt: skip
-_PAINT_WEIGHTS = np.array([3.0, 3.0, 3.0, 2.5, 2.0, 1.6, 0.7, 0.8, 1.0, 1.0, 0.4])
 _LEAVES: tuple[Color, ...] = (
     (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
 )  # fmt: skip
@@ -55,8 +46,6 @@ def make_textures(seed: int) -> dict[str, Texture]:
     images["roof"], images["roof-normal"] = walls.roof_tiles(next(streams))
     images["interiors"] = walls.interiors(next(streams))
     images["boards"] = walls.boards(next(streams))
-    images["wheels"] = things.wheel_faces(next(streams))
-    images["plates"] = things.plates(next(streams))
     images["bark"] = things.bark(next(streams))
     images["hedge"] = things.hedge(next(streams))
     images["signs"] = things.sign_faces()
@@ -64,20 +53,16 @@ def make_textures(seed: int) -> dict[str, Texture]:
     rng = next(streams)
     for k, pick in enumerate(rng.permutation(len(_LEAVES))[:3]):
         images[f"leaves-{k}"] = things.leaves(rng, _LEAVES[pick])
-    for shape in SHAPES.values():
-        images[f"flank-{shape.name}"] = things.car_flank(
-            shape.gaps, shape.texture_length, shape.texture_height, shape.sill + 0.10, rng
-        )
     return {name: Texture(name, image) for name, image in images.items()}
 
 
 def make_materials(seed: int) -> dict[str, Material]:
-    """All materials; the seed chooses the colours of render, doors, roofs and cars."""
+    """All materials; the seed chooses the colours of render, doors and roofs."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
         *_ground(),
         *_walls(rng),
-        *_cars(rng),
+        Material("tyre", (0.022, 0.022, 0.023), roughness=0.85),
         Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
         *(_leaf(k) for k in range(3)),
         Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
@@ -142,40 +127,6 @@ def _walls(rng: np.random.Generator) -> list[Material]:
         Material("frame-dark", (0.035, 0.037, 0.04), roughness=0.5),
         Material("window-glass", white, "interiors", roughness=0.06, specular=1.6),
     ]  # fmt: skip
-
-
-def _cars(rng: np.random.Generator) -> list[Material]:
-    materials = []
-    for kind in SHAPES:
-        picks = rng.choice(len(_PAINTS), CAR_MODELS, replace=False, p=_PAINT_WEIGHTS / _PAINT_WEIGHTS.sum())
-        if kind == "van":
-            picks[0] = 0
-        for k, pick in enumerate(picks):
-            color, metallic = _PAINTS[pick]
-            materials.append(
-                Material(
-                    f"paint-{kind}-{k}",
-                    _shifted(color, rng),
-                    f"flank-{kind}",
-                    metallic=metallic,
-                    roughness=0.28,
-                    specular=1.4,
-                )
-            )
-    return [
-        *materials,
-        Material("car-glass", (0.016, 0.019, 0.02), roughness=0.05, specular=1.5),
-        Material("car-trim", (0.014, 0.014, 0.015), roughness=0.45),
-        Material("car-underside", (0.012, 0.012, 0.012), roughness=0.9),
-        Material("car-grille", (0.018, 0.018, 0.019), roughness=0.4),
-        Material("car-lamp", (0.30, 0.31, 0.33), metallic=0.4, roughness=0.12, specular=1.5),
-        Material("car-lens", (0.62, 0.62, 0.64), metallic=0.3, roughness=0.15, specular=1.5),
-        Material("car-tail-lamp", (0.24, 0.006, 0.006), roughness=0.15, specular=1.4),
-        Material("car-reflector", (0.35, 0.02, 0.01), roughness=0.2),
-        Material("car-plate", (1.0, 1.0, 1.0), "plates", roughness=0.4),
-        Material("car-tyre", (0.022, 0.022, 0.023), roughness=0.85),
-        Material("car-rim", (1.0, 1.0, 1.0), "wheels", metallic=0.6, roughness=0.35),
-    ]
 
 
 def _shifted(color: Color, rng: np.random.Generator) -> Color:

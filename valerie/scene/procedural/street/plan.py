@@ -39,7 +39,7 @@ class Placement:
 
     Attributes:
         path: node path, e.g. ``scene.car-3``; the class is the name's first part.
-        kind: which builder and shape, e.g. ``saloon``.
+        kind: which builder and shape, e.g. ``sedan``.
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
         seed: the object's own source of chance.

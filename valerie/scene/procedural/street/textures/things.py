@@ -1,8 +1,6 @@
-"""Textures of what stands in the street: car flanks, wheels, plates, bark, leaves, sign faces."""
+"""Textures of what stands in the street: bark, leaves, sign faces."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,73 +9,9 @@ from scipy.ndimage import gaussian_filter
 from valerie.scene.procedural.street.noise import band_noise, hashed, smoothstep, srgb8, stretched_noise
 
 Image = NDArray[np.uint8]
-Line = tuple[tuple[float, float], ...]
 
 #: The sign atlas has this many cells along each edge.
 SIGN_CELLS = 4
-
-
-def car_flank(gaps: tuple[Line, ...], length: float, height: float, sill: float, rng: np.random.Generator) -> Image:
-    """(512, 512, 3) sRGB factor on the paint: door gaps, the dark lower edge, road dirt.
-
-    Args:
-        gaps: polylines of (y, z) in metres, y from the car's middle to its front.
-        length: metres that the texture covers along the car; u = y / length + ½.
-        height: metres that it covers upwards; v = 1 − z / height.
-        sill: below this height (metres) the body is unpainted plastic.
-        rng: dirt.
-    """
-    size = 512
-    y = ((np.arange(size) + 0.5) / size - 0.5)[None] * length
-    z = (1.0 - (np.arange(size) + 0.5) / size)[:, None] * height
-    distance = np.full((size, size), np.inf)
-    for line in gaps:
-        for (y0, z0), (y1, z1) in pairwise(line):
-            dy, dz = y1 - y0, z1 - z0
-            t = np.clip(((y - y0) * dy + (z - z0) * dz) / (dy * dy + dz * dz), 0.0, 1.0)
-            distance = np.minimum(distance, np.hypot(y - y0 - t * dy, z - z0 - t * dz))
-    gap = np.exp(-((distance / 0.0065) ** 2))
-    dirt = 0.14 * smoothstep(0.75, 0.2, z) * (1.0 + 0.3 * band_noise((size, size), rng, longest=60, shortest=4))
-    tone = (1.0 - 0.9 * gap) * (1.0 - dirt)
-    tone = np.where(z < sill, 0.06, tone)
-    return srgb8(np.repeat(tone[..., None], 3, axis=2))
-
-
-def wheel_faces(rng: np.random.Generator) -> Image:
-    """(512, 512, 3) sRGB: four rims seen from the side, one in each quarter, each filling its quarter's circle."""
-    picture = np.zeros((512, 512, 3), np.float32)
-    y, x = (np.mgrid[0:256, 0:256] + 0.5) / 128.0 - 1.0
-    radius, angle = np.hypot(x, y), np.arctan2(y, x)
-    for k, spokes in enumerate((5, 7, 10, 6)):
-        sharp = (0.30, 0.22, 0.16, 0.34)[k]
-        phase = np.abs(((angle * spokes / (2.0 * np.pi)) % 1.0) - 0.5) * 2.0  # 0 on a spoke's middle
-        width = sharp * (1.15 - 0.45 * radius) + 0.10
-        spoke = smoothstep(width + 0.08, width, phase)
-        metal = np.maximum(spoke, np.maximum(smoothstep(0.25, 0.2, radius), smoothstep(0.86, 0.9, radius)))
-        tone = 0.02 + metal * (0.42 + 0.1 * np.cos(angle + 2.0)) * rng.uniform(0.8, 1.1)
-        tone = np.where(np.abs(radius - 0.12) < 0.015, 0.06, tone)
-        row, column = divmod(k, 2)
-        picture[row * 256 : (row + 1) * 256, column * 256 : (column + 1) * 256] = tone[..., None]
-    return srgb8(picture)
-
-
-def plates(rng: np.random.Generator) -> Image:
-    """(256, 256, 3) sRGB: four number plates above one another, blue band and dark glyph-like marks."""
-    picture = np.full((256, 256, 3), 0.72, np.float32)
-    for k in range(4):
-        band = picture[k * 64 : (k + 1) * 64]
-        band[:, :22] = (0.01, 0.04, 0.30)
-        x = 34
-        while x < 236:
-            width = int(rng.integers(11, 17))
-            if rng.random() < 0.85:
-                glyph = rng.random((5, 3)) < 0.62
-                glyph[:, rng.integers(0, 3)] = True
-                block = np.kron(glyph, np.ones((8, 1)))[:, np.minimum(np.arange(width) * 3 // width, 2)]
-                band[12:52, x : x + width] = np.where(block[..., None] > 0, 0.02, 0.72)
-            x += width + 5
-        band[:3] = band[-3:] = 0.05
-    return srgb8(picture)
 
 
 def bark(rng: np.random.Generator) -> Image:
