@@ -105,7 +105,7 @@ def feet_on_ground(
         soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
     """
     if pose != "walking":
-        return plant(body, _levelled(body, _levelled(body, found, "l", 1.0), "r", 1.0), soles)
+        return _levelled(body, _levelled(body, found, "l", 1.0), "r", 1.0)
     phase = (gait.phase + step / GAIT_STEPS) % 1.0
     if phase % 0.5 < _DOUBLE_SUPPORT:
         return plant(body, found, soles)
