@@ -89,9 +89,9 @@ def check(asset: Asset, arguments: Argument = None) -> None:
             say(problem)
     loaded = _load(asset, arguments)
     nodes = loaded.base.nodes.values()
-    triangles = sum(len(mesh.faces) for node in nodes for mesh in node.meshes)
+    triangles = sum(len(mesh.faces) for node in nodes if node.visible for mesh in node.meshes)
     typer.echo(
-        f"{loaded.name}: {len(loaded.base.nodes):,} nodes, {triangles:,} triangles, "
+        f"{loaded.name}: {len(loaded.base.nodes):,} nodes, {triangles:,} visible triangles, "
         f"{len(loaded.base.materials):,} materials, {len(loaded.base.cameras)} cameras, "
         f"{len(loaded.manifest.parameters)} parameters; digest {loaded.digest}"
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import colorsys
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -21,9 +22,10 @@ from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.scene.asset import SceneAsset
 from valerie.scene.attributes import ABSENT
+from valerie.scene.deferred import DeferredTexture
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
-from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Texture
+from valerie.scene.model import Camera, Material, Node, Scene, Texture
 from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
 from valerie.scene.variation import apply
@@ -88,7 +90,7 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
     for material in scene.materials.values():
         if _is_worn(material.name) and material.base_color_texture is not None:
             name = f"{_NEUTRAL}{material.base_color_texture}"
-            textures[name] = Texture(name, _grey(scene.textures[material.base_color_texture].image))
+            textures[name] = DeferredTexture(name, partial(_grey, scene.textures[material.base_color_texture]))
     fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
     for name in ("persons", "movable", "grounded"):
         fields[name] = (*fields[name], *added)
@@ -238,8 +240,9 @@ def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
     return red**2.2, green**2.2, blue**2.2
 
 
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _grey(texture: Texture) -> NDArray[np.uint8]:
     """A texture's weave without its colour, scaled to a mean of 190 so that a tint keeps its brightness."""
+    image = texture.image
     luminance = image[..., :3].astype(np.float64) @ np.array([0.2126, 0.7152, 0.0722])
     level = (luminance * (190.0 / max(luminance.mean(), 1.0))).clip(0, 255).astype(np.uint8)
     grey = np.repeat(level[..., None], 3, axis=2)
@@ -250,21 +253,24 @@ def _copy_person(
     scene: Scene, source: str, path: str, number: int, nodes: dict[str, Node], materials: dict[str, Material]
 ) -> None:
     """Add a copy of the nodes at and below ``source`` under ``path``; vertex arrays are shared, materials are not."""
-    prefix = f"{path.removeprefix(f'{ROOT}.')}/"
+    old, new = (f"{person.removeprefix(f'{ROOT}.')}/" for person in (source, path))
 
-    def own(mesh: Mesh) -> Mesh:
-        name = prefix + mesh.material.removeprefix(f"{source.removeprefix(f'{ROOT}.')}/")
-        materials[name] = replace(scene.materials[mesh.material], name=name)
-        return replace(mesh, material=name)
+    def renamed(name: str) -> str:
+        return new + name.removeprefix(old)
 
-    for node in scene.nodes.values():
-        if node.path == source or node.path.startswith(f"{source}."):
-            nodes[path + node.path.removeprefix(source)] = replace(
-                node,
-                path=path + node.path.removeprefix(source),
-                meshes=tuple(own(mesh) for mesh in node.meshes),
-                instance_id=instance_id(PERSON, number),
-            )
+    for node in [n for n in scene.nodes.values() if n.path == source or n.path.startswith(f"{source}.")]:
+        figure = None if node.figure is None else node.figure.renamed(renamed)
+        meshes = node.meshes if figure is None else figure.meshes
+        copy = path + node.path.removeprefix(source)
+        nodes[copy] = replace(
+            node,
+            path=copy,
+            meshes=tuple(mesh.with_material(renamed(mesh.material)) for mesh in meshes) if figure is None else meshes,
+            instance_id=instance_id(PERSON, number),
+            figure=figure,
+        )
+        names = {mesh.material for mesh in node.meshes} | {name for name in scene.materials if name.startswith(old)}
+        materials.update((renamed(name), replace(scene.materials[name], name=renamed(name))) for name in sorted(names))
 
 
 def _draw_number(

@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
-from valerie.scene.draft import CameraPose, Draft, cloth_materials, paint_materials
+from valerie.scene.draft import CameraPose, Draft, cloth_materials, figures, paint_materials
 from valerie.scene.model import CLEAR_VISIBILITY_M, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
 from valerie.scene.paints import PAINTS
@@ -187,6 +187,17 @@ def _write_choice(draft: Draft, path: str, value: Value) -> None:
     draft.choose(path, None if value == ABSENT else str(value))
 
 
+def _stance(field: str) -> tuple[Read, Write]:
+    def read(scene: Scene, path: str) -> Value | None:
+        found = figures(scene, path)
+        return cast("Value", getattr(found[0].stance, field)) if found else None
+
+    def write(draft: Draft, path: str, value: Value) -> None:
+        draft.stance(path, **{field: value})
+
+    return read, write
+
+
 def _cloth(field: str) -> tuple[Read, Write]:
     def read(scene: Scene, path: str) -> Value | None:
         found = cloth_materials(scene, path)
@@ -295,6 +306,9 @@ def _table() -> Iterable[Attribute]:
     )
     yield Attribute("kind", node, ParameterType.CATEGORICAL, "", None, None, geometry, _chosen(kinds), _write_choice)
     yield Attribute("colour", node, ParameterType.CATEGORICAL, "", None, None, material, _read_colour, _write_colour)
+    for field in ("pose", "carries"):
+        yield Attribute(field, node, ParameterType.CATEGORICAL, "", None, None, geometry, *_stance(field))
+    yield Attribute("gait_phase", node, number, "", 0, 1, geometry, *_stance("gait_phase"))
     for field in ("metallic", "roughness", "specular_tint"):
         yield Attribute(f"cloth.{field}", node, number, "", 0, 1, material, *_cloth(field))
     yield Attribute("yaw", camera, angle, "deg", 0, 360, geometry, *_camera_angle("yaw"))

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from valerie.errors import UnknownName
-from valerie.scene.model import Camera, Material, Node, Scene
+from valerie.errors import InvalidInput, UnknownName
+from valerie.scene.model import Camera, Figure, Material, Node, Scene, Stance
 from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.paints import PAINTS, is_paint, paint_gloss
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
@@ -41,6 +41,7 @@ class Draft:
         self._camera_poses: dict[str, CameraPose] = {}
         self._focal_lengths: dict[str, float] = {}
         self._shown: dict[str, bool] = {}
+        self._stances: dict[str, Stance] = {}
         self._materials: dict[str, Material] = {}
         self._sun = scene.sun
         self._environment = scene.environment
@@ -98,6 +99,16 @@ class Draft:
                 if child.parent == path:
                     self.show(child.path, child.name == name)
 
+    def stance(self, path: str, **changes: Any) -> None:
+        """Change fields of the stance of all figures directly below a node."""
+        known = self._stances.get(path)
+        if known is None:
+            found = figures(self.scene, path)
+            if not found:
+                raise InvalidInput("no figure below it that could take a pose", field=path)
+            known = found[0].stance
+        self._stances[path] = replace(known, **changes)
+
     def cloth(self, path: str, **appearance: Any) -> None:
         """Change fields of every `Material` of something worn at or below a node."""
         for name in cloth_materials(self.scene, path):
@@ -134,7 +145,7 @@ class Draft:
         )
 
     def _finished_nodes(self) -> Mapping[str, Node]:
-        if not self._poses and not self._shown:
+        if not self._poses and not self._shown and not self._stances:
             return self.scene.nodes
         nodes = dict(self.scene.nodes)
         for path, pose in self._poses.items():
@@ -149,6 +160,11 @@ class Draft:
             visible = own and (parent is None or parent.visible)
             if visible != node.visible:
                 nodes[path] = replace(node, visible=visible)
+        for path, node in list(nodes.items()) if self._stances else ():
+            stance = self._stances.get(node.parent)
+            if stance is not None and node.figure is not None and node.figure.stance != stance:
+                figure = node.figure.taking(stance)
+                nodes[path] = replace(node, figure=figure, meshes=figure.meshes)
         return nodes
 
     def _was_shown_itself(self, path: str) -> bool:
@@ -165,6 +181,11 @@ class Draft:
         for name, millimetres in self._focal_lengths.items():
             cameras[name] = replace(cameras[name], focal_length_mm=millimetres)
         return cameras
+
+
+def figures(scene: Scene, path: str) -> list[Figure]:
+    """The figures directly below a node."""
+    return [node.figure for node in scene.nodes.values() if node.parent == path and node.figure is not None]
 
 
 def cloth_materials(scene: Scene, path: str) -> list[str]:

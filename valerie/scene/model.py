@@ -11,10 +11,10 @@ identity what it uploaded.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,52 @@ class Mesh:
         for array in (self.positions, self.normals, self.uvs, self.faces):
             freeze(array)
 
+    def with_material(self, name: str) -> Mesh:
+        """The same triangles, sharing their arrays, of another material."""
+        return replace(self, material=name)
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """How a figure holds itself.
+
+    Attributes:
+        pose: one of `POSES`.
+        gait_phase: for walking, 0…1: how far in the cycle of two steps, from the figure's own first instant on, shortly
+            after a heel has struck and with both feet on the ground.
+        carries: one of `CARRIED`; ``own`` is what the figure comes with.
+    """
+
+    pose: str = "walking"
+    gait_phase: float = 0.0
+    carries: str = "own"
+
+
+#: Poses that `Stance.pose` names.
+POSES: Final = ("walking", "standing", "phone", "waving")
+#: What `Stance.carries` names.
+CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
+
+
+class Figure(Protocol):
+    """A body that can hold itself in more than one way; a node's meshes are those of its figure's stance."""
+
+    @property
+    def stance(self) -> Stance: ...
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Of this stance; the same objects each time, and made when their arrays are first looked at."""
+        ...
+
+    def taking(self, stance: Stance) -> Figure:
+        """The figure in another stance."""
+        ...
+
+    def renamed(self, rename: Callable[[str], str]) -> Figure:
+        """The figure with other names for its materials."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
@@ -110,6 +156,7 @@ class Node:
         instance_id: label id × 1000 + n, or 0 for classes without instances.
         movable: declared by the manifest (inherited): part of the movable layer, not of the background.
         visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
+        figure: what ``meshes`` come from, where a stance can be chosen.
     """
 
     path: str
@@ -119,6 +166,7 @@ class Node:
     instance_id: int = 0
     movable: bool = False
     visible: bool = True
+    figure: Figure | None = None
 
     @property
     def name(self) -> str:

@@ -197,6 +197,9 @@ def _switches(
             yield path, {False: tuple(below)}
         elif attribute.target is Target.NODE and attribute.type is ParameterType.CATEGORICAL:
             choices = manifest.definition(path).choices
+            if attribute.name == "pose":  # who stands has no gait
+                yield path, {choice: (f"{thing}.gait_phase",) for choice in choices if choice != "walking"}
+                continue
             yield (
                 path,
                 {

@@ -86,6 +86,7 @@ class SceneStore:
     ) -> tuple[PlacedMesh, ...]:
         """Upload single meshes and put them at their places; their materials are appended to ``materials``."""
         placed: list[PlacedMesh] = []
+        statics.textures.require(material_of(scene, mesh, item.node.path) for item in items for mesh in item.meshes)
         for item in items:
             for mesh in item.meshes:
                 if not mesh.faces.size:
@@ -120,6 +121,7 @@ class SceneStore:
         materials: list[Material] = []
         item_rows: list[tuple[int, ...]] = []
         item_kinds: list[tuple[SurfaceKind, ...]] = []
+        textures.require(material_of(scene, mesh, item.node.path) for item in items for mesh in item.meshes)
         for item in items:
             used = [material_of(scene, mesh, item.node.path) for mesh in item.meshes]
             for material in used:

@@ -1,8 +1,12 @@
-"""A scene's textures on the graphics card: square 2D arrays with mipmaps, one per size."""
+"""A scene's textures on the graphics card: square 2D arrays with mipmaps, one per size.
+
+A scene may hold many textures that nothing visible uses (those of people whom nobody asked for), so a texture is uploaded
+when something drawn first asks for it; its array is then made anew with one more layer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Final
@@ -12,7 +16,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import Texture
+from valerie.scene.model import Material, Texture
 
 #: Sides of the arrays; an image goes into the smallest that holds it, resampled unless it has exactly that size.
 SIDES: Final = (64, 128, 256, 512, 1024, 2048)
@@ -30,29 +34,43 @@ class Slot:
 
 
 class TextureSet:
-    """All textures of an asset, uploaded once.
+    """The textures of an asset, as far as something drawn has asked for them.
 
     Args:
-        gl: the current context.
+        gl: the context that is current in every call.
         textures: by name, as in `Scene.textures`; kept alive while the set lives.
 
     Attributes:
         serial: differs for each one made in this process.
+        slots: where each texture that was required lies; never changes.
+        arrays: by side.
     """
 
     def __init__(self, gl: moderngl.Context, textures: Mapping[str, Texture]) -> None:
+        self._gl = gl
         self._textures = dict(textures)
+        self._layers: dict[int, list[NDArray[np.uint8]]] = {}
         self.serial = next(_SERIALS)
         self.slots: dict[str, Slot] = {}
         self.arrays: dict[int, moderngl.TextureArray] = {}
-        layers: dict[int, list[NDArray[np.uint8]]] = {}
-        for name, texture in self._textures.items():
-            side = _side_for(texture.image.shape[0], texture.image.shape[1])
-            images = layers.setdefault(side, [])
-            self.slots[name] = Slot(side, len(images))
-            images.append(_as_layer(texture.image, side))
-        for side, images in layers.items():
-            array = gl.texture_array((side, side, len(images)), 4, np.stack(images).tobytes())
+
+    def require(self, materials: Iterable[Material]) -> None:
+        """Upload what these materials need and is not there."""
+        grown: set[int] = set()
+        for material in materials:
+            for name in (material.base_color_texture, material.normal_texture):
+                if name is not None and name not in self.slots:
+                    image = self._textures[name].image
+                    side = _side_for(image.shape[0], image.shape[1])
+                    layers = self._layers.setdefault(side, [])
+                    self.slots[name] = Slot(side, len(layers))
+                    layers.append(_as_layer(image, side))
+                    grown.add(side)
+        for side in sorted(grown):
+            if side in self.arrays:
+                self.arrays.pop(side).release()
+            layers = self._layers[side]
+            array = self._gl.texture_array((side, side, len(layers)), 4, np.stack(layers).tobytes())
             array.build_mipmaps()
             array.anisotropy = 8.0
             array.repeat_x = array.repeat_y = True

@@ -30,7 +30,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
 from pydantic import Field
 
 from valerie.errors import InvalidInput
@@ -38,16 +37,17 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.scene.asset import GeneratorSettings
 from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
-from valerie.scene.model import CLEAR_VISIBILITY_M, Camera, Environment, Material, Node, Scene, Sun, Texture
+from valerie.scene.model import CLEAR_VISIBILITY_M, Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
 from valerie.scene.objects import classified
 from valerie.scene.paints import PAINTS, is_paint
+from valerie.scene.procedural.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
 from valerie.scene.procedural.street.layout import layout_street
 from valerie.scene.procedural.street.plan import Placement, StreetLayout, StreetSettings, turned_rectangle
 from valerie.scene.procedural.traffic import DEFAULT_PAINT, Traffic, TrafficPlace
 from valerie.scene.procedural.vehicles.build import dimensions, picked_paint, vehicle_seed
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
-from valerie.scene.transforms import camera_transform, place
+from valerie.scene.transforms import camera_transform
 
 NAME: Final = "urban-street"
 #: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
@@ -59,11 +59,6 @@ SUN_AZIMUTH_DEG: Final = 180.0
 SUN_ELEVATION_DEG: Final = 40.0
 SENSOR_WIDTH_MM: Final = 36.0
 
-#: What the persons can look like; the names are those of the characters that `human.build_character` makes.
-CHARACTERS: Final = ("black-outfit", "yellow-shirt")
-#: Radius in metres that a pedestrian needs to stand; arms may reach over a bonnet.
-PERSON_RADIUS_M: Final = 0.3
-
 #: How far above the ground things of a class reach, metres, where a camera may look over them.
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
@@ -73,9 +68,11 @@ class Settings(GeneratorSettings):
 
     Attributes:
         seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
+        persons: how many people there can be; all but the first are absent by default.
     """
 
     seed: int = Field(default=0, ge=0, lt=2**63)
+    persons: int = Field(default=2, ge=1, le=len(PLACES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,22 +93,6 @@ CAMERAS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class PersonPlace:
-    """Where a person stands by default (metres, degrees) and as whom."""
-
-    x: float
-    y: float
-    heading: float
-    character: str
-
-
-PERSONS: Final = {
-    "person-1": PersonPlace(3.0, 20.0, 180.0, "yellow-shirt"),
-    "person-2": PersonPlace(1.5, 24.0, 0.0, ABSENT),
-}
-
-
 #: Vehicles that move: hidden by default, so that they cost nothing where nobody asks for them.
 TRAFFIC: Final = {
     "car-101": TrafficPlace(2.5, 40.0, 180.0, ("hatchback", "sedan", "estate", "suv", "van")),
@@ -127,17 +108,18 @@ _PEOPLE_Y: Final = 18.0
 def make_manifest(settings: Settings) -> Manifest:
     """What the asset declares; milliseconds, no meshes."""
     layout = layout_street(_street_settings(settings))
+    paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
     return Manifest(
         name=NAME,
         title="Urban street",
-        description="A generated street of about 110 m with houses, trees and parked cars, and two pedestrians.",
+        description="A generated street of about 110 m with houses, trees and parked cars, and pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
-        parameters=tuple(_parameters(layout)),
-        movable=tuple(f"{ROOT}.{name}" for name in (*PERSONS, *TRAFFIC)),
+        parameters=tuple(_parameters(settings, layout)),
+        movable=(*paths, *(f"{ROOT}.{name}" for name in TRAFFIC)),
         obstacles=(*_obstacles(layout), *_traffic_obstacles()),
         ground=tuple(GroundRegion(polygon=region.polygon, height=region.height) for region in layout.ground),
-        persons=tuple(f"{ROOT}.{person}" for person in PERSONS),
+        persons=paths,
         person_radius_m=PERSON_RADIUS_M,
         cameras=tuple(CAMERAS),
         node_classes=dict.fromkeys(_rider_paths(), "rider"),
@@ -145,7 +127,7 @@ def make_manifest(settings: Settings) -> Manifest:
 
 
 def make_scene(settings: Settings, manifest: Manifest) -> Scene:
-    """The street with both persons in it; a few CPU seconds."""
+    """The street with its people; a few CPU seconds for the street, while people are made when they are looked at."""
     from valerie.scene.procedural.street.build import build_street
 
     layout = layout_street(_street_settings(settings))
@@ -153,20 +135,20 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     nodes = [Node(part.path, part.transform, part.meshes) for part in content.parts]
     materials = dict(content.materials)
     nodes = _with_own_paint(nodes, materials, [car.path for car in parked_cars(layout)])
-    persons = _Persons()
-    for name, person in PERSONS.items():
-        nodes += persons.nodes(name, person)
+    crowd = Crowd()
+    for name, person in persons(settings.persons).items():
+        nodes += crowd.nodes(name, person)
     traffic = Traffic()
     for name, place_of in TRAFFIC.items():
         nodes += traffic.nodes(name, place_of)
     nodes += traffic.cyclist(WAITING[0], WAITING[1], WAITING[2], shown=True)
-    twice = (content.materials.keys() & persons.materials.keys()) | (content.textures.keys() & persons.textures.keys())
+    twice = (content.materials.keys() & crowd.materials.keys()) | (content.textures.keys() & crowd.textures.keys())
     if twice:
         raise InvalidInput("the street and its people use the same name", field=NAME, value=min(twice))
     return Scene(
         nodes=classified(nodes, manifest.node_classes, manifest.movable),
-        materials=materials | persons.materials | traffic.materials,
-        textures=content.textures | persons.textures | traffic.textures,
+        materials=materials | crowd.materials | traffic.materials,
+        textures=content.textures | crowd.textures | traffic.textures,
         cameras={name: _camera(name, camera) for name, camera in CAMERAS.items()},
         sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
         environment=Environment(bearing=math.radians(BEARING_DEG)),
@@ -241,33 +223,9 @@ def _camera(name: str, camera: CameraPlace) -> Camera:
     return Camera(f"{ROOT}.{name}", transform, camera.focal_length_mm, SENSOR_WIDTH_MM)
 
 
-class _Persons:
-    """Nodes, materials and textures of persons; each person gets materials of its own, since each varies alone."""
-
-    def __init__(self) -> None:
-        from valerie.scene.procedural.human import build_character
-
-        self._characters = {name: build_character(name) for name in CHARACTERS}
-        self.materials: dict[str, Material] = {}
-        self.textures: dict[str, Texture] = {}
-
-    def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
-        """The node of a person and one child per character, of which the chosen one is shown."""
-        path = f"{ROOT}.{name}"
-        shown = person.character != ABSENT
-        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=shown)
-        for character_name, character in self._characters.items():
-            for material in character.materials.values():
-                own = f"{name}/{material.name}"
-                self.materials[own] = replace(material, name=own)
-            self.textures.update(character.textures)
-            meshes = tuple(replace(mesh, material=f"{name}/{mesh.material}") for mesh in character.meshes)
-            visible = shown and character_name == person.character
-            yield Node(f"{path}.{character_name}", np.eye(4), meshes, visible=visible)
-
-
-def _parameters(layout: StreetLayout) -> Iterator[ParameterDefinition]:
-    yield from _person_parameters()
+def _parameters(settings: Settings, layout: StreetLayout) -> Iterator[ParameterDefinition]:
+    for name, person in persons(settings.persons).items():
+        yield from person_parameters(name, person)
     yield from _traffic_parameters()
     for car in parked_cars(layout):
         yield from _parked_parameters(car, layout.settings.seed)
@@ -310,24 +268,6 @@ def _place_parameters(path: str, x: float, y: float, heading: float) -> Iterator
     yield _number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
     yield _number(f"{path}.pos.y", -30.0, 112.0, y, Affects.GEOMETRY, "m", "along the street")
     yield _angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
-
-
-def _person_parameters() -> Iterator[ParameterDefinition]:
-    for name, person in PERSONS.items():
-        path = f"{ROOT}.{name}"
-        yield _number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
-        yield _number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
-        yield _angle(f"{path}.heading", person.heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
-        yield ParameterDefinition(
-            path=f"{path}.character",
-            type=ParameterType.CATEGORICAL,
-            choices=(*CHARACTERS, ABSENT),
-            default=person.character,
-            affects=Affects.GEOMETRY,
-            description="who is seen, or nobody",
-        )
-        for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
-            yield _number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
 
 
 def _other_parameters() -> Iterator[ParameterDefinition]:

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from valerie.errors import MissingDependency, UnknownName
-from valerie.scene.procedural.human import build_character, data, textures
+from valerie.scene.procedural.human import build_character, data, figure, textures
 
 
 @pytest.fixture
 def unknown_folder() -> Iterator[None]:
     data.data_folder.cache_clear()
+    figure.cache_clear()
     yield
     data.data_folder.cache_clear()
 

@@ -30,19 +30,19 @@ class Cut:
     """How a garment is cut.
 
     Attributes:
-        kind: ``top`` (trunk and arms) or ``trousers``.
-        upper: where it ends above: trousers, share of the way from the hip joints (0) to the navel's joint (1);
-            top, metres along the neck from its base.
-        lower: trousers, metres above the sole; top, share of the way from the crotch (0) to the waist (1).
+        kind: ``top`` (trunk and arms), ``trousers`` or ``skirt`` (one tube around both legs).
+        upper: where it ends above: trousers and skirt, share of the way from the hip joints (0) to the navel's joint
+            (1); top, metres along the neck from its base.
+        lower: trousers and skirt, metres above the sole; top, share of the way from the crotch (0) to the waist (1).
         sleeve: share of the arm that sleeves cover: 1 to the elbow, 2 to the wrist.
         ease: metres between body and cloth.
         hang: 0 follows the trunk … 1 hangs from its widest place.
         tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
-            ankle).
+            ankle); of a skirt, metres that it stands out more, by place from the waist (0) to the hem (1).
         fabric: how the cloth behaves.
     """
 
-    kind: Literal["top", "trousers"]
+    kind: Literal["top", "trousers", "skirt"]
     upper: float
     lower: float
     sleeve: float = 2.0
@@ -96,7 +96,7 @@ def share(weights: Points, names: tuple[str, ...], side: str = "") -> Points:
 def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[Points, ...]:
     """Signed distances in metres to each hem, of (V, 3) rest points; positive is outside the garment."""
     arms = share(weights, _ARM)
-    if cut.kind == "trousers":
+    if cut.kind != "top":
         hips, navel = body.head("thigh_l")[2], body.head("spine_02")[2]
         waist = hips + cut.upper * (navel - hips)
         # a waistband sits higher at the back
@@ -140,20 +140,45 @@ def limb_place(body: Body, limb: Literal["arm", "leg"], side: str, points: Point
     return (1 - blend) * t_upper + blend * (1 + t_lower), (1 - blend)[:, None] * on_upper + blend[:, None] * on_lower
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Pattern:
+    """A garment before it is worn.
+
+    Attributes:
+        rest, weights, faces, regions: as in `Cloth`.
+        pinned: (V,) what holds the garment up.
+    """
+
+    rest: Points
+    weights: Points
+    faces: Indices
+    regions: Indices
+    pinned: NDArray[np.bool_]
+
+
 def wear(cut: Cut, body: Body, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
     """Cut a garment, put it on the posed body over what is worn already, and let it settle."""
-    skin = second_skin(body)
+    return put_on(cut, cut_out(cut, body), second_skin(body), posed, under)
+
+
+def put_on(cut: Cut, pattern: Pattern, skin: SecondSkin, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
+    """Put a pattern on the posed body over what is worn already, and let it settle."""
+    start = posed.apply(pattern.rest, pattern.weights)
+    obstacle = _obstacle(cut, skin, posed, under)
+    points = drape.settle(start, pattern.rest, pattern.faces, pattern.pinned, pattern.regions, obstacle, cut.fabric)
+    return Cloth(points, pattern.rest, pattern.weights, pattern.faces, pattern.regions)
+
+
+def cut_out(cut: Cut, body: Body) -> Pattern:
+    """Cut a garment in the rest pose."""
+    skin = _drape_skin(body) if cut.kind == "skirt" else second_skin(body)
     rest, weights, faces = skin.rest, skin.weights, surface.triangles(skin.quads)
     for hem in range(len(beyond_hems(cut, body, rest, weights))):
         piece = surface.clip(faces, beyond_hems(cut, body, rest, weights)[hem])
         rest, weights, faces = piece.matrix @ rest, piece.matrix @ weights, piece.faces
     regions = _regions(cut, rest, weights)
     rest = _ease(cut, body, rest, weights, faces, regions)
-    start = posed.apply(rest, weights)
-    obstacle = _obstacle(cut, skin, posed, under)
-    pinned = _pinned(cut, body, rest, weights)
-    points = drape.settle(start, rest, faces, pinned, regions, obstacle, cut.fabric)
-    return Cloth(points, rest, weights, faces, regions)
+    return Pattern(rest, weights, faces, regions, _pinned(cut, body, rest, weights))
 
 
 def covered(cut: Cut, body: Body, points: Points, weights: Points, margin: float) -> NDArray[np.bool_]:
@@ -169,6 +194,8 @@ def _ease(cut: Cut, body: Body, rest: Points, weights: Points, faces: Indices, r
     eased = rest + cut.ease * normals
     if cut.hang > 0.0:
         eased = _hang(cut, body, eased, share(weights, _ARM))
+    if cut.kind == "skirt":
+        return surface.even_edges(_flare(cut, body, eased), faces)
     if cut.tube:
         for side, region in (("l", LEFT), ("r", RIGHT)):
             own = regions == region
@@ -190,6 +217,20 @@ def _tube(cut: Cut, body: Body, side: str, points: Points, weights: Points) -> P
     fade = np.clip((along - min(cut.tube)) / 0.35, 0.0, 1.0) * share(weights, _ARM if cut.kind == "top" else _LEG)
     widened: Points = axis + offset * ((1 - fade) + fade * wide / np.maximum(reach, 1e-6))[:, None]
     return widened
+
+
+def _flare(cut: Cut, body: Body, points: Points) -> Points:
+    """Let a skirt stand out from the body by the metres that its tube says, more and more in folds."""
+    top, bottom = points[:, 2].max(), points[:, 2].min()
+    place = (top - points[:, 2]) / (top - bottom)
+    offset = points[:, :2] - body.head("pelvis")[:2]
+    reach = np.linalg.norm(offset, axis=1)
+    out = np.interp(place, list(cut.tube), list(cut.tube.values())) if cut.tube else np.zeros(len(points))
+    angle = np.arctan2(offset[:, 1], offset[:, 0])
+    out = out * (1.0 + 0.45 * np.sin(9.0 * angle + 0.7 * np.sin(2.0 * angle)))  # godets fall in folds
+    flared = points.copy()
+    flared[:, :2] += offset / np.maximum(reach, 1e-6)[:, None] * out[:, None]
+    return flared
 
 
 def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
@@ -222,6 +263,9 @@ def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
 
 
 def _regions(cut: Cut, rest: Points, weights: Points) -> Indices:
+    if cut.kind == "skirt":
+        arms = share(weights, _ARM)
+        return np.where(arms > 0.5, LEFT, TRUNK).astype(np.int64)
     if cut.kind == "trousers":
         left, right = share(weights, _LEG, "_l"), share(weights, _LEG, "_r")
         return np.where(left + 1e-6 * -rest[:, 0] > right, LEFT, RIGHT).astype(np.int64)
@@ -243,7 +287,7 @@ def _obstacle(cut: Cut, skin: SecondSkin, posed: Posed, under: tuple[Cloth, ...]
 def _pinned(cut: Cut, body: Body, rest: Points, weights: Points) -> NDArray[np.bool_]:
     """What holds the garment up: the waistband, or neck and shoulder seams."""
     hems = beyond_hems(cut, body, rest, weights)
-    if cut.kind == "trousers":
+    if cut.kind != "top":
         return hems[0] > -0.03
     return hems[1] > -0.025
 
@@ -260,9 +304,19 @@ def _crotch(body: Body) -> float:
     return float(points[middle, 2].min())
 
 
-@lru_cache(maxsize=1)
+def _drape_skin(body: Body) -> SecondSkin:
+    """``helper-skirt``: a tube around both legs from the waist to the ankles."""
+    mapped = _subdivided("helper-skirt")
+    return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
+
+
 def _tights() -> surface.Mapped:
+    return _subdivided("helper-tights")
+
+
+@lru_cache(maxsize=2)
+def _subdivided(group: str) -> surface.Mapped:
     mesh = data.base_mesh()
-    once = surface.subdivide(mesh.groups["helper-tights"].quads, len(mesh.vertices))
+    once = surface.subdivide(mesh.groups[group].quads, len(mesh.vertices))
     small = surface.compact(once.faces, once.matrix.shape[0])
     return surface.Mapped((small.matrix @ once.matrix).tocsr(), small.faces)

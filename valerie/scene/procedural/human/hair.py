@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy import ndimage
@@ -30,6 +30,8 @@ class HairCut:
         fall: by azimuth, how far it hangs below the centre of the head where the hairline lies below the centre.
         strand: depth of the grooves between strands, as a share of the thickness.
         parting: azimuth of the parting, or None.
+        tied: what gathers it behind: a ``bun``, a ``ponytail`` or nothing.
+        ragged: how uneven the hairline is; 0 is a clean edge.
     """
 
     hairline: Mapping[float, float]
@@ -38,6 +40,8 @@ class HairCut:
     fall: Mapping[float, float] | None = None
     strand: float = 0.25
     parting: float | None = None
+    tied: Literal["", "bun", "ponytail"] = ""
+    ragged: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +67,7 @@ def build_hair(cut: HairCut, body: Body, seed: int) -> Hair:
     centre = head_centre(body)
     azimuth = np.arange(COLUMNS) / COLUMNS * 2.0 * np.pi - np.pi  # −π and π are the back
     from_front = np.degrees(np.abs(azimuth))
-    ragged = ndimage.gaussian_filter1d(random.normal(size=COLUMNS), 0.8, mode="wrap")
+    ragged = cut.ragged * ndimage.gaussian_filter1d(random.normal(size=COLUMNS), 0.8, mode="wrap")
     line = np.radians(_smooth(cut.hairline, from_front) + 3.0 * ragged)
     falls = _smooth(cut.fall, from_front) * (1.0 + 0.05 * ragged) if cut.fall else np.zeros(COLUMNS)
     clumps = _clumps(random)
@@ -91,7 +95,69 @@ def build_hair(cut: HairCut, body: Body, seed: int) -> Hair:
     tuck = 1.0 - 0.9 * np.minimum(lift[-1] + 0.004, 0.02) / np.maximum(np.linalg.norm(ring, axis=1), 1e-6)
     inner = np.stack([ring * tuck[:, None], ring * (tuck - 0.03)[:, None] + [0.0, 0.0, 0.012]])
     grid = centre + np.concatenate([outer, inner])
-    return _grid_surface(grid)
+    cap = _grid_surface(grid)
+    if not cut.tied:
+        return cap
+    back = centre + np.array([0.0, -float(radius[:, COLUMNS // 2 - 1 : COLUMNS // 2 + 1].max()) - cut.thickness, 0.0])
+    return together(cap, _bun(back, random) if cut.tied == "bun" else _ponytail(back, random))
+
+
+def _bun(back: Points, random: np.random.Generator) -> Hair:
+    """A knot of hair at the back of the head."""
+    polar = np.linspace(0.03, np.pi - 0.03, 11)[:, None]
+    around = np.arange(20) / 20 * 2.0 * np.pi
+    wave = 1.0 + 0.05 * np.sin(3.0 * around + 4.0 * polar) + 0.03 * random.normal(size=(11, 20))
+    radius = 0.038 * wave
+    points = np.stack(
+        [
+            radius * np.sin(polar) * np.sin(around),
+            0.8 * radius * np.cos(polar) * np.ones(20),
+            radius * np.sin(polar) * np.cos(around),
+        ],
+        axis=2,
+    )
+    return _tube_surface(back + np.array([0.0, 0.0, 0.035]) + points)
+
+
+def _ponytail(back: Points, random: np.random.Generator) -> Hair:
+    """A tail that leaves the back of the head and hangs down to between the shoulder blades."""
+    along = np.linspace(0.0, 1.0, 14)[:, None]
+    around = np.arange(16) / 16 * 2.0 * np.pi
+    radius = np.interp(along, [0.0, 0.1, 0.35, 0.8, 1.0], [0.016, 0.019, 0.032, 0.024, 0.003])
+    radius = radius * (1.0 + 0.08 * random.normal(size=16))
+    axis_back = np.interp(along, [0.0, 0.15, 0.4, 1.0], [0.022, -0.028, -0.045, -0.03])
+    axis_down = np.interp(along, [0.0, 0.15, 0.4, 1.0], [0.045, 0.04, -0.03, -0.25])
+    points = np.stack(
+        [
+            radius * np.sin(around),
+            axis_back + 0.75 * radius * np.cos(around),
+            axis_down + 0.2 * radius * np.cos(around),
+        ],
+        axis=2,
+    )
+    return _tube_surface(back + points)
+
+
+def _tube_surface(grid: Points) -> Hair:
+    """A grid of rings, turned so that its faces look outwards."""
+    rows, columns = grid.shape[:2]
+    ids = np.arange(rows * columns).reshape(rows, columns)
+    faces = np.concatenate([surface.strip(ids[k], ids[k + 1]) for k in range(rows - 1)])
+    points = grid.reshape(-1, 3)
+    corners = points[faces] - points.mean(axis=0)
+    if np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]).sum() < 0.0:
+        faces = faces[:, ::-1]
+    around, down = np.tile(np.arange(columns) / columns, rows), np.repeat(np.arange(rows) / (rows - 1), columns)
+    return Hair(points, faces, np.stack([around, down], axis=1))
+
+
+def together(one: Hair, other: Hair) -> Hair:
+    """Both as one surface."""
+    return Hair(
+        np.concatenate([one.points, other.points]),
+        np.concatenate([one.faces, other.faces + len(one.points)]),
+        np.concatenate([one.uvs, other.uvs]),
+    )
 
 
 def _grid_surface(grid: Points) -> Hair:

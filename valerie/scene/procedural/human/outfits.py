@@ -1,16 +1,17 @@
-"""Who there is: body, gait, clothes and looks of each built-in character."""
+"""What makes a character: body, gait, clothes and looks; and the two of the paper (others: `catalogue`)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Final
+from functools import partial
 
 from valerie.scene.procedural.human import textures
 from valerie.scene.procedural.human.body import BodyShape
 from valerie.scene.procedural.human.clothing import Cut
 from valerie.scene.procedural.human.drape import Fabric
 from valerie.scene.procedural.human.hair import HairCut
+from valerie.scene.procedural.human.hats import Hat
 from valerie.scene.procedural.human.pose import Gait
 from valerie.scene.procedural.human.shoes import ShoeCut
 from valerie.scene.procedural.human.skin import Face
@@ -24,7 +25,7 @@ class Garment:
     Attributes:
         name: of its material after ``cloth-``.
         cut: its pattern.
-        texture: colour and relief.
+        texture: paints colour and relief.
         roughness, specular: of the cloth.
         thickness: of the hems, metres.
         collar: of a top.
@@ -33,7 +34,7 @@ class Garment:
 
     name: str
     cut: Cut
-    texture: textures.Canvas
+    texture: Callable[[], textures.Canvas]
     roughness: float
     specular: float
     thickness: float = 0.003
@@ -47,24 +48,32 @@ class Look:
     Attributes:
         garments: from the inside out.
         shoe_texture, sole: of the shoes' uppers, and the soles' linear colour.
+        hair: None for none.
         hair_colour: sRGB.
         seed: of the small irregularities.
+        hat: worn over the hair.
+        carries: one of `valerie.scene.model.CARRIED` except ``own``.
+        bag_colour, umbrella_colour: sRGB, of what is carried.
     """
 
     shape: BodyShape
     gait: Gait
     garments: tuple[Garment, ...]
     shoe: ShoeCut
-    shoe_texture: textures.Canvas
+    shoe_texture: Callable[[], textures.Canvas]
     shoe_roughness: float
     sole: tuple[float, float, float]
-    hair: HairCut
+    hair: HairCut | None
     hair_colour: textures.Colour
     face: Face
     seed: int
+    hat: Hat | None = None
+    carries: str = "nothing"
+    bag_colour: textures.Colour = (92, 62, 40)
+    umbrella_colour: textures.Colour = (28, 34, 66)
 
 
-def _black_outfit() -> Look:
+def black_outfit() -> Look:
     hairline = {
         0.0: 41.0,
         25.0: 40.0,
@@ -92,7 +101,7 @@ def _black_outfit() -> Look:
                     tube={0.25: 0.092, 1.0: 0.085, 2.0: 0.080},
                     fabric=Fabric(bending=0.14),
                 ),
-                textures.trousers((32, 32, 36), 11),
+                partial(textures.trousers, (32, 32, 36), 11),
                 roughness=0.85,
                 specular=0.7,
             ),
@@ -108,7 +117,7 @@ def _black_outfit() -> Look:
                     tube={0.2: 0.076, 1.0: 0.066, 2.0: 0.047},
                     fabric=Fabric(bending=0.16, thickness=0.008),
                 ),
-                textures.jacket((24, 24, 27), (120, 120, 122), 12),
+                partial(textures.jacket, (24, 24, 27), (120, 120, 122), 12),
                 roughness=0.62,
                 specular=0.9,
                 thickness=0.004,
@@ -128,7 +137,7 @@ def _black_outfit() -> Look:
             ),
         ),
         shoe=ShoeCut(height=0.085, sole=0.016, heel=0.030),
-        shoe_texture=textures.leather((20, 19, 19), (12, 12, 12), 13, laces=True),
+        shoe_texture=partial(textures.leather, (20, 19, 19), (12, 12, 12), 13, laces=True),
         shoe_roughness=0.45,
         sole=(0.008, 0.008, 0.008),
         hair=HairCut(hairline=hairline, thickness=0.015, edge=0.0015, strand=0.22),
@@ -140,7 +149,7 @@ def _black_outfit() -> Look:
     )
 
 
-def _yellow_shirt() -> Look:
+def yellow_shirt() -> Look:
     hairline = {0.0: 42.0, 18.0: 41.0, 35.0: 34.0, 50.0: 20.0, 60.0: -6.0, 75.0: -10.0, 120.0: -14.0, 180.0: -34.0}
     return Look(
         shape=BodyShape(sex=0.0, age=0.5, muscle=0.5, weight=0.47, height=0.57, proportions=0.7),
@@ -156,7 +165,7 @@ def _yellow_shirt() -> Look:
                     tube={0.3: 0.078, 1.0: 0.066, 2.0: 0.062},
                     fabric=Fabric(bending=0.2),
                 ),
-                textures.jeans((60, 82, 118), (176, 122, 60), 21),
+                partial(textures.jeans, (60, 82, 118), (176, 122, 60), 21),
                 roughness=0.9,
                 specular=0.6,
             ),
@@ -172,7 +181,7 @@ def _yellow_shirt() -> Look:
                     tube={0.2: 0.056, 1.0: 0.052, 2.0: 0.038},
                     fabric=Fabric(bending=0.05),
                 ),
-                textures.shirt((246, 196, 16), (250, 240, 205), 22),
+                partial(textures.shirt, (246, 196, 16), (250, 240, 205), 22),
                 roughness=0.8,
                 specular=0.7,
                 thickness=0.002,
@@ -193,7 +202,7 @@ def _yellow_shirt() -> Look:
             ),
         ),
         shoe=ShoeCut(height=0.070, sole=0.022, heel=0.026),
-        shoe_texture=textures.leather((222, 220, 214), (178, 178, 182), 23, laces=True),
+        shoe_texture=partial(textures.leather, (222, 220, 214), (178, 178, 182), 23, laces=True),
         shoe_roughness=0.6,
         sole=(0.75, 0.74, 0.71),
         hair=HairCut(
@@ -216,7 +225,3 @@ def _yellow_shirt() -> Look:
         ),
         seed=2,
     )
-
-
-#: How to make each look; made when asked for, since textures take a moment.
-LOOKS: Final = MappingProxyType({"black-outfit": _black_outfit, "yellow-shirt": _yellow_shirt})

@@ -93,17 +93,17 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
     """Rotations of all bones at one instant of a walk."""
     twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # the pelvis goes forward with the leg that strikes
     rotations = {
-        "pelvis": _turn(z=-twist),
-        "spine_01": _turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
-        "spine_02": _turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
-        "spine_03": _turn(x=-0.2 * gait.lean_deg, z=0.4 * twist),
-        "neck_01": _turn(x=0.5 * gait.lean_deg, z=-0.6 * twist),
-        "head": _turn(x=0.5 * gait.lean_deg + 3.0, z=-0.4 * twist),
+        "pelvis": turn(z=-twist),
+        "spine_01": turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
+        "spine_02": turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
+        "spine_03": turn(x=-0.2 * gait.lean_deg, z=0.4 * twist),
+        "neck_01": turn(x=0.5 * gait.lean_deg, z=-0.6 * twist),
+        "head": turn(x=0.5 * gait.lean_deg + 3.0, z=-0.4 * twist),
     }
     for side, offset in (("l", 0.0), ("r", 0.5)):
         rotations |= _leg(body, gait, side, gait.phase + offset, twist)
         rotations |= _arm(body, gait, side, gait.phase + offset)
-        rotations |= curled_fingers(body, side)
+        rotations |= fingers(body, side)
     return rotations
 
 
@@ -115,13 +115,13 @@ def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[
     # the pelvis turned: turn the leg back, so that the feet point ahead
     splay = 0.6 * (body.tail(f"foot_{side}") - ankle)[:2]
     toes_in = np.degrees(np.arctan2(splay[0], splay[1])) * 0.45
-    level = _turn(y=-inwards)
-    thigh = _turn(z=twist + toes_in) * _turn(x=gait.stride * _curve(_HIP, phase)) * _turn(y=inwards)
+    level = turn(y=-inwards)
+    thigh = turn(z=twist + toes_in) * turn(x=gait.stride * _curve(_HIP, phase)) * turn(y=inwards)
     return {
         f"thigh_{side}": thigh,
-        f"calf_{side}": _turn(x=-gait.stride * _curve(_KNEE, phase)),
-        f"foot_{side}": level * _turn(x=gait.stride * _curve(_ANKLE, phase)),
-        f"ball_{side}": _turn(x=_curve(_TOES, phase)),
+        f"calf_{side}": turn(x=-gait.stride * _curve(_KNEE, phase)),
+        f"foot_{side}": level * turn(x=gait.stride * _curve(_ANKLE, phase)),
+        f"ball_{side}": turn(x=_curve(_TOES, phase)),
     }
 
 
@@ -133,21 +133,21 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
     hanging = np.array([outwards * np.sin(out), 0.0, -np.cos(out)])
     # an arm swings against the leg of its side: furthest back at that leg's heel strike
     swing = -np.cos(2.0 * np.pi * phase)
-    lower = _between(upper, hanging)
+    lower = between(upper, hanging)
     flexion_axis = normalize(np.cross(upper, [0.0, 1.0, 0.0]))
-    straighten = _between(fore, upper)
+    straighten = between(fore, upper)
     bend = Rotation.from_rotvec(np.radians(gait.elbow_deg + 0.6 * gait.arm_swing_deg * swing) * flexion_axis)
     roll = Rotation.from_rotvec(np.radians(outwards * -12.0) * upper)
     return {
-        f"clavicle_{side}": _turn(y=outwards * 4.0, z=outwards * 4.0 * swing),
-        f"upperarm_{side}": _turn(x=gait.arm_swing_deg * swing + 2.0) * lower,
+        f"clavicle_{side}": turn(y=outwards * 4.0, z=outwards * 4.0 * swing),
+        f"upperarm_{side}": turn(x=gait.arm_swing_deg * swing + 2.0) * lower,
         f"lowerarm_{side}": bend * roll * straighten,
         f"hand_{side}": Rotation.from_rotvec(np.radians(outwards * -22.0) * fore),
     }
 
 
-def curled_fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
-    """A relaxed hand: fingers curled towards the palm, the little finger most; a larger ``grip`` closes it."""
+def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
+    """Fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
     hand = body.head(f"hand_{side}")
     across = body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}")
     along = body.head(f"middle_01_{side}") - hand
@@ -160,7 +160,7 @@ def curled_fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotati
         for joint, factor in (("01", 1.0), ("02", 1.35), ("03", 0.9)):
             bone = f"{finger}_{joint}_{side}"
             axis = normalize(np.cross(body.tail(bone) - body.head(bone), palm))
-            turns[bone] = Rotation.from_rotvec(np.radians(grip * curl * factor) * axis)
+            turns[bone] = Rotation.from_rotvec(np.radians(min(curl * factor * grip, 75.0)) * axis)
     towards = normalize(body.head(f"middle_02_{side}") - body.tail(f"thumb_02_{side}"))
     for joint, angle in (("01", 14.0), ("02", 10.0), ("03", 14.0)):
         bone = f"thumb_{joint}_{side}"
@@ -176,12 +176,12 @@ def _curve(knots: Mapping[int, float], phase: float) -> float:
     return float(CubicSpline(places, values, bc_type="periodic")(phase % 1.0))
 
 
-def _turn(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Rotation:
+def turn(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Rotation:
     """Degrees about one or more fixed world axes, x first."""
     return Rotation.from_euler("xyz", [x, y, z], degrees=True)
 
 
-def _between(start: Points, end: Points) -> Rotation:
+def between(start: Points, end: Points) -> Rotation:
     """The shortest rotation that turns one unit vector into another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
@@ -216,7 +216,7 @@ def plant(
     bone = f"calf_{longer}"
 
     def bent(degrees: float) -> dict[str, Rotation]:
-        return {**rotations, bone: rotations[bone] * _turn(x=-degrees)}
+        return {**rotations, bone: rotations[bone] * turn(x=-degrees)}
 
     low, high = 0.0, 40.0
     for _ in range(24):

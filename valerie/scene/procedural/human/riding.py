@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.body import Body
-from valerie.scene.procedural.human.pose import curled_fingers, pose_body
+from valerie.scene.procedural.human.pose import fingers, pose_body
 from valerie.scene.procedural.human.surface import Points, normalize
 
 Place = tuple[float, float, float]
@@ -68,7 +68,7 @@ def ride(body: Body, contact: Contact) -> tuple[dict[str, Rotation], Points]:
         shoulder = _moved(trunk, bones, f"clavicle_{side}", body.head(f"upperarm_{side}"))
         grip = origin + np.asarray(contact.grip) * [outwards, 1.0, 1.0]
         rotations |= _arm(body, side, outwards, trunk[bones.index(f"clavicle_{side}")][:3, :3], shoulder, grip)
-        rotations |= curled_fingers(body, side, 2.7)
+        rotations |= fingers(body, side, 2.7)
     return rotations, origin
 
 

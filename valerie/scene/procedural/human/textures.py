@@ -78,14 +78,14 @@ def line(distance: Field, width: float) -> Field:
     return np.asarray(np.exp(-((distance / width) ** 2)))
 
 
-def _weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, relief: float) -> None:
+def weave(canvas: Canvas, random: np.random.Generator, *, contrast: float, relief: float) -> None:
     canvas.shade(1.0 + contrast * (0.6 * noise(random, (0.5, 0.5)) + 0.35 * noise(random, (6.0, 6.0))))
     canvas.height += relief * noise(random, (0.7, 0.7))
     # creases too small for the mesh: mostly across the limb
     canvas.height += 5.0 * relief * noise(random, (6.0, 15.0))
 
 
-def _seam(
+def seam(
     canvas: Canvas,
     distance: Field,
     where: Field | NDArray[np.bool_] | bool = True,
@@ -102,7 +102,7 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
     """A zipped jacket with hem band, cuffs, yoke, slanted pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
-    _weave(canvas, random, contrast=0.06, relief=0.16)
+    weave(canvas, random, contrast=0.06, relief=0.16)
     u, v = grid()
     trunk = v < TRUNK_SHARE
     height = v / TRUNK_SHARE
@@ -111,19 +111,19 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
     canvas.paint((12, 12, 13), 0.8 * line(front, 0.004) * trunk)
     teeth = (np.sin(v * SIZE * 2.0) > 0.0) & (front < 0.003)
     canvas.paint(metal, 0.7 * (teeth & trunk))
-    for seam in (0.25, 0.75):
-        _seam(canvas, u - seam, trunk)
-    _seam(canvas, height - 0.20, trunk & (front > 0.18))
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, trunk)
+    seam(canvas, height - 0.20, trunk & (front > 0.18))
     band = trunk & (height > 0.915)
-    _seam(canvas, height - 0.915, trunk)
+    seam(canvas, height - 0.915, trunk)
     canvas.height += 0.5 * np.sin(u * 2.0 * np.pi * 110.0) * band
     slant = np.abs(front - 0.10 - 0.16 * (height - 0.62))
     pocket = trunk & (height > 0.60) & (height < 0.83)
     canvas.paint((8, 8, 9), 0.85 * line(slant, 0.005) * pocket)
     canvas.height += 1.5 * line(slant - 0.012, 0.006) * pocket
     arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
-    _seam(canvas, arm - 0.90, v > SLEEVE_START, width=0.008)
-    _seam(canvas, u - 0.02, v > SLEEVE_START)
+    seam(canvas, arm - 0.90, v > SLEEVE_START, width=0.008)
+    seam(canvas, u - 0.02, v > SLEEVE_START)
     return canvas
 
 
@@ -131,26 +131,26 @@ def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
     """A buttoned shirt: placket, buttons, a breast pocket, seams, cuffs."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
-    _weave(canvas, random, contrast=0.035, relief=0.10)
+    weave(canvas, random, contrast=0.035, relief=0.10)
     u, v = grid()
     trunk = v < TRUNK_SHARE
     height = v / TRUNK_SHARE
     front = np.abs(u - 0.5)
     canvas.height += 0.9 * (front < 0.017) * trunk
-    _seam(canvas, front - 0.017, trunk, dark=0.22, width=0.0025)
+    seam(canvas, front - 0.017, trunk, dark=0.22, width=0.0025)
     for place in np.arange(0.14, 0.95, 0.125):
         distance = np.hypot((u - 0.5) * 1.0, (v - place * TRUNK_SHARE) * 0.75)
         canvas.paint(button, 1.0 * (distance < 0.0058))
         canvas.height += 1.2 * (distance < 0.0058)
-    for seam in (0.25, 0.75):
-        _seam(canvas, u - seam, trunk, dark=0.18)
-    _seam(canvas, height - 0.17, trunk & (front > 0.2), dark=0.15)
-    _seam(canvas, height - 0.965, trunk, dark=0.2, width=0.003)
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, trunk, dark=0.18)
+    seam(canvas, height - 0.17, trunk & (front > 0.2), dark=0.15)
+    seam(canvas, height - 0.965, trunk, dark=0.2, width=0.003)
     box = np.maximum(np.abs(u - 0.41) / 0.045, np.abs(height - 0.43) / 0.085)
-    _seam(canvas, box - 1.0, trunk, dark=0.25, width=0.06)
+    seam(canvas, box - 1.0, trunk, dark=0.25, width=0.06)
     arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
-    _seam(canvas, arm - 0.87, v > SLEEVE_START, dark=0.22, width=0.008)
-    _seam(canvas, u - 0.02, v > SLEEVE_START, dark=0.15)
+    seam(canvas, arm - 0.87, v > SLEEVE_START, dark=0.22, width=0.008)
+    seam(canvas, u - 0.02, v > SLEEVE_START, dark=0.15)
     return canvas
 
 
@@ -158,7 +158,7 @@ def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
     """Denim: twill, washed out on thighs, knees and seat, with double seams and pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
-    _weave(canvas, random, contrast=0.07, relief=0.12)
+    weave(canvas, random, contrast=0.07, relief=0.12)
     u, v = grid()
     canvas.shade(1.0 + 0.05 * np.sin((u + v) * 2.0 * np.pi * 128.0))
     around = np.abs((u - 0.75 + 0.5) % 1.0 - 0.5)  # from the front
@@ -176,7 +176,7 @@ def trousers(colour: Colour, seed: int) -> Canvas:
     """Plain cloth trousers with side seams and pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
-    _weave(canvas, random, contrast=0.05, relief=0.13)
+    weave(canvas, random, contrast=0.05, relief=0.13)
     u, v = grid()
     _trouser_seams(canvas, u, v, None)
     canvas.height += 1.4 * line(u - 0.75, 0.008)  # the ironed crease
@@ -185,15 +185,15 @@ def trousers(colour: Colour, seed: int) -> Canvas:
 
 def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) -> None:
     inner = np.minimum(u, 1.0 - u)
-    _seam(canvas, u - 0.5, dark=0.35)
-    _seam(canvas, inner, dark=0.3)
-    _seam(canvas, v - 0.045, dark=0.3, width=0.003)
-    _seam(canvas, v - 0.985, dark=0.3, width=0.003)
+    seam(canvas, u - 0.5, dark=0.35)
+    seam(canvas, inner, dark=0.3)
+    seam(canvas, v - 0.045, dark=0.3, width=0.003)
+    seam(canvas, v - 0.985, dark=0.3, width=0.003)
     curve = v - 0.05 - 0.10 * np.sqrt(np.clip((u - 0.52) / 0.17, 0.0, 1.0))
     front_pocket = (u > 0.52) & (u < 0.70) & (v < 0.16)
-    _seam(canvas, np.where(front_pocket, curve, 1.0), dark=0.4, width=0.004)
+    seam(canvas, np.where(front_pocket, curve, 1.0), dark=0.4, width=0.004)
     box = np.maximum(np.abs(u - 0.30) / 0.10, np.abs(v - 0.17) / 0.062)
-    _seam(canvas, box - 1.0, dark=0.3, width=0.05)
+    seam(canvas, box - 1.0, dark=0.3, width=0.05)
     if thread is not None:
         stitch = 0.55 * (np.sin((u + v) * SIZE * 1.3) > -0.2)
         canvas.paint(thread, stitch * (line(u - 0.508, 0.0022) + line(v - 0.977, 0.0018) + line(v - 0.05, 0.0018)))
@@ -210,7 +210,7 @@ def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas
     u, v = grid(256)
     top = np.abs(u - 0.5)
     for place in (0.36, 0.76):
-        _seam(canvas, v - place - 0.5 * top**2, dark=0.25, width=0.008)
+        seam(canvas, v - place - 0.5 * top**2, dark=0.25, width=0.008)
     if laces:
         eyelets = (v > 0.42) & (v < 0.74) & (top < 0.10)
         canvas.paint(accent, 0.9 * eyelets * (np.sin(v * 2.0 * np.pi * 16.0) > 0.35))

@@ -23,19 +23,22 @@ def unwrap(cut: Cut, body: Body, cloth: Cloth) -> tuple[Indices, Points, Indices
     for which in range(3):
         own = region == which
         if own.any():
-            uvs = _trunk(body, cloth) if which == TRUNK else _limb(cut, body, cloth, "l" if which == LEFT else "r")
+            uvs = _trunk(cut, body, cloth) if which == TRUNK else _limb(cut, body, cloth, "l" if which == LEFT else "r")
             corners[own] = uvs[cloth.faces[own]]
     return surface.unweld(cloth.faces, corners)
 
 
-def _trunk(body: Body, cloth: Cloth) -> Points:
-    """u: 0.5 in front, growing to the character's right, seam at the back; v: down to the hem at `TRUNK_SHARE`."""
+def _trunk(cut: Cut, body: Body, cloth: Cloth) -> Points:
+    """u: 0.5 in front, growing to the character's right, seam at the back; v: down to the hem at `TRUNK_SHARE`, or
+    at 1 for a skirt.
+    """
     centre = body.head("spine_02")
     offset = cloth.rest - centre
     around = 0.5 + np.arctan2(offset[:, 0], offset[:, 1]) / (2.0 * np.pi)
     trunk = cloth.rest[cloth.regions == TRUNK, 2]
     top, bottom = trunk.max(), trunk.min()
-    return np.stack([around, TRUNK_SHARE * (top - cloth.rest[:, 2]) / (top - bottom)], axis=1)
+    share = 1.0 if cut.kind == "skirt" else TRUNK_SHARE
+    return np.stack([around, share * (top - cloth.rest[:, 2]) / (top - bottom)], axis=1)
 
 
 def _limb(cut: Cut, body: Body, cloth: Cloth, side: str) -> Points:

@@ -9,7 +9,7 @@ import numpy as np
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Material, Mesh
-from valerie.scene.procedural.human.characters import CHARACTERS, build_character
+from valerie.scene.procedural.human.characters import CHARACTERS, seat_character
 from valerie.scene.procedural.street.geometry import Bag, Floats, sheet
 from valerie.scene.procedural.vehicles.bicycle import BICYCLE
 from valerie.scene.procedural.vehicles.build import size_of
@@ -41,7 +41,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         raise UnknownName("mount", mount, MOUNTS)
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
-    person = build_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
+    person, head = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
     # The pose is another mesh, so its materials must not be taken for the walking character's.
     prefix = f"rider-{mount}/"
     materials: dict[str, Material] = {
@@ -50,7 +50,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     meshes: list[Mesh] = [replace(mesh, material=prefix + mesh.material) for mesh in person.meshes]
     height = person.height_m
     if covered:
-        bag = _full_face(person.head) if full_face else _bicycle_helmet(person.head)
+        bag = _full_face(head) if full_face else _bicycle_helmet(head)
         found = bag.meshes()
         meshes += found
         shared = common_materials(0.0)
