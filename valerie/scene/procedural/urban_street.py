@@ -25,10 +25,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from pydantic import Field
+from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
@@ -62,14 +62,14 @@ PERSON_RADIUS_M: Final = 0.3
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
 
-class Settings(GeneratorSettings):
-    """What the street can be told.
+class Settings(StreetSettings, GeneratorSettings):
+    """What the street can be told: see `StreetSettings`."""
 
-    Attributes:
-        seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
-    """
-
-    seed: int = Field(default=0, ge=0, lt=2**63)
+    @model_serializer(mode="wrap")
+    def _told(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The seed and what differs from the default: a new argument leaves the digests of older assets alone."""
+        fields = type(self).model_fields
+        return {name: value for name, value in handler(self).items() if name == "seed" or value != fields[name].default}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +108,11 @@ PERSONS: Final = {
 
 def make_manifest(settings: Settings) -> Manifest:
     """What the asset declares; milliseconds, no meshes."""
-    layout = layout_street(_street_settings(settings))
+    layout = layout_street(settings)
     return Manifest(
         name=NAME,
         title="Urban street",
-        description="A generated street of about 110 m with houses, trees and parked cars, and two pedestrians.",
+        description=f"A generated street of {settings.length_m:.0f} m with houses, trees and parked cars, and two pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
         parameters=tuple(_parameters()),
@@ -129,7 +129,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     """The street with both persons in it; a few CPU seconds."""
     from valerie.scene.procedural.street.build import build_street
 
-    content = build_street(layout_street(_street_settings(settings)))
+    content = build_street(layout_street(settings))
     nodes = [Node(part.path, part.transform, part.meshes) for part in content.parts]
     persons = _Persons()
     for name, person in PERSONS.items():
@@ -145,10 +145,6 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
         sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
         environment=Environment(bearing=math.radians(BEARING_DEG)),
     )
-
-
-def _street_settings(settings: Settings) -> StreetSettings:
-    return StreetSettings(seed=settings.seed)
 
 
 def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:

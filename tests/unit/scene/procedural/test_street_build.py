@@ -58,6 +58,25 @@ def test_equal_seeds_give_equal_bytes(content: StreetContent) -> None:
     assert fingerprint(again) == fingerprint(content)
 
 
+def shape_digest(content: StreetContent) -> str:
+    """Of every mesh and place but the cars'."""
+    digest = hashlib.sha256()
+    for part in content.parts:
+        if part.path.startswith("scene.car"):
+            continue
+        digest.update(part.path.encode() + part.transform.tobytes())
+        for mesh in part.meshes:
+            digest.update(mesh.material.encode())
+            for array in (mesh.positions, mesh.normals, mesh.uvs, mesh.faces):
+                digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def test_the_arguments_defaults_are_the_street_that_had_none(content: StreetContent) -> None:
+    # Taken from the street before it had other arguments than a seed.
+    assert shape_digest(content).startswith("ebe16a11090dba18914b")
+
+
 def test_other_seeds_paint_houses_cars_and_roofs_in_other_colours() -> None:
     one, other = make_materials(0), make_materials(1)
     for name in ("render-0", "roof-0", "paint-hatch-0", "brick-red"):

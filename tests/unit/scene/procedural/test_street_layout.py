@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from valerie.labels import label_of_node_class
-from valerie.scene.procedural.street.layout import CROSSINGS, layout_street
+from valerie.scene.procedural.street.layout import layout_street
 from valerie.scene.procedural.street.plan import (
     CAMERA_CORRIDOR,
     LEFT_KERB,
@@ -92,7 +92,9 @@ def test_cars_stand_in_the_bays_apart_from_each_other_and_off_the_crossings(layo
     assert all(bays.contains(car) for car in cars)
     for number, car in enumerate(cars):
         assert all(car.distance(other) > 0.5 for other in cars[number + 1 :])
-        assert all(car.distance(shapely.box(LEFT_KERB, c - 2.0, RIGHT_KERB, c + 2.0)) > 3.0 for c in CROSSINGS)
+        assert all(
+            car.distance(shapely.box(LEFT_KERB, c - 2.0, RIGHT_KERB, c + 2.0)) > 3.0 for c in layout.lines.crossings
+        )
 
 
 def test_no_two_solid_things_overlap(layout: StreetLayout) -> None:

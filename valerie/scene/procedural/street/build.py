@@ -16,7 +16,7 @@ from valerie.scene.procedural.street.geometry import Bag, pose
 from valerie.scene.procedural.street.houses import build_house
 from valerie.scene.procedural.street.layout import HOUSE_STYLES
 from valerie.scene.procedural.street.materials import make_materials, make_textures
-from valerie.scene.procedural.street.plan import Placement, StreetLayout
+from valerie.scene.procedural.street.plan import Lines, Placement, StreetLayout
 from valerie.scene.procedural.street.trees import TreeSettings, build_tree
 
 
@@ -46,7 +46,7 @@ class StreetContent:
 
 def build_street(layout: StreetLayout) -> StreetContent:
     """Give every placement of a layout its shape; a few CPU seconds. Equal layouts give equal bytes."""
-    workshop = _Workshop(layout.settings.seed)
+    workshop = _Workshop(layout)
     parts = tuple(
         Part(placement.path, _transform(placement), workshop.meshes(placement)) for placement in layout.placements
     )
@@ -58,7 +58,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
         for texture in (material.base_color_texture, material.normal_texture)
         if texture
     }
-    textures = {name: texture for name, texture in make_textures(layout.settings.seed).items() if name in wanted}
+    textures = {name: texture for name, texture in make_textures(layout.settings).items() if name in wanted}
     return StreetContent(parts, materials, textures)
 
 
@@ -72,8 +72,9 @@ def _transform(placement: Placement) -> Matrix:
 class _Workshop:
     """Builds what is unique and keeps what is shared."""
 
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
+    def __init__(self, layout: StreetLayout) -> None:
+        self._seed = layout.settings.seed
+        self._settings, self._lines = layout.settings, layout.lines
         self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:
@@ -85,6 +86,8 @@ class _Workshop:
         kind = placement.kind
         if kind in HOUSE_STYLES:
             return build_house(placement).meshes()
+        if kind in _GROUND:
+            return _GROUND[kind](placement, self._lines).meshes()
         if kind in _UNIQUE:
             return _UNIQUE[kind](placement).meshes()
         key = (kind, placement.variant)
@@ -105,7 +108,7 @@ class _Workshop:
         try:
             return _SHARED[kind]()
         except KeyError:
-            known = (*HOUSE_STYLES, *_UNIQUE, *SHAPES, *_TREES, "face", *_SHARED)
+            known = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *SHAPES, *_TREES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, known) from None
 
 
@@ -114,10 +117,16 @@ _TREES = {
     "far-tree": TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20),
 }
 
-_UNIQUE: dict[str, Callable[[Placement], Bag]] = {
+_GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
     "carriageway": road.build_carriageway,
     "left": road.build_footway,
     "right": road.build_footway,
+    "side-road": road.build_side_road,
+    "cross-footway": road.build_cross_footway,
+    "outskirts": lambda _, lines: road.build_outskirts(lines),
+}
+
+_UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "garden": road.build_garden,
     "hedge": furniture.hedge,
     "planter": furniture.planter,
@@ -125,11 +134,10 @@ _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "low": lambda placement: furniture.low_wall(placement.size[0]),
     "bins": lambda placement: furniture.bins(placement.seed),
     "cross-road": road.build_cross_road,
-    "cross-footway": road.build_cross_footway,
+    "side-footway": road.build_side_footway,
 }
 
 _SHARED: dict[str, Callable[[], Bag]] = {
-    "outskirts": road.build_outskirts,
     "lamp": furniture.lamp_post,
     "post": furniture.post,
     "signal-post": lambda: furniture.post(3.4, 0.055),

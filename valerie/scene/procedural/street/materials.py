@@ -8,7 +8,7 @@ from valerie.scene.model import Material, Texture
 from valerie.scene.procedural.street.car_shapes import SHAPES
 from valerie.scene.procedural.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
 from valerie.scene.procedural.street.layout import CAR_MODELS
-from valerie.scene.procedural.street.plan import LANE
+from valerie.scene.procedural.street.plan import Season, StreetSettings, lines_of
 from valerie.scene.procedural.street.textures import ground, things, walls
 
 Color = tuple[float, float, float]
@@ -38,13 +38,14 @@ _BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.2
 _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
 
 
-def make_textures(seed: int) -> dict[str, Texture]:
-    """All textures, 31 MB uncompressed; equal seeds give equal pixels."""
+def make_textures(settings: StreetSettings) -> dict[str, Texture]:
+    """All textures, 31 MB uncompressed; equal settings give equal pixels."""
+    seed, lines = settings.seed, lines_of(settings)
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([seed, 7001]).spawn(24))
     images = {
-        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=LANE),
-        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=LANE),
-        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=LANE),
+        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
+        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
+        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=lines.lanes, width=lines.width),
         "asphalt-normal": ground.asphalt_normals(next(streams)),
         "turf": ground.turf(next(streams)),
     }
@@ -63,12 +64,42 @@ def make_textures(seed: int) -> dict[str, Texture]:
     images["granite"] = walls.granite(next(streams))
     rng = next(streams)
     for k, pick in enumerate(rng.permutation(len(_LEAVES))[:3]):
-        images[f"leaves-{k}"] = things.leaves(rng, _LEAVES[pick])
+        images[f"leaves-{k}"] = things.leaves(rng, leaf_color(_LEAVES[pick], settings.season))
     for shape in SHAPES.values():
         images[f"flank-{shape.name}"] = things.car_flank(
             shape.gaps, shape.texture_length, shape.texture_height, shape.sill + 0.10, rng
         )
+    images |= _other_ground(settings)
     return {name: Texture(name, image) for name, image in images.items()}
+
+
+def _other_ground(settings: StreetSettings) -> dict[str, ground.Image]:
+    """Setts instead of asphalt, and the surface of a side street, where the settings ask for them."""
+    lines = lines_of(settings)
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4))
+    images = {}
+    if settings.surface == "paving":
+        for name in ("asphalt-0", "asphalt-1", "asphalt-crossing"):
+            images[name], images["asphalt-normal"] = ground.setts(
+                next(streams), zebra=name == "asphalt-crossing", lane=lines.lanes, width=lines.width
+            )
+    if lines.side_y is not None:
+        side = next(streams)
+        plain = ground.setts(side, zebra=False, lane=())[0] if settings.surface == "paving" else None
+        images["asphalt-side"] = ground.asphalt(side, zebra=False, lane=()) if plain is None else plain
+    return images
+
+
+#: What a season makes of a leaf's linear colour: factors of red, green and blue.
+_SEASONS: dict[Season, Color] = {
+    "spring": (1.35, 1.25, 1.05), "summer": (1.0, 1.0, 1.0), "autumn": (3.4, 1.05, 0.75), "winter": (1.6, 0.8, 0.9),
+}  # fmt: skip
+
+
+def leaf_color(summer: Color, season: Season) -> Color:
+    """The linear colour of leaves that are ``summer`` in summer."""
+    red, green, blue = (value * factor for value, factor in zip(summer, _SEASONS[season], strict=True))
+    return red, green, blue
 
 
 def make_materials(seed: int) -> dict[str, Material]:
@@ -104,10 +135,11 @@ def _leaf(k: int) -> Material:
 
 
 def _ground() -> list[Material]:
-    surfaces = ("asphalt-0", "asphalt-1", "asphalt-crossing")
+    surfaces = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
     white = (1.0, 1.0, 1.0)
     return [
         *(Material(name, white, name, "asphalt-normal", roughness=0.88) for name in surfaces),
+        Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
         Material("paving", white, "paving", "paving-normal", roughness=0.85),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
