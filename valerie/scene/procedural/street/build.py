@@ -9,7 +9,7 @@ import numpy as np
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Material, Matrix, Mesh, Texture
-from valerie.scene.procedural.street import furniture, road
+from valerie.scene.procedural.street import furniture, house_styles, road
 from valerie.scene.procedural.street.car_shapes import SHAPES
 from valerie.scene.procedural.street.cars import CarPaint, build_car
 from valerie.scene.procedural.street.geometry import Bag, pose
@@ -84,6 +84,8 @@ class _Workshop:
             UnknownName: no builder knows the placement's kind.
         """
         kind = placement.kind
+        if kind in house_styles.BUILDERS:
+            return house_styles.BUILDERS[kind](placement).meshes()
         if kind in HOUSE_STYLES:
             return build_house(placement).meshes()
         if kind in _GROUND:

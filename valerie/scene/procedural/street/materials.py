@@ -164,6 +164,10 @@ def _walls(rng: np.random.Generator) -> list[Material]:
         Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", roughness=0.92),
         Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
         Material("stone", stone, "granite", roughness=0.85),
+        Material("timber", (0.10, 0.060, 0.036), "boards", roughness=0.85),
+        Material("concrete", (0.50, 0.49, 0.47), "granite", roughness=0.88),
+        Material("slate", (0.15, 0.16, 0.18), "roof", "roof-normal", roughness=0.6),
+        Material("zinc-roof", (0.36, 0.38, 0.41), "boards", metallic=0.25, roughness=0.5),
         Material("ashlar", (0.72, 0.66, 0.56), "ashlar", "ashlar-normal", roughness=0.88),
         *(
             Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85)
