@@ -155,7 +155,7 @@ def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
             path=footprint.path,
             polygon=footprint.polygon,
             reason=f"inside {name}",
-            height_m=_HEIGHTS_M.get(object_class),
+            height_m=footprint.height or _HEIGHTS_M.get(object_class),
         )
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Material, Matrix, Mesh, Texture
-from valerie.scene.procedural.street import furniture, house_styles, road
+from valerie.scene.procedural.street import amenities, furniture, house_styles, road
 from valerie.scene.procedural.street.car_shapes import SHAPES
 from valerie.scene.procedural.street.cars import CarPaint, build_car
 from valerie.scene.procedural.street.geometry import Bag, pose
@@ -17,7 +17,7 @@ from valerie.scene.procedural.street.houses import build_house
 from valerie.scene.procedural.street.layout import HOUSE_STYLES
 from valerie.scene.procedural.street.materials import make_materials, make_textures
 from valerie.scene.procedural.street.plan import Lines, Placement, StreetLayout
-from valerie.scene.procedural.street.trees import TreeSettings, build_tree
+from valerie.scene.procedural.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
 
 def _transform(placement: Placement) -> Matrix:
     matrix = pose(placement.x, placement.y, placement.z, placement.heading)
-    if placement.kind in {"tree", "far-tree"}:
+    if placement.kind in _TREES:
         matrix[:3, :3] *= placement.size[0]
     return matrix
 
@@ -104,7 +104,9 @@ class _Workshop:
             )
         if kind in _TREES:
             rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
-            return build_tree(_TREES[kind], rng, bark="bark", leaves=f"leaves-{variant}")
+            tree = _TREES[kind]
+            shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
+            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}")
         if kind == "face":
             return furniture.sign_face(variant)
         try:
@@ -114,9 +116,12 @@ class _Workshop:
             raise UnknownName("kind of street object", kind, known) from None
 
 
-_TREES = {
-    "tree": TreeSettings(),
-    "far-tree": TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20),
+def _with_far(near: dict[str, Tree]) -> dict[str, Tree]:
+    return near | {f"far-{kind}": replace(tree, shape=from_afar(tree.shape)) for kind, tree in near.items()}
+
+
+_TREES = _with_far(SPECIES) | {
+    "far-tree": Tree(TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20)),
 }
 
 _GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
@@ -131,6 +136,8 @@ _GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
 _UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "garden": road.build_garden,
     "hedge": furniture.hedge,
+    "cabinet": amenities.cabinet,
+    "guard-rail": amenities.guard_rail,
     "planter": furniture.planter,
     "railing": lambda placement: furniture.iron_railing(placement.size[0]),
     "low": lambda placement: furniture.low_wall(placement.size[0]),
@@ -145,4 +152,12 @@ _SHARED: dict[str, Callable[[], Bag]] = {
     "signal-post": lambda: furniture.post(3.4, 0.055),
     "bollard": furniture.bollard,
     "signal": furniture.signal,
+    "bench": amenities.bench,
+    "litter-bin": amenities.litter_bin,
+    "stand": amenities.bicycle_stand,
+    "shelter": amenities.shelter,
+    "stop-flag": amenities.stop_flag,
+    "column": amenities.advertising_column,
+    "pit": amenities.tree_pit,
+    "mast": amenities.mast,
 }

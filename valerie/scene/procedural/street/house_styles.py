@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,7 +115,7 @@ def _mansard_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
     ridge = h + rise + 1.3
     outline = [(0.05, h), (back, h + rise), (0.5 * d, ridge), (d - back, h + rise), (d, h)]
     material = "slate" if rng.random() < 0.5 else "zinc-roof"
-    for (y0, z0), (y1, z1) in zip(outline[:-1], outline[1:], strict=True):
+    for (y0, z0), (y1, z1) in pairwise(outline):
         bag.add(material, quads([[(0, y0, z0), (w, y0, z0), (w, y1, z1), (0, y1, z1)]], tile=ROOF_TILE))
     for x, turn in ((0.0, True), (w, False)):  # fire walls stand above the roof
         side = np.array([(x, y, z + 0.25) for y, z in outline])
@@ -123,7 +124,7 @@ def _mansard_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
         bag.add(
             "render-side", fan((wall if not turn else wall[::-1]) + [0.28 if turn else -0.28, 0, 0], tile=RENDER_TILE)
         )
-        for a, b in zip(side[:-1], side[1:], strict=True):
+        for a, b in pairwise(side):
             off = np.array([0.28 if turn else -0.28, 0.0, 0.0])
             strip = [a, a + off, b + off, b] if turn else [a + off, a, b, b + off]
             bag.add("zinc", quads([strip]))
@@ -147,7 +148,7 @@ def _roof_window(bag: Bag, house: House, x: float, z: float, rng: np.random.Gene
     arc = np.stack([x - (half + 0.1) * np.cos(angle), top + 0.28 * np.sin(angle)], -1)
     lids = [
         [(a[0], y - 0.1, a[1]), (b[0], y - 0.1, b[1]), (b[0], back + 0.2, b[1]), (a[0], back + 0.2, a[1])]
-        for a, b in zip(arc[:-1], arc[1:], strict=True)
+        for a, b in pairwise(arc)
     ]
     bag.add("zinc", quads(lids))
     bag.add("stucco", fan(np.stack([arc[::-1, 0], np.full(7, y - 0.02), arc[::-1, 1]], -1)))
@@ -313,7 +314,7 @@ def _frame(bag: Bag, width: float, height: float, windows: Sequence[Opening], rn
     posts = sorted({0.08, width - 0.08, *(o.x0 - 0.08 for o in windows), *(o.x1 + 0.08 for o in windows)})
     beams += [(x, 0.1, x, height - 0.1) for x in posts]
     beams += [(o.x0, z, o.x1, z) for o in windows for z in (low - 0.08, high + 0.08)]
-    for left, right in zip(posts[:-1], posts[1:], strict=True):
+    for left, right in pairwise(posts):
         if right - left < 0.5:
             continue
         middle = 0.5 * (left + right)
@@ -367,8 +368,7 @@ def _timber_gable(bag: Bag, house: House, z: float, rng: np.random.Generator) ->
 
 
 def build_modern(placement: Placement) -> Bag:
-    """A flat-roofed block of flats: wide dark-framed windows, long balconies with glass or slatted fronts, a set-back
-    top floor, parapets, shops or a garage below."""
+    """A flat-roofed block of flats: wide dark-framed windows, long balconies, a set-back top floor, shops below."""
     rng = np.random.default_rng(placement.seed)
     base = _trim(rng)
     wall = str(rng.choice([base.wall, "stucco", "brick-buff", "concrete"]))
@@ -400,7 +400,7 @@ def build_modern(placement: Placement) -> Bag:
         z = house.ground_floor + (floor - 1) * house.floor
         for k, x in enumerate(middles):
             if (k + first) % 2 == 0:
-                _long_balcony(bag, x - half - 0.3, x + half + 0.3, z, solid=solid, wall=wall, rng=rng)
+                _long_balcony(bag, x - half - 0.3, x + half + 0.3, z, solid=solid, rng=rng)
     walls = [
         [(0, d, 0), (0, 0, 0), (0, 0, top + 0.5), (0, d, top + 0.5)],
         [(w, 0, 0), (w, d, 0), (w, d, top + 0.5), (w, 0, top + 0.5)],
@@ -421,9 +421,7 @@ def build_modern(placement: Placement) -> Bag:
     return bag
 
 
-def _long_balcony(
-    bag: Bag, x0: float, x1: float, z: float, *, solid: bool, wall: str, rng: np.random.Generator
-) -> None:
+def _long_balcony(bag: Bag, x0: float, x1: float, z: float, *, solid: bool, rng: np.random.Generator) -> None:
     deep, top = 1.25, z + 1.05
     bag.add("concrete", boxes([[x0, -deep, z - 0.16]], [[x1, 0.02, z + 0.05]], skip=("+y",), tile=2.0))
     if solid:

@@ -7,29 +7,27 @@ stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
+from valerie.scene.procedural.street import layout_mixed
 from valerie.scene.procedural.street.plan import (
     CAMERA_CORRIDOR,
     SIDE_HALF,
     SIDE_LENGTH,
     SIDE_ROAD_HALF,
-    Footprint,
     GroundRegion,
-    Lines,
     Placement,
-    Polygon,
     StreetLayout,
     StreetSettings,
     disc,
-    lines_of,
     rectangle,
     turned_rectangle,
 )
+from valerie.scene.procedural.street.planning import Plan
 
 #: Styles of houses by the street's variety, and those of them that close a view.
 STYLES = {
@@ -66,27 +64,6 @@ def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
                 yield left, y + 88.0 * again, face
 
 
-class _Plan:
-    """Collects placements and footprints and numbers the objects of each class."""
-
-    def __init__(self, settings: StreetSettings) -> None:
-        self.settings = settings
-        self.lines: Lines = lines_of(settings)
-        self.placements: list[Placement] = []
-        self.footprints: list[Footprint] = []
-        self._numbers: Counter[str] = Counter()
-
-    def add(self, object_class: str, kind: str, x: float, y: float, **more: Any) -> Placement:
-        self._numbers[object_class] += 1
-        path = f"scene.{object_class}-{self._numbers[object_class]}"
-        placed = Placement(path, kind, round(x, 4), round(y, 4), **more)
-        self.placements.append(placed)
-        return placed
-
-    def block(self, placed: Placement, polygon: Polygon) -> None:
-        self.footprints.append(Footprint(placed.path, polygon))
-
-
 def layout_street(settings: StreetSettings) -> StreetLayout:
     """Place everything in the street; a few milliseconds, no meshes.
 
@@ -95,7 +72,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     """
     streams = np.random.SeedSequence(settings.seed).spawn(5)
     houses, cars, trees, furniture, ends = (np.random.default_rng(stream) for stream in streams)
-    plan = _Plan(settings)
+    plan = Plan(settings)
     lines = plan.lines
     plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
     plan.add("sidewalk", "left", 0.0, 0.0)
@@ -108,6 +85,8 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     _place_cars(plan, cars)
     kerbside = _place_trees(plan, trees)
     _place_furniture(plan, furniture, kerbside)
+    if settings.variety == "mixed":
+        layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
     left, right = round(lines.front(left=True), 4), round(lines.front(left=False), 4)
     stop, height = lines.road_stop - 6.0, lines.kerb_height
     ground = [
@@ -126,14 +105,14 @@ def _seed(rng: np.random.Generator) -> int:
     return int(rng.integers(2**31))
 
 
-def _place_houses(plan: _Plan, rng: np.random.Generator) -> None:
+def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
     """Two rows, without gaps but for side streets; neighbours differ in style, a few stand behind a front garden."""
     for left in (True, False):
         for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
             _place_row(plan, rng, start, stop, left=left)
 
 
-def _place_row(plan: _Plan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
+def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
     lines, styles = plan.lines, STYLES[plan.settings.variety]
     previous, since_garden = "", 0
     while y < stop - 0.1:
@@ -166,7 +145,7 @@ def _place_row(plan: _Plan, rng: np.random.Generator, y: float, stop: float, *, 
         y += width
 
 
-def _place_side_street(plan: _Plan, y: float, rng: np.random.Generator) -> None:
+def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
     """A street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
     lines = plan.lines
     for left, there in zip((True, False), lines.sides, strict=True):
@@ -194,7 +173,7 @@ def _place_side_street(plan: _Plan, y: float, rng: np.random.Generator) -> None:
 
 
 def _add_house(
-    plan: _Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float
+    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float
 ) -> None:
     """A house with its left end at (x, y), and its footprint."""
     bays, door = _bays(width, rng)
@@ -212,7 +191,7 @@ def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
 
 
 def _place_garden(
-    plan: _Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
+    plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
 ) -> None:
     """Grass and a hedge behind railings or a low wall on both sides of the way to the door."""
     outward = -1.0 if left else 1.0
@@ -245,7 +224,7 @@ def _place_garden(
         plan.block(hedge, rectangle(x - 0.3, start + 0.2, x + 0.3, stop - 0.2))
 
 
-def _place_ends(plan: _Plan, rng: np.random.Generator) -> None:
+def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
     """Cross streets at both ends with houses behind, so that no open horizon shows."""
     lines = plan.lines
     first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
@@ -262,7 +241,7 @@ def _place_ends(plan: _Plan, rng: np.random.Generator) -> None:
             x += width
 
 
-def _place_cars(plan: _Plan, rng: np.random.Generator) -> None:
+def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
     """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
@@ -301,10 +280,23 @@ def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
     return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
-def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
+def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
+    """Kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
+    others = ("plane", "birch", "hornbeam", "cherry")
+    if settings.variety == "plain":
+        yield from repeat("tree")
+    # A plane's crown needs room; birches and columns stand in narrow streets.
+    avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
+    while True:
+        yield avenue if rng.random() < 0.55 else str(rng.choice(others))
+
+
+def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
     """Trees along both kerbs; returns (left side?, y) of each trunk."""
     trunks = []
+    species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
+        kinds = _species(plan.settings, species)
         y = plan.lines.row_start + (4.0 if left else 8.5)
         while y < plan.lines.row_stop - 3.0:
             here = y + float(rng.uniform(-1.2, 1.2))
@@ -317,7 +309,7 @@ def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, floa
                 continue
             x = plan.lines.left_kerb - 0.62 if left else plan.lines.right_kerb + 0.62
             tree = plan.add(
-                "vegetation", "tree" if 0.0 < here < 42.0 else "far-tree", x, here, z=plan.lines.kerb_height,
+                "vegetation", ("" if 0.0 < here < 42.0 else "far-") + next(kinds), x, here, z=plan.lines.kerb_height,
                 heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
                 size=(float(rng.uniform(0.92, 1.1)),),
             )  # fmt: skip
@@ -333,7 +325,7 @@ def _place_trees(plan: _Plan, rng: np.random.Generator) -> list[tuple[bool, floa
     return trunks
 
 
-def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
+def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
     """Lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
     taken = list(trunks)
 
@@ -378,7 +370,7 @@ def _place_furniture(plan: _Plan, rng: np.random.Generator, trunks: list[tuple[b
         _place_along_walls(plan, rng, left=left)
 
 
-def _place_along_walls(plan: _Plan, rng: np.random.Generator, *, left: bool) -> None:
+def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
     """Bins and planters, clear of house doors and of each other."""
     front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
     taken = []

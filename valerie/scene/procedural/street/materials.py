@@ -70,6 +70,8 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
             shape.gaps, shape.texture_length, shape.texture_height, shape.sill + 0.10, rng
         )
     images |= _other_ground(settings)
+    if settings.variety == "mixed":
+        images |= _mixed(settings)
     return {name: Texture(name, image) for name, image in images.items()}
 
 
@@ -87,6 +89,29 @@ def _other_ground(settings: StreetSettings) -> dict[str, ground.Image]:
         side = next(streams)
         plain = ground.setts(side, zebra=False, lane=())[0] if settings.surface == "paving" else None
         images["asphalt-side"] = ground.asphalt(side, zebra=False, lane=()) if plain is None else plain
+    return images
+
+
+#: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
+_SPECIES_LEAVES: dict[str, tuple[Color, Color]] = {
+    "plane": ((0.105, 0.185, 0.034), (0.30, 0.19, 0.035)),
+    "birch": ((0.130, 0.215, 0.045), (0.46, 0.34, 0.035)),
+    "hornbeam": ((0.070, 0.150, 0.030), (0.33, 0.20, 0.04)),
+    "cherry": ((0.075, 0.135, 0.040), (0.36, 0.085, 0.03)),
+}
+_BLOSSOM: Color = (0.72, 0.42, 0.46)
+
+
+def _mixed(settings: StreetSettings) -> dict[str, ground.Image]:
+    """Leaves and bark of more species, posters."""
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
+    images = {f"bark-{kind}": things.bark_of(rng, kind) for kind in ("plane", "birch", "cherry")}
+    for kind, (summer, autumn) in _SPECIES_LEAVES.items():
+        color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
+        if settings.season == "spring" and kind == "cherry":
+            color = _BLOSSOM
+        images[f"leaves-{kind}"] = things.leaves(rng, color)
+    images["posters"] = things.posters(rng)
     return images
 
 
@@ -111,6 +136,13 @@ def make_materials(seed: int) -> dict[str, Material]:
         *_cars(rng),
         Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
         *(_leaf(k) for k in range(3)),
+        *(Material(f"bark-{k}", (1.0, 1.0, 1.0), f"bark-{k}", roughness=0.9) for k in ("plane", "birch", "cherry")),
+        *(_leaf(kind) for kind in _SPECIES_LEAVES),
+        Material("slats", (0.34, 0.19, 0.09), "boards", roughness=0.6),
+        Material("cabinet", (0.19, 0.21, 0.20), metallic=0.1, roughness=0.55),
+        Material("poster", (1.0, 1.0, 1.0), "posters", roughness=0.4),
+        Material("stop-green", (0.01, 0.17, 0.06), roughness=0.5),
+        Material("stop-yellow", (0.75, 0.52, 0.02), roughness=0.5),
         Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
         Material("steel", (0.26, 0.27, 0.28), metallic=0.6, roughness=0.55),
         Material("iron", (0.022, 0.025, 0.024), metallic=0.3, roughness=0.5),
@@ -130,7 +162,7 @@ def make_materials(seed: int) -> dict[str, Material]:
     return {material.name: material for material in materials}
 
 
-def _leaf(k: int) -> Material:
+def _leaf(k: int | str) -> Material:
     return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
 
 

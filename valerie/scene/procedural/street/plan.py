@@ -179,10 +179,14 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Where nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise)."""
+    """Where nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
+
+    ``height`` (metres) is known where it differs from what is usual for things of that class.
+    """
 
     path: str
     polygon: Polygon
+    height: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

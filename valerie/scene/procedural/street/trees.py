@@ -6,11 +6,12 @@ crowns look full from any side and no leaf floats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from valerie.scene.procedural.street.geometry import Bag, Floats, Surface, tubes, unit
+from valerie.scene.procedural.street.plan import Season
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -26,6 +27,9 @@ class TreeSettings:
         trunk: radius of the trunk at its foot.
         clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
         leaf: length of a leaf.
+        taper: how much narrower the crown's top is than its bottom, as a part of the radius.
+        under: flatness of the crown's underside (1 is round).
+        rise: how far branches bend upwards (drooping where negative), as a part of their length.
     """
 
     height: float = 8.2
@@ -36,6 +40,80 @@ class TreeSettings:
     branches: int = 34
     leaves: int = 30
     leaf: float = 0.125
+    taper: float = 0.28
+    under: float = 0.86
+    rise: float = 0.10
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A species: its shape and what it is made of.
+
+    Attributes:
+        shape: in summer.
+        bark, leaves: materials; no leaves' material stands for the shared ones, by variant.
+    """
+
+    shape: TreeSettings
+    bark: str = "bark"
+    leaves: str = ""
+
+
+#: Lime, plane, birch, hornbeam trained as a column, ornamental cherry.
+SPECIES = {
+    "tree": Tree(TreeSettings()),
+    "plane": Tree(
+        TreeSettings(
+            height=10.5, fork=3.1, radius=3.1, trunk=0.21, clusters=300, branches=44, leaf=0.15, taper=0.12, under=0.66
+        ),
+        bark="bark-plane",
+        leaves="leaves-plane",
+    ),
+    "birch": Tree(
+        TreeSettings(
+            height=9.8, fork=2.6, radius=1.75, trunk=0.095, clusters=230, branches=40, leaves=24, leaf=0.085,
+            taper=0.42, under=1.0, rise=-0.16,
+        ),
+        bark="bark-birch",
+        leaves="leaves-birch",
+    ),
+    "hornbeam": Tree(
+        TreeSettings(
+            height=8.6, fork=1.9, radius=1.25, trunk=0.12, clusters=210, branches=32, leaf=0.10, taper=0.30, under=1.0,
+            rise=0.22,
+        ),
+        leaves="leaves-hornbeam",
+    ),
+    "cherry": Tree(
+        TreeSettings(
+            height=5.6, fork=1.75, radius=2.1, trunk=0.12, clusters=180, branches=30, leaf=0.10, taper=0.05, under=0.7
+        ),
+        bark="bark-cherry",
+        leaves="leaves-cherry",
+    ),
+}  # fmt: skip
+
+
+def from_afar(shape: TreeSettings) -> TreeSettings:
+    """The same tree with fewer and larger leaves."""
+    return replace(
+        shape, clusters=round(0.4 * shape.clusters), branches=round(0.6 * shape.branches), leaf=1.6 * shape.leaf
+    )
+
+
+def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) -> TreeSettings:
+    """The tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
+
+    Args:
+        shape: in summer.
+        season: which.
+        blossoms: whether spring covers the tree densely.
+    """
+    if season == "spring" and not blossoms:
+        return replace(shape, leaves=round(0.8 * shape.leaves), leaf=0.82 * shape.leaf)
+    if season == "autumn":
+        return replace(shape, leaves=round(0.62 * shape.leaves))
+    return replace(shape, leaves=0) if season == "winter" else shape
 
 
 def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str) -> Bag:
@@ -85,8 +163,8 @@ def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
     centres = direction * (bulge * depth)[:, None] * scale
     # An egg: broadest below the middle, flatter underneath.
     lift = centres[:, 2] / half
-    centres[:, :2] *= (1.05 - 0.28 * lift)[:, None]
-    centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * 0.86, centres[:, 2])
+    centres[:, :2] *= (1.05 - settings.taper * lift)[:, None]
+    centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * settings.under, centres[:, 2])
     return np.asarray(centres + np.array([0.0, 0.0, bottom + half]))
 
 
@@ -113,7 +191,7 @@ def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.r
     """(branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
     chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
-    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-0.10)
+    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
