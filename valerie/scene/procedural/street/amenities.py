@@ -154,7 +154,7 @@ def advertising_column() -> Bag:
     """A Litfass column: a drum of posters on a plinth, below a cornice and a low dome."""
     bag = Bag()
     bag.add("concrete", lathe([(0.66, 0.0), (0.66, 0.32), (0.60, 0.38)], 28))
-    bag.add("poster", lathe([(0.58, 0.38), (0.58, 2.55)], 28, tile=1.2))
+    bag.add("poster", lathe([(0.58, 0.38), (0.58, 2.55)], 28, tile=1.9))
     bag.add("cabinet", lathe([(0.58, 2.55), (0.68, 2.6), (0.70, 2.72), (0.60, 2.8), (0.42, 2.98), (0.0, 3.1)], 28))
     return bag
 

@@ -106,7 +106,7 @@ class _Workshop:
             rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
             tree = _TREES[kind]
             shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
-            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}")
+            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}", twigs=tree.twigs)
         if kind == "face":
             return furniture.sign_face(variant)
         try:

@@ -98,7 +98,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
             y = lines.side_y
             ground.append(GroundRegion(rectangle(x0, y - SIDE_ROAD_HALF, x1, y + SIDE_ROAD_HALF), 0.0))
     extent = (left - HOUSE_DEPTH, lines.road_start, right + HOUSE_DEPTH, lines.road_stop)
-    return StreetLayout(settings, lines, tuple(plan.placements), tuple(plan.footprints), tuple(ground), extent)
+    return StreetLayout(settings, tuple(plan.placements), tuple(plan.footprints), tuple(ground), extent)
 
 
 def _seed(rng: np.random.Generator) -> int:

@@ -203,7 +203,6 @@ class StreetLayout:
 
     Attributes:
         settings: what it was made from.
-        lines: where its kerbs, fronts and ends run.
         placements: every object; paths are unique.
         footprints: what people cannot walk through.
         ground: kerb heights.
@@ -211,11 +210,15 @@ class StreetLayout:
     """
 
     settings: StreetSettings
-    lines: Lines
     placements: tuple[Placement, ...]
     footprints: tuple[Footprint, ...]
     ground: tuple[GroundRegion, ...]
     extent: tuple[float, float, float, float]
+
+    @property
+    def lines(self) -> Lines:
+        """Where its kerbs, fronts and ends run."""
+        return lines_of(self.settings)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:

@@ -51,11 +51,12 @@ class Tree:
 
     Attributes:
         shape: in summer.
-        bark, leaves: materials; no leaves' material stands for the shared ones, by variant.
+        bark, twigs, leaves: materials; without their own, twigs are as the trunk and leaves one of the shared kinds.
     """
 
     shape: TreeSettings
     bark: str = "bark"
+    twigs: str = ""
     leaves: str = ""
 
 
@@ -64,29 +65,30 @@ SPECIES = {
     "tree": Tree(TreeSettings()),
     "plane": Tree(
         TreeSettings(
-            height=10.5, fork=3.1, radius=3.1, trunk=0.21, clusters=300, branches=44, leaf=0.15, taper=0.12, under=0.66
+            height=10.5, fork=3.1, radius=3.1, trunk=0.21, clusters=310, branches=44, leaves=34, leaf=0.17, taper=0.12, under=0.66
         ),
         bark="bark-plane",
         leaves="leaves-plane",
     ),
     "birch": Tree(
         TreeSettings(
-            height=9.8, fork=2.6, radius=1.75, trunk=0.095, clusters=230, branches=40, leaves=24, leaf=0.085,
+            height=9.8, fork=2.6, radius=1.75, trunk=0.095, clusters=260, branches=44, leaves=30, leaf=0.11,
             taper=0.42, under=1.0, rise=-0.16,
         ),
         bark="bark-birch",
+        twigs="bark-cherry",
         leaves="leaves-birch",
     ),
     "hornbeam": Tree(
         TreeSettings(
-            height=8.6, fork=1.9, radius=1.25, trunk=0.12, clusters=210, branches=32, leaf=0.10, taper=0.30, under=1.0,
+            height=8.6, fork=1.9, radius=1.25, trunk=0.12, clusters=220, branches=32, leaves=34, leaf=0.12, taper=0.30, under=1.0,
             rise=0.22,
         ),
         leaves="leaves-hornbeam",
     ),
     "cherry": Tree(
         TreeSettings(
-            height=5.6, fork=1.75, radius=2.1, trunk=0.12, clusters=180, branches=30, leaf=0.10, taper=0.05, under=0.7
+            height=5.6, fork=1.75, radius=2.1, trunk=0.12, clusters=190, branches=30, leaves=34, leaf=0.12, taper=0.05, under=0.7
         ),
         bark="bark-cherry",
         leaves="leaves-cherry",
@@ -116,7 +118,7 @@ def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) ->
     return replace(shape, leaves=0) if season == "winter" else shape
 
 
-def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str) -> Bag:
+def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str, twigs: str = "") -> Bag:
     """One tree with its foot at the origin.
 
     Args:
@@ -124,6 +126,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
         rng: its own source of chance.
         bark: material of the wood.
         leaves: material of the leaves.
+        twigs: material of branches and twigs, if another.
     """
     bag = Bag()
     clusters = _crown(settings, rng)
@@ -131,7 +134,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
     limb_count = int(rng.integers(5, 7))
     limbs = _limbs(settings, fork, limb_count, rng)
     branches = _branches(settings, limbs, clusters, rng)
-    twigs = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
+    fine = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
     trunk = _bezier(np.zeros((1, 3)), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
     flare = np.array([1.45, 1.08, 1.0, 0.95, 0.9, 0.88, 0.86]) * settings.trunk
     wood = (0.5, 1.0)
@@ -139,8 +142,11 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
         bark,
         tubes(trunk, flare[None], 10, tile=wood),
         tubes(limbs, np.linspace(0.62, 0.2, limbs.shape[1])[None] * settings.trunk, 7, tile=wood),
+    )
+    bag.add(
+        twigs or bark,
         tubes(branches, np.linspace(0.24, 0.08, branches.shape[1])[None] * settings.trunk, 4, tile=wood),
-        tubes(twigs, np.linspace(0.075, 0.02, twigs.shape[1])[None] * settings.trunk, 3, tile=wood),
+        tubes(fine, np.linspace(0.075, 0.02, fine.shape[1])[None] * settings.trunk, 3, tile=wood),
     )
     bag.add(leaves, _leaves(settings, clusters, rng))
     return bag

@@ -115,7 +115,7 @@ def posters(rng: np.random.Generator) -> Image:
     """(256, 256, 3) sRGB: four posters: a coloured ground, a large shape, lines of dark marks that stand for text."""
     picture = np.zeros((256, 256, 3), np.float32)
     y, x = (np.mgrid[0:128, 0:128] + 0.5) / 128.0
-    grounds = ((0.55, 0.50, 0.40), (0.05, 0.12, 0.30), (0.50, 0.10, 0.05), (0.60, 0.45, 0.06))
+    grounds = ((0.50, 0.48, 0.43), (0.05, 0.08, 0.14), (0.24, 0.07, 0.05), (0.34, 0.36, 0.33))
     for k, paper in enumerate(grounds):
         sheet = np.broadcast_to(np.array(paper), (128, 128, 3)) * (1.1 - 0.3 * y[..., None])
         middle = rng.uniform(0.3, 0.7, 2)
