@@ -51,7 +51,11 @@ def build_street(layout: StreetLayout) -> StreetContent:
         Part(placement.path, _transform(placement), workshop.meshes(placement)) for placement in layout.placements
     )
     used = {mesh.material for part in parts for mesh in part.meshes}
-    materials = {name: material for name, material in make_materials(layout.settings.seed).items() if name in used}
+    materials = {
+        name: material
+        for name, material in make_materials(layout.settings.seed, reliefs=layout.settings.variety == "mixed").items()
+        if name in used
+    }
     wanted = {
         texture
         for material in materials.values()

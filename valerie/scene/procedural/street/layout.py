@@ -42,6 +42,8 @@ HOUSE_STYLES = STYLES["mixed"]
 #: Styles whose gables face the street: not for wide plots.
 _NARROW = {"gable", "timber"}
 HOUSE_DEPTH = 11.0
+#: Houses in a side street are less deep than the narrowest corner house is wide.
+_SIDE_DEPTH = 7.9
 #: Width and length of each body type, metres; mirrors excluded.
 CAR_SIZES = {"hatch": (1.78, 4.26), "saloon": (1.82, 4.66), "van": (1.92, 4.98)}
 CAR_MODELS = 6
@@ -127,7 +129,9 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
         since_garden = 0 if garden else since_garden + 1
         if garden:
             setback = 1.7
-        if lines.setback > 0.0:
+        if any(lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y, y + width)):
+            garden, setback = False, lines.setback  # a corner: the side street's houses begin at its back
+        elif lines.setback > 0.0:
             garden, setback = lines.setback >= 1.5, lines.setback
         front = lines.left_front - setback if left else lines.right_front + setback
         heading, start = (0.5 * math.pi, y) if left else (-0.5 * math.pi, y + width)
@@ -166,22 +170,23 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
                 # Fronts face the side street: those before it (smaller y) look to +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
                 style = str(rng.choice([s for s in _ENDS[plan.settings.variety] if s != previous]))
-                _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width))
+                _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width), _SIDE_DEPTH)
                 previous, x = style, x + outward * float(width)
         heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
         _add_house(plan, rng, "classic", end, origin, heading, 22.0)
 
 
 def _add_house(
-    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float
-) -> None:
+    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float,
+    depth: float = HOUSE_DEPTH,
+) -> None:  # fmt: skip
     """A house with its left end at (x, y), and its footprint."""
     bays, door = _bays(width, rng)
     house = plan.add(
         "building", style, x, y, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
-        size=(round(width, 3), HOUSE_DEPTH, bays, door), variant=int(rng.integers(4, 6)),
+        size=(round(width, 3), depth, bays, door), variant=int(rng.integers(4, 6)),
     )  # fmt: skip
-    plan.block(house, turned_rectangle(x, y, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
+    plan.block(house, turned_rectangle(x, y, heading, (0.0, 0.0), (width, depth)))
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:

@@ -34,6 +34,8 @@ _PAINT_WEIGHTS = np.array([3.0, 3.0, 3.0, 2.5, 2.0, 1.6, 0.7, 0.8, 1.0, 1.0, 0.4
 _LEAVES: tuple[Color, ...] = (
     (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
 )  # fmt: skip
+#: Materials of carriageways; each has a texture of the same name.
+_SURFACES = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
 _BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
 _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
 
@@ -72,6 +74,7 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     images |= _other_ground(settings)
     if settings.variety == "mixed":
         images |= _mixed(settings)
+        images |= _reliefs(settings, images)
     return {name: Texture(name, image) for name, image in images.items()}
 
 
@@ -90,6 +93,15 @@ def _other_ground(settings: StreetSettings) -> dict[str, ground.Image]:
         plain = ground.setts(side, zebra=False, lane=())[0] if settings.surface == "paving" else None
         images["asphalt-side"] = ground.asphalt(side, zebra=False, lane=()) if plain is None else plain
     return images
+
+
+def _reliefs(settings: StreetSettings, images: dict[str, ground.Image]) -> dict[str, ground.Image]:
+    """Normals for each picture of asphalt, instead of one for all."""
+    if settings.surface == "paving":
+        return {f"{name}-normal": images["asphalt-normal"] for name in _SURFACES if name in images}
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7008]))
+    width = lines_of(settings).width
+    return {f"{name}-normal": ground.relief(images[name], rng, width) for name in _SURFACES if name in images}
 
 
 #: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
@@ -127,11 +139,16 @@ def leaf_color(summer: Color, season: Season) -> Color:
     return red, green, blue
 
 
-def make_materials(seed: int) -> dict[str, Material]:
-    """All materials; the seed chooses the colours of render, doors, roofs and cars."""
+def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
+    """All materials; the seed chooses the colours of render, doors, roofs and cars.
+
+    Args:
+        seed: of the street.
+        reliefs: give each picture of asphalt normals of its own.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
-        *_ground(),
+        *_ground(reliefs=reliefs),
         *_walls(rng),
         *_cars(rng),
         Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
@@ -166,11 +183,13 @@ def _leaf(k: int | str) -> Material:
     return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
 
 
-def _ground() -> list[Material]:
-    surfaces = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
+def _ground(*, reliefs: bool) -> list[Material]:
     white = (1.0, 1.0, 1.0)
     return [
-        *(Material(name, white, name, "asphalt-normal", roughness=0.88) for name in surfaces),
+        *(
+            Material(name, white, name, f"{name}-normal" if reliefs else "asphalt-normal", roughness=0.88)
+            for name in _SURFACES
+        ),
         Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
         Material("paving", white, "paving", "paving-normal", roughness=0.85),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
