@@ -35,7 +35,7 @@ _BAND = ((0.0, 0.0), (0.06, 0.02), (0.10, 0.10), (0.10, 0.16), (0.0, 0.20))
 def _house(
     placement: Placement, floors: int, ground: float, floor: float, trim: Trim, roof: str, pitch: float
 ) -> House:
-    width, depth, bays, door = placement.size
+    width, depth, bays, door = placement.size[:4]
     return House(width, depth, int(bays), int(door), floors, ground, floor, trim, roof, pitch)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from valerie.scene.procedural.street.facade import Opening, Trim, build_front, moulding, railing
-from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, quads, tubes
+from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, pose, quads, tubes
 from valerie.scene.procedural.street.plan import Placement
 from valerie.scene.procedural.street.textures.walls import BRICK_TILE, RENDER_TILE, ROOF_TILE, STONE_TILE
 
@@ -52,7 +52,26 @@ def build_house(placement: Placement) -> Bag:
     else:
         add_eaves_roof(bag, house, rng, dormers=placement.kind in {"classic", "brick", "shop"})
     add_chimneys(bag, house, rng, gabled=gabled)
+    if len(placement.size) > 4:
+        _corner_front(bag, house, rng, first=placement.size[4] < 0.0)
     return bag
+
+
+def _corner_front(bag: Bag, house: House, rng: np.random.Generator, *, first: bool) -> None:
+    """A second front, a brick thick, on the side wall that a side street lays bare: at x = 0 (``first``) or the other."""
+    thick, d, h = 0.2, house.depth, house.eaves - 0.05
+    side = Bag()
+    centres = (np.arange(4) + 0.5) * d / 4.0
+    levels = [0.0, *(house.ground_floor + k * house.floor for k in range(house.floors - 1))]
+    openings = [Opening(x - 0.5, x + 0.5, z + 1.0, min(z + 2.6, h - 0.45), "window") for z in levels for x in centres]
+    build_front(side, d, h, openings, replace(house.trim, depth=0.12), rng)
+    ends = [[(0, thick, 0), (0, 0, 0), (0, 0, h), (0, thick, h)], [(d, 0, 0), (d, thick, 0), (d, thick, h), (d, 0, h)]]
+    side.add(house.trim.wall, quads(ends, tile=house.trim.tile))
+    side.add("stone", boxes([[0.0, -0.05, -0.15]], [[d, 0.0, 0.62]], skip=("+y", "-z"), tile=STONE_TILE))
+    side.add("stucco", moulding(d, house.ground_floor - 0.1, _BAND), moulding(d, h - 0.44, CORNICE))
+    side.add("zinc", quads([[(0, 0, h), (d, 0, h), (d, thick, h), (0, thick, h)]]))
+    w = house.width
+    bag.merge(side, pose(-thick, d, 0.0, -0.5 * np.pi) if first else pose(w + thick, 0.0, 0.0, 0.5 * np.pi))
 
 
 def _decide(placement: Placement, rng: np.random.Generator) -> House:

@@ -39,6 +39,8 @@ _ENDS = {
     "mixed": ("brick", "classic", "plain", "shop", "mansard", "bay", "modern"),
 }
 HOUSE_STYLES = STYLES["mixed"]
+#: Styles of corner houses.
+_CORNERS = ("brick", "classic", "plain", "shop")
 #: Styles whose gables face the street: not for wide plots.
 _NARROW = {"gable", "timber"}
 HOUSE_DEPTH = 11.0
@@ -123,14 +125,18 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
         if rest < width + 9.0:
             width = rest if rest < 16.0 else 0.5 * rest
         choices = [style for style in styles if style != previous and not (style in _NARROW and width > 12.5)]
+        # A corner: its side wall is a second front, and the side street's houses begin at its back.
+        before, behind = (lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y + width, y))
+        if before or behind:
+            choices = [style for style in _CORNERS if style != previous]
         style = str(rng.choice(choices))
         setback = float(rng.choice([0.0, 0.0, 0.12, 0.3]))
         garden = style in {"brick", "plain", "bay"} and since_garden > 1 and rng.random() < 0.6
         since_garden = 0 if garden else since_garden + 1
         if garden:
             setback = 1.7
-        if any(lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y, y + width)):
-            garden, setback = False, lines.setback  # a corner: the side street's houses begin at its back
+        if before or behind:
+            garden, setback = False, lines.setback
         elif lines.setback > 0.0:
             garden, setback = lines.setback >= 1.5, lines.setback
         front = lines.left_front - setback if left else lines.right_front + setback
@@ -138,7 +144,8 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
         bays, door = _bays(width, rng)
         house = plan.add(
             "building", style, front, start, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
-            size=(round(width, 3), HOUSE_DEPTH, bays, door), variant=int(rng.choice([3, 3, 4, 4, 5])),
+            size=(round(width, 3), HOUSE_DEPTH, bays, door, *((1.0 if before == left else -1.0,) if before or behind else ())),
+            variant=int(rng.choice([3, 3, 4, 4, 5])),
         )  # fmt: skip
         plan.block(house, turned_rectangle(front, start, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
         if garden:
@@ -381,7 +388,7 @@ def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> N
     taken = []
     for house in plan.placements:
         if house.object_class == "building" and house.heading == heading:
-            width, _, bays, door = house.size
+            width, _, bays, door = house.size[:4]
             taken.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
     x = front + 0.42 if left else front - 0.42
     for y in rng.uniform(6.0, plan.lines.row_stop - 15.0, round(plan.settings.length_m / 22.0)):
