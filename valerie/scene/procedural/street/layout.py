@@ -325,7 +325,7 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
                 heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
                 size=(float(rng.uniform(0.92, 1.1)),),
             )  # fmt: skip
-            plan.block(tree, disc(x, here, 0.2))
+            plan.block(tree, disc(x, here, 0.3 if tree.kind.endswith("plane") else 0.2))
             trunks.append((left, here))
     for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
         tree = plan.add(
@@ -363,7 +363,7 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
 
     for left in (True, False):
         y = 12.0 if left else 24.5
-        for k in range(-1, math.ceil((plan.lines.row_stop - 12.0) / 25.0)):
+        for k in range(-1, math.floor((plan.lines.row_stop - 4.0 - y) / 25.0) + 1):
             place = free(y + 25.0 * k + float(rng.uniform(-1.5, 1.5)), left=left)
             if not CAMERA_CORRIDOR[1] - 2.0 < place < CAMERA_CORRIDOR[3]:
                 kerbside("pole", "lamp", place, 0.09, left=left)
