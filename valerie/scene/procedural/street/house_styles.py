@@ -279,13 +279,14 @@ def build_timber(placement: Placement) -> Bag:
     eaves = house.ground_floor + (house.floors - 1) * house.floor
     _timber_gable(bag, house, eaves, rng)
     d = house.depth
-    bag.add("render-side", quads([
+    walls = [
         [(0, d, 0), (0, depth, 0), (0, depth, eaves), (0, d, eaves)],
         [(w, depth, 0), (w, d, 0), (w, d, eaves), (w, depth, eaves)],
         [(0, depth, house.ground_floor), (0, 0, house.ground_floor), (0, 0, eaves), (0, depth, eaves)],
         [(w, 0, house.ground_floor), (w, depth, house.ground_floor), (w, depth, eaves), (w, 0, eaves)],
         [(w, d, 0), (0, d, 0), (0, d, eaves), (w, d, eaves)],
-    ], tile=RENDER_TILE))  # fmt: skip
+    ]
+    bag.add("render-side", quads(np.array(walls, np.float64), tile=RENDER_TILE))
     return bag
 
 
@@ -406,7 +407,7 @@ def build_modern(placement: Placement) -> Bag:
         [(w, 0, 0), (w, d, 0), (w, d, top + 0.5), (w, 0, top + 0.5)],
         [(w, d, 0), (0, d, 0), (0, d, top + 0.5), (w, d, top + 0.5)],
     ]
-    bag.add(wall if wall.startswith("brick") else "render-side", quads(walls, tile=trim.tile))
+    bag.add(wall if wall.startswith("brick") else "render-side", quads(np.array(walls, np.float64), tile=trim.tile))
     bag.add("concrete", quads([[(0, 0, top + 0.1), (w, 0, top + 0.1), (w, d, top + 0.1), (0, d, top + 0.1)]], tile=2.0))
     bag.add(
         "zinc",

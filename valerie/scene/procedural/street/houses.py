@@ -66,7 +66,7 @@ def _corner_front(bag: Bag, house: House, rng: np.random.Generator, *, first: bo
     openings = [Opening(x - 0.5, x + 0.5, z + 1.0, min(z + 2.6, h - 0.45), "window") for z in levels for x in centres]
     build_front(side, d, h, openings, replace(house.trim, depth=0.12), rng)
     ends = [[(0, thick, 0), (0, 0, 0), (0, 0, h), (0, thick, h)], [(d, 0, 0), (d, thick, 0), (d, thick, h), (d, 0, h)]]
-    side.add(house.trim.wall, quads(ends, tile=house.trim.tile))
+    side.add(house.trim.wall, quads(np.array(ends, np.float64), tile=house.trim.tile))
     side.add("stone", boxes([[0.0, -0.05, -0.15]], [[d, 0.0, 0.62]], skip=("+y", "-z"), tile=STONE_TILE))
     side.add("stucco", moulding(d, house.ground_floor - 0.1, _BAND), moulding(d, h - 0.44, CORNICE))
     side.add("zinc", quads([[(0, 0, h), (d, 0, h), (d, thick, h), (0, thick, h)]]))
