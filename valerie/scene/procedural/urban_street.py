@@ -45,7 +45,7 @@ from valerie.scene.transforms import camera_transform, place
 
 NAME: Final = "urban-street"
 #: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
-REVISION: Final = 1
+REVISION: Final = 2
 
 #: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0

@@ -72,9 +72,10 @@ def shape_digest(content: StreetContent) -> str:
     return digest.hexdigest()
 
 
-def test_the_arguments_defaults_are_the_street_that_had_none(content: StreetContent) -> None:
-    # Taken from the street before it had other arguments than a seed.
-    assert shape_digest(content).startswith("ebe16a11090dba18914b")
+def test_the_first_street_can_still_be_made() -> None:
+    # The digest was taken from the street before it had other arguments than a seed.
+    first = StreetSettings(seed=0, length_m=132.0, side_street="none", variety="plain")
+    assert shape_digest(build_street(layout_street(first))).startswith("ebe16a11090dba18914b")
 
 
 def test_other_seeds_paint_houses_cars_and_roofs_in_other_colours() -> None:
@@ -91,9 +92,9 @@ def test_every_placement_becomes_a_part_with_a_shape(content: StreetContent) -> 
 
 def test_triangles_and_texture_memory_stay_in_budget(content: StreetContent) -> None:
     triangles = sum(len(mesh.faces) for part in content.parts for mesh in part.meshes)
-    assert 200_000 <= triangles <= 350_000
+    assert 300_000 <= triangles <= 600_000
     images = [texture.image for texture in content.textures.values()]
-    assert sum(image.nbytes for image in images) <= 40e6
+    assert sum(image.nbytes for image in images) <= 54e6
     assert max(max(image.shape) for image in images) <= 1024
 
 

@@ -51,15 +51,15 @@ class StreetSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     seed: int = Field(default=0, ge=0, lt=2**63)
-    length_m: float = Field(default=132.0, ge=100.0, le=300.0)
+    length_m: float = Field(default=165.0, ge=100.0, le=300.0)
     lanes: int = Field(default=1, ge=1, le=6)
     lane_width_m: float = Field(default=2.4, ge=2.2, le=4.5)
     pavement_width_m: float = Field(default=2.8, ge=1.8, le=8.0)
     kerb_height_m: float = Field(default=KERB_HEIGHT, ge=0.02, le=0.2)
     setback_m: float = Field(default=0.0, ge=0.0, le=8.0)
-    side_street: Literal["none", "left", "right", "both"] = "none"
+    side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
-    variety: Literal["plain", "mixed"] = "plain"
+    variety: Literal["plain", "mixed"] = "mixed"
     season: Season = "summer"
 
 
