@@ -28,9 +28,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
@@ -51,7 +51,7 @@ from valerie.scene.transforms import camera_transform
 
 NAME: Final = "urban-street"
 #: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
-REVISION: Final = 2
+REVISION: Final = 3
 
 #: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
@@ -63,16 +63,16 @@ SENSOR_WIDTH_MM: Final = 36.0
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
 
-class Settings(GeneratorSettings):
-    """What the street can be told.
+class Settings(StreetSettings, GeneratorSettings):
+    """What the street can be told: see `StreetSettings`."""
 
-    Attributes:
-        seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
-        persons: how many people there can be; all but the first are absent by default.
-    """
-
-    seed: int = Field(default=0, ge=0, lt=2**63)
     persons: int = Field(default=2, ge=1, le=len(PLACES))
+
+    @model_serializer(mode="wrap")
+    def _told(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The seed and what differs from the default: a new argument leaves the digests of older assets alone."""
+        fields = type(self).model_fields
+        return {name: value for name, value in handler(self).items() if name == "seed" or value != fields[name].default}
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +107,12 @@ _PEOPLE_Y: Final = 18.0
 
 def make_manifest(settings: Settings) -> Manifest:
     """What the asset declares; milliseconds, no meshes."""
-    layout = layout_street(_street_settings(settings))
+    layout = layout_street(settings)
     paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
     return Manifest(
         name=NAME,
         title="Urban street",
-        description="A generated street of about 110 m with houses, trees and parked cars, and pedestrians.",
+        description=f"A generated street of {settings.length_m:.0f} m with houses, trees, vehicles and pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
         parameters=tuple(_parameters(settings, layout)),
@@ -130,7 +130,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     """The street with its people; a few CPU seconds for the street, while people are made when they are looked at."""
     from valerie.scene.procedural.street.build import build_street
 
-    layout = layout_street(_street_settings(settings))
+    layout = layout_street(settings)
     content = build_street(layout)
     nodes = [Node(part.path, part.transform, part.meshes) for part in content.parts]
     materials = dict(content.materials)
@@ -155,10 +155,6 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     )
 
 
-def _street_settings(settings: Settings) -> StreetSettings:
-    return StreetSettings(seed=settings.seed)
-
-
 def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
     for footprint in layout.footprints:
         name = footprint.path.rpartition(".")[2]
@@ -167,7 +163,7 @@ def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
             path=footprint.path,
             polygon=footprint.polygon,
             reason=f"inside {name}",
-            height_m=_HEIGHTS_M.get(object_class),
+            height_m=footprint.height or _HEIGHTS_M.get(object_class),
         )
 
 

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from valerie.labels import label_of_node_class
-from valerie.scene.procedural.street.layout import CROSSINGS, layout_street
+from valerie.scene.procedural.street.layout import layout_street
 from valerie.scene.procedural.street.plan import (
     CAMERA_CORRIDOR,
     LEFT_KERB,
@@ -88,11 +88,13 @@ def test_nothing_stands_between_the_cameras_and_the_first_cars(layout: StreetLay
 def test_cars_stand_in_the_bays_apart_from_each_other_and_off_the_crossings(layout: StreetLayout) -> None:
     cars = [polygon for path, polygon in polygons(layout).items() if path.startswith("scene.car-")]
     assert len(cars) >= 8
-    bays = shapely.box(LEFT_KERB, -30.0, RIGHT_KERB, 110.0)
+    bays = shapely.box(LEFT_KERB, -30.0, RIGHT_KERB, layout.lines.row_stop)
     assert all(bays.contains(car) for car in cars)
     for number, car in enumerate(cars):
         assert all(car.distance(other) > 0.5 for other in cars[number + 1 :])
-        assert all(car.distance(shapely.box(LEFT_KERB, c - 2.0, RIGHT_KERB, c + 2.0)) > 3.0 for c in CROSSINGS)
+        assert all(
+            car.distance(shapely.box(LEFT_KERB, c - 2.0, RIGHT_KERB, c + 2.0)) > 3.0 for c in layout.lines.crossings
+        )
 
 
 def test_no_two_solid_things_overlap(layout: StreetLayout) -> None:
@@ -139,7 +141,7 @@ def test_a_layout_holds_no_arrays(layout: StreetLayout) -> None:
         return [value]
 
     kinds = {type(leaf) for leaf in leaves(layout)}
-    assert kinds <= {str, float, int, StreetSettings}
+    assert kinds <= {str, float, int, type(None), StreetSettings}
 
 
 def test_a_turned_rectangle_keeps_its_area_and_turns_counter_clockwise() -> None:

@@ -1,4 +1,4 @@
-"""The generated urban street: about 110 m of houses, trees, parked cars and street furniture from one seed.
+"""The generated urban street: houses, trees, parked cars and street furniture from one seed.
 
 `layout_street` decides what stands where (cheap, no shapes); `build_street` gives it shape, materials and textures.
 """

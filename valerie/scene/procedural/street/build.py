@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from valerie.errors import UnknownName
 from valerie.scene.model import Material, Matrix, Mesh, Texture
-from valerie.scene.procedural.street import furniture, road
+from valerie.scene.procedural.street import amenities, furniture, house_styles, road
 from valerie.scene.procedural.street.geometry import Bag, pose
 from valerie.scene.procedural.street.houses import build_house
 from valerie.scene.procedural.street.layout import HOUSE_STYLES
 from valerie.scene.procedural.street.materials import make_materials, make_textures
-from valerie.scene.procedural.street.plan import Placement, StreetLayout
-from valerie.scene.procedural.street.trees import TreeSettings, build_tree
+from valerie.scene.procedural.street.plan import Lines, Placement, StreetLayout
+from valerie.scene.procedural.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
 from valerie.scene.procedural.vehicles.build import KINDS, build_vehicle, vehicle_seed
 from valerie.scene.procedural.vehicles.content import VehicleContent
 
@@ -46,7 +46,7 @@ class StreetContent:
 
 def build_street(layout: StreetLayout) -> StreetContent:
     """Give every placement of a layout its shape; a few CPU seconds. Equal layouts give equal bytes."""
-    workshop = _Workshop(layout.settings.seed)
+    workshop = _Workshop(layout)
     parts: list[Part] = []
     for placement in layout.placements:
         if placement.kind in KINDS:
@@ -56,7 +56,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
         else:
             parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
     used = {mesh.material for part in parts for mesh in part.meshes}
-    made = make_materials(layout.settings.seed) | workshop.materials
+    made = make_materials(layout.settings.seed, reliefs=layout.settings.variety == "mixed") | workshop.materials
     materials = {name: material for name, material in made.items() if name in used}
     wanted = {
         texture
@@ -64,14 +64,14 @@ def build_street(layout: StreetLayout) -> StreetContent:
         for texture in (material.base_color_texture, material.normal_texture)
         if texture
     }
-    painted = make_textures(layout.settings.seed) | workshop.textures
+    painted = make_textures(layout.settings) | workshop.textures
     textures = {name: texture for name, texture in painted.items() if name in wanted}
     return StreetContent(tuple(parts), materials, textures)
 
 
 def _transform(placement: Placement) -> Matrix:
     matrix = pose(placement.x, placement.y, placement.z, placement.heading)
-    if placement.kind in {"tree", "far-tree"}:
+    if placement.kind in _TREES:
         matrix[:3, :3] *= placement.size[0]
     return matrix
 
@@ -79,8 +79,9 @@ def _transform(placement: Placement) -> Matrix:
 class _Workshop:
     """Builds what is unique and keeps what is shared."""
 
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
+    def __init__(self, layout: StreetLayout) -> None:
+        self._seed = layout.settings.seed
+        self._settings, self._lines = layout.settings, layout.lines
         self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
         self._vehicles: dict[tuple[str, int, bool], VehicleContent] = {}
         self.materials: dict[str, Material] = {}
@@ -104,8 +105,12 @@ class _Workshop:
             UnknownName: no builder knows the placement's kind.
         """
         kind = placement.kind
+        if kind in house_styles.BUILDERS:
+            return house_styles.BUILDERS[kind](placement).meshes()
         if kind in HOUSE_STYLES:
             return build_house(placement).meshes()
+        if kind in _GROUND:
+            return _GROUND[kind](placement, self._lines).meshes()
         if kind in _UNIQUE:
             return _UNIQUE[kind](placement).meshes()
         key = (kind, placement.variant)
@@ -116,43 +121,64 @@ class _Workshop:
     def _build_shared(self, kind: str, variant: int) -> Bag:
         if kind in _TREES:
             rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
-            return build_tree(_TREES[kind], rng, bark="bark", leaves=f"leaves-{variant}")
+            tree = _TREES[kind]
+            shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
+            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}", twigs=tree.twigs)
         if kind == "face":
             return furniture.sign_face(variant)
         try:
             return _SHARED[kind]()
         except KeyError:
-            known = (*HOUSE_STYLES, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            known = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
             raise UnknownName("kind of street object", kind, known) from None
 
 
 #: Where along the street cars are seen from near enough for all their details, metres.
 _NEAR = (-20.0, 34.0)
 
-_TREES = {
-    "tree": TreeSettings(),
-    "far-tree": TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20),
+
+def _with_far(near: dict[str, Tree]) -> dict[str, Tree]:
+    return near | {f"far-{kind}": replace(tree, shape=from_afar(tree.shape)) for kind, tree in near.items()}
+
+
+_TREES = _with_far(SPECIES) | {
+    "far-tree": Tree(TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20)),
 }
 
-_UNIQUE: dict[str, Callable[[Placement], Bag]] = {
+_GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
     "carriageway": road.build_carriageway,
     "left": road.build_footway,
     "right": road.build_footway,
+    "side-road": road.build_side_road,
+    "cross-footway": road.build_cross_footway,
+    "outskirts": lambda _, lines: road.build_outskirts(lines),
+}
+
+_UNIQUE: dict[str, Callable[[Placement], Bag]] = {
     "garden": road.build_garden,
     "hedge": furniture.hedge,
+    "cabinet": amenities.cabinet,
+    "guard-rail": amenities.guard_rail,
     "planter": furniture.planter,
     "railing": lambda placement: furniture.iron_railing(placement.size[0]),
     "low": lambda placement: furniture.low_wall(placement.size[0]),
     "bins": lambda placement: furniture.bins(placement.seed),
     "cross-road": road.build_cross_road,
-    "cross-footway": road.build_cross_footway,
+    "side-footway": road.build_side_footway,
 }
 
 _SHARED: dict[str, Callable[[], Bag]] = {
-    "outskirts": road.build_outskirts,
     "lamp": furniture.lamp_post,
     "post": furniture.post,
     "signal-post": lambda: furniture.post(3.4, 0.055),
     "bollard": furniture.bollard,
     "signal": furniture.signal,
+    "bench": amenities.bench,
+    "litter-bin": amenities.litter_bin,
+    "stand": amenities.bicycle_stand,
+    "shelter": amenities.shelter,
+    "stop-flag": amenities.stop_flag,
+    "column": amenities.advertising_column,
+    "pit": amenities.tree_pit,
+    "mast": amenities.mast,
 }

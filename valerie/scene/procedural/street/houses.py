@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from valerie.scene.procedural.street.facade import Opening, Trim, build_front, moulding, railing
-from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, quads, tubes
+from valerie.scene.procedural.street.geometry import Bag, Floats, boxes, fan, pose, quads, tubes
 from valerie.scene.procedural.street.plan import Placement
 from valerie.scene.procedural.street.textures.walls import BRICK_TILE, RENDER_TILE, ROOF_TILE, STONE_TILE
 
@@ -17,7 +17,7 @@ ROOF_COLORS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class _House:
+class House:
     """What one house decided on: metres, materials."""
 
     width: float
@@ -44,24 +44,43 @@ def build_house(placement: Placement) -> Bag:
     openings = _openings(house, placement.kind, rng)
     gabled = placement.kind == "gable"
     build_front(bag, house.width, house.eaves, openings, house.trim, rng)
-    _other_walls(bag, house, gabled=gabled)
-    _base(bag, house, openings)
+    other_walls(bag, house, gabled=gabled)
+    add_base(bag, house, openings)
     _ornaments(bag, house, placement.kind, openings, rng)
     if gabled:
         _gable_roof(bag, house, rng)
     else:
-        _eaves_roof(bag, house, rng, dormers=placement.kind in {"classic", "brick", "shop"})
-    _chimneys(bag, house, rng, gabled=gabled)
+        add_eaves_roof(bag, house, rng, dormers=placement.kind in {"classic", "brick", "shop"})
+    add_chimneys(bag, house, rng, gabled=gabled)
+    if len(placement.size) > 4:
+        _corner_front(bag, house, rng, first=placement.size[4] < 0.0)
     return bag
 
 
-def _decide(placement: Placement, rng: np.random.Generator) -> _House:
+def _corner_front(bag: Bag, house: House, rng: np.random.Generator, *, first: bool) -> None:
+    """A second front, a brick thick, on the side wall that a side street lays bare: at x = 0 (``first``) or the other."""
+    thick, d, h = 0.2, house.depth, house.eaves - 0.05
+    side = Bag()
+    centres = (np.arange(4) + 0.5) * d / 4.0
+    levels = [0.0, *(house.ground_floor + k * house.floor for k in range(house.floors - 1))]
+    openings = [Opening(x - 0.5, x + 0.5, z + 1.0, min(z + 2.6, h - 0.45), "window") for z in levels for x in centres]
+    build_front(side, d, h, openings, replace(house.trim, depth=0.12), rng)
+    ends = [[(0, thick, 0), (0, 0, 0), (0, 0, h), (0, thick, h)], [(d, 0, 0), (d, thick, 0), (d, thick, h), (d, 0, h)]]
+    side.add(house.trim.wall, quads(np.array(ends, np.float64), tile=house.trim.tile))
+    side.add("stone", boxes([[0.0, -0.05, -0.15]], [[d, 0.0, 0.62]], skip=("+y", "-z"), tile=STONE_TILE))
+    side.add("stucco", moulding(d, house.ground_floor - 0.1, _BAND), moulding(d, h - 0.44, CORNICE))
+    side.add("zinc", quads([[(0, 0, h), (d, 0, h), (d, thick, h), (0, thick, h)]]))
+    w = house.width
+    bag.merge(side, pose(-thick, d, 0.0, -0.5 * np.pi) if first else pose(w + thick, 0.0, 0.0, 0.5 * np.pi))
+
+
+def _decide(placement: Placement, rng: np.random.Generator) -> House:
     kind, floors = placement.kind, placement.variant
     width, depth = placement.size[:2]
     bays, door_bay = int(placement.size[2]), int(placement.size[3])
 
-    def house(floors: int, ground_floor: float, floor: float, trim: Trim, pitch: float) -> _House:
-        return _House(width, depth, bays, door_bay, floors, ground_floor, floor, trim, roof, pitch)
+    def house(floors: int, ground_floor: float, floor: float, trim: Trim, pitch: float) -> House:
+        return House(width, depth, bays, door_bay, floors, ground_floor, floor, trim, roof, pitch)
 
     tint = f"render-{rng.integers(RENDER_COLORS)}"
     door = f"door-{rng.integers(DOOR_COLORS)}"
@@ -104,7 +123,7 @@ def _decide(placement: Placement, rng: np.random.Generator) -> _House:
     return house(floors, 4.0, float(rng.uniform(3.0, 3.3)), trim, 40.0)
 
 
-def _openings(house: _House, kind: str, rng: np.random.Generator) -> list[Opening]:
+def _openings(house: House, kind: str, rng: np.random.Generator) -> list[Opening]:
     bays, door_bay = house.bays, house.door_bay
     pitch = house.width / bays
     wide = float(np.clip(pitch * rng.uniform(0.40, 0.48), 0.9, 1.45))
@@ -153,7 +172,7 @@ def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> boo
     return bay == bays // 2 and floor == 1
 
 
-def _other_walls(bag: Bag, house: _House, *, gabled: bool) -> None:
+def other_walls(bag: Bag, house: House, *, gabled: bool) -> None:
     """Party walls and back: plain, seen where a neighbour is lower."""
     w, d, h = house.width, house.depth, house.eaves
     faces = np.array(
@@ -172,7 +191,7 @@ def _other_walls(bag: Bag, house: _House, *, gabled: bool) -> None:
             fan([(w, 0, h), (w, d, h), (w, 0.5 * d, h + rise)], tile=house.trim.tile))  # fmt: skip
 
 
-def _base(bag: Bag, house: _House, openings: list[Opening]) -> None:
+def add_base(bag: Bag, house: House, openings: list[Opening]) -> None:
     """Plinth between the doors and shop fronts."""
     holes = sorted((o.x0 - 0.02, o.x1 + 0.02) for o in openings if o.z0 < 0.5)
     starts = [0.0, *(stop for _, stop in holes)]
@@ -184,15 +203,15 @@ def _base(bag: Bag, house: _House, openings: list[Opening]) -> None:
         bag.add("stone", boxes(low, np.stack([spans[:, 1], flat, flat + 0.62], -1), skip=("+y", "-z"), tile=STONE_TILE))
 
 
-_CORNICE = ((0.0, 0.0), (0.05, 0.0), (0.07, 0.10), (0.16, 0.14), (0.18, 0.24), (0.34, 0.30), (0.36, 0.42), (0.0, 0.44))
+CORNICE = ((0.0, 0.0), (0.05, 0.0), (0.07, 0.10), (0.16, 0.14), (0.18, 0.24), (0.34, 0.30), (0.36, 0.42), (0.0, 0.44))
 _BAND = ((0.0, 0.0), (0.05, 0.02), (0.09, 0.10), (0.09, 0.16), (0.0, 0.20))
 
 
-def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng: np.random.Generator) -> None:
+def _ornaments(bag: Bag, house: House, kind: str, openings: list[Opening], rng: np.random.Generator) -> None:
     w = house.width
     if kind in {"classic", "brick", "shop"}:
         bag.add("stucco", moulding(w, house.ground_floor - 0.1, _BAND))
-        bag.add("stucco", moulding(w, house.eaves - 0.44, _CORNICE))
+        bag.add("stucco", moulding(w, house.eaves - 0.44, CORNICE))
     if kind == "classic":
         # Rusticated ground floor: ashlar piers between the openings, proud of the wall.
         holes = sorted((o.x0 - 0.26, o.x1 + 0.26) for o in openings if o.z0 < 2.0)
@@ -214,13 +233,13 @@ def _ornaments(bag: Bag, house: _House, kind: str, openings: list[Opening], rng:
         bag.add("stucco", boxes(low3, low3 + np.array([0.12, 0.24, 0.2]), skip=("+y",)))
     for o in openings:
         if o.kind == "french":
-            _balcony(bag, o, solid=kind == "plain" and rng.random() < 0.5, deep=1.05 if kind == "plain" else 0.7)
+            add_balcony(bag, o, solid=kind == "plain" and rng.random() < 0.5, deep=1.05 if kind == "plain" else 0.7)
     if kind == "shop":
-        _shop_boards(bag, openings, rng)
-    _drainpipes(bag, house)
+        add_shop_boards(bag, openings, rng)
+    add_drainpipes(bag, house)
 
 
-def _balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
+def add_balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
     x0, x1, z = o.x0 - 0.55, o.x1 + 0.55, o.z0 - 0.02
     bag.add("stucco", boxes([[x0, -deep, z - 0.16]], [[x1, 0.02, z]], skip=("+y",), tile=2.0))
     if solid:
@@ -233,7 +252,7 @@ def _balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
     bag.add("hedge", boxes([[x0 + 0.15, -deep - 0.12, z + 0.72]], [[x1 - 0.15, -deep + 0.02, z + 0.98]]))
 
 
-def _shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator) -> None:
+def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator) -> None:
     """Name boards over the shop windows, mostly an awning over the first."""
     for k, o in enumerate(o for o in openings if o.kind == "shop"):
         cell = int(rng.integers(8))
@@ -261,13 +280,13 @@ def _awning(bag: Bag, o: Opening, material: str) -> None:
         bag.add("awning-white", quads(cloth[1::2]))
 
 
-def _drainpipes(bag: Bag, house: _House) -> None:
+def add_drainpipes(bag: Bag, house: House) -> None:
     x = 0.14
     path = [[[x, -0.07, 0.1], [x, -0.07, house.eaves - 0.5], [x, -0.3, house.eaves + 0.02]]]
     bag.add("zinc", tubes(path, np.full((1, 3), 0.045), 7))
 
 
-def _eaves_roof(bag: Bag, house: _House, rng: np.random.Generator, *, dormers: bool) -> None:
+def add_eaves_roof(bag: Bag, house: House, rng: np.random.Generator, *, dormers: bool) -> None:
     w, d, h = house.width, house.depth, house.eaves
     slope = np.tan(np.radians(house.pitch))
     over = 0.42
@@ -287,7 +306,7 @@ def _eaves_roof(bag: Bag, house: _House, rng: np.random.Generator, *, dormers: b
         _dormer(bag, house, float(x), slope, low, over, rng)
 
 
-def _dormer(bag: Bag, house: _House, x: float, slope: float, low: float, over: float, rng: np.random.Generator) -> None:
+def _dormer(bag: Bag, house: House, x: float, slope: float, low: float, over: float, rng: np.random.Generator) -> None:
     """A small gabled window in the roof's front slope."""
     half, tall = 0.72, 1.45
     y = 0.75
@@ -324,7 +343,7 @@ def _dormer(bag: Bag, house: _House, x: float, slope: float, low: float, over: f
     bag.add(house.roof, quads([left, right], tile=ROOF_TILE))
 
 
-def _gable_roof(bag: Bag, house: _House, rng: np.random.Generator) -> None:
+def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
     """The ridge runs back from the street; the front rises in steps or in a plain triangle with a coping."""
     w, d, h = house.width, house.depth, house.eaves
     rise = 0.5 * w * np.tan(np.radians(house.pitch))
@@ -371,7 +390,7 @@ def _coping(start: tuple[float, float], stop: tuple[float, float]) -> Floats:
     return np.array([front, top, under])
 
 
-def _chimneys(bag: Bag, house: _House, rng: np.random.Generator, *, gabled: bool) -> None:
+def add_chimneys(bag: Bag, house: House, rng: np.random.Generator, *, gabled: bool) -> None:
     ridge = house.eaves + 0.5 * (house.width if gabled else house.depth) * np.tan(np.radians(house.pitch))
     for _ in range(int(rng.integers(1, 3))):
         x, y = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from valerie.scene.model import Material, Texture
 from valerie.scene.procedural.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
-from valerie.scene.procedural.street.plan import LANE
+from valerie.scene.procedural.street.plan import Season, StreetSettings, lines_of
 from valerie.scene.procedural.street.textures import ground, things, walls
 
 Color = tuple[float, float, float]
@@ -25,17 +25,20 @@ _ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.1
 _LEAVES: tuple[Color, ...] = (
     (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
 )  # fmt: skip
+#: Materials of carriageways; each has a texture of the same name.
+_SURFACES = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
 _BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
 _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
 
 
-def make_textures(seed: int) -> dict[str, Texture]:
-    """All textures, 31 MB uncompressed; equal seeds give equal pixels."""
+def make_textures(settings: StreetSettings) -> dict[str, Texture]:
+    """All textures, 31 MB uncompressed; equal settings give equal pixels."""
+    seed, lines = settings.seed, lines_of(settings)
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([seed, 7001]).spawn(24))
     images = {
-        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=LANE),
-        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=LANE),
-        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=LANE),
+        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
+        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
+        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=lines.lanes, width=lines.width),
         "asphalt-normal": ground.asphalt_normals(next(streams)),
         "turf": ground.turf(next(streams)),
     }
@@ -52,19 +55,96 @@ def make_textures(seed: int) -> dict[str, Texture]:
     images["granite"] = walls.granite(next(streams))
     rng = next(streams)
     for k, pick in enumerate(rng.permutation(len(_LEAVES))[:3]):
-        images[f"leaves-{k}"] = things.leaves(rng, _LEAVES[pick])
+        images[f"leaves-{k}"] = things.leaves(rng, leaf_color(_LEAVES[pick], settings.season))
+    images |= _other_ground(settings)
+    if settings.variety == "mixed":
+        images |= _mixed(settings)
+        images |= _reliefs(settings, images)
     return {name: Texture(name, image) for name, image in images.items()}
 
 
-def make_materials(seed: int) -> dict[str, Material]:
-    """All materials; the seed chooses the colours of render, doors and roofs."""
+def _other_ground(settings: StreetSettings) -> dict[str, ground.Image]:
+    """Setts instead of asphalt, and the surface of a side street, where the settings ask for them."""
+    lines = lines_of(settings)
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4))
+    images = {}
+    if settings.surface == "paving":
+        for name in ("asphalt-0", "asphalt-1", "asphalt-crossing"):
+            images[name], images["asphalt-normal"] = ground.setts(
+                next(streams), zebra=name == "asphalt-crossing", lane=lines.lanes, width=lines.width
+            )
+    if lines.side_y is not None:
+        side = next(streams)
+        plain = ground.setts(side, zebra=False, lane=())[0] if settings.surface == "paving" else None
+        images["asphalt-side"] = ground.asphalt(side, zebra=False, lane=()) if plain is None else plain
+    return images
+
+
+def _reliefs(settings: StreetSettings, images: dict[str, ground.Image]) -> dict[str, ground.Image]:
+    """Normals for each picture of asphalt, instead of one for all."""
+    if settings.surface == "paving":
+        return {f"{name}-normal": images["asphalt-normal"] for name in _SURFACES if name in images}
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7008]))
+    width = lines_of(settings).width
+    return {f"{name}-normal": ground.relief(images[name], rng, width) for name in _SURFACES if name in images}
+
+
+#: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
+_SPECIES_LEAVES: dict[str, tuple[Color, Color]] = {
+    "plane": ((0.105, 0.185, 0.034), (0.30, 0.19, 0.035)),
+    "birch": ((0.130, 0.215, 0.045), (0.46, 0.34, 0.035)),
+    "hornbeam": ((0.070, 0.150, 0.030), (0.33, 0.20, 0.04)),
+    "cherry": ((0.075, 0.135, 0.040), (0.36, 0.085, 0.03)),
+}
+_BLOSSOM: Color = (0.72, 0.42, 0.46)
+
+
+def _mixed(settings: StreetSettings) -> dict[str, ground.Image]:
+    """Leaves and bark of more species, posters."""
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
+    images = {f"bark-{kind}": things.bark_of(rng, kind) for kind in ("plane", "birch", "cherry")}
+    for kind, (summer, autumn) in _SPECIES_LEAVES.items():
+        color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
+        if settings.season == "spring" and kind == "cherry":
+            color = _BLOSSOM
+        images[f"leaves-{kind}"] = things.leaves(rng, color)
+    images["posters"] = things.posters(rng)
+    return images
+
+
+#: What a season makes of a leaf's linear colour: factors of red, green and blue.
+_SEASONS: dict[Season, Color] = {
+    "spring": (1.35, 1.25, 1.05), "summer": (1.0, 1.0, 1.0), "autumn": (3.4, 1.05, 0.75), "winter": (1.6, 0.8, 0.9),
+}  # fmt: skip
+
+
+def leaf_color(summer: Color, season: Season) -> Color:
+    """The linear colour of leaves that are ``summer`` in summer."""
+    red, green, blue = (value * factor for value, factor in zip(summer, _SEASONS[season], strict=True))
+    return red, green, blue
+
+
+def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
+    """All materials; the seed chooses the colours of render, doors and roofs.
+
+    Args:
+        seed: of the street.
+        reliefs: give each picture of asphalt normals of its own.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
-        *_ground(),
+        *_ground(reliefs=reliefs),
         *_walls(rng),
         Material("tyre", (0.022, 0.022, 0.023), roughness=0.85),
         Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
         *(_leaf(k) for k in range(3)),
+        *(Material(f"bark-{k}", (1.0, 1.0, 1.0), f"bark-{k}", roughness=0.9) for k in ("plane", "birch", "cherry")),
+        *(_leaf(kind) for kind in _SPECIES_LEAVES),
+        Material("slats", (0.34, 0.19, 0.09), "boards", roughness=0.6),
+        Material("cabinet", (0.19, 0.21, 0.20), metallic=0.1, roughness=0.55),
+        Material("poster", (1.0, 1.0, 1.0), "posters", roughness=0.4),
+        Material("stop-green", (0.01, 0.17, 0.06), roughness=0.5),
+        Material("stop-yellow", (0.75, 0.52, 0.02), roughness=0.5),
         Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
         Material("steel", (0.26, 0.27, 0.28), metallic=0.6, roughness=0.55),
         Material("iron", (0.022, 0.025, 0.024), metallic=0.3, roughness=0.5),
@@ -84,15 +164,18 @@ def make_materials(seed: int) -> dict[str, Material]:
     return {material.name: material for material in materials}
 
 
-def _leaf(k: int) -> Material:
+def _leaf(k: int | str) -> Material:
     return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
 
 
-def _ground() -> list[Material]:
-    surfaces = ("asphalt-0", "asphalt-1", "asphalt-crossing")
+def _ground(*, reliefs: bool) -> list[Material]:
     white = (1.0, 1.0, 1.0)
     return [
-        *(Material(name, white, name, "asphalt-normal", roughness=0.88) for name in surfaces),
+        *(
+            Material(name, white, name, f"{name}-normal" if reliefs else "asphalt-normal", roughness=0.88)
+            for name in _SURFACES
+        ),
+        Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
         Material("paving", white, "paving", "paving-normal", roughness=0.85),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
@@ -117,6 +200,10 @@ def _walls(rng: np.random.Generator) -> list[Material]:
         Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", roughness=0.92),
         Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
         Material("stone", stone, "granite", roughness=0.85),
+        Material("timber", (0.10, 0.060, 0.036), "boards", roughness=0.85),
+        Material("concrete", (0.50, 0.49, 0.47), "granite", roughness=0.88),
+        Material("slate", (0.15, 0.16, 0.18), "roof", "roof-normal", roughness=0.6),
+        Material("zinc-roof", (0.36, 0.38, 0.41), "boards", metallic=0.25, roughness=0.5),
         Material("ashlar", (0.72, 0.66, 0.56), "ashlar", "ashlar-normal", roughness=0.88),
         *(
             Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85)

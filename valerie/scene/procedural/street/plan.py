@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -21,16 +22,128 @@ LANE = (2.1, 4.5)
 CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
+Season = Literal["spring", "summer", "autumn", "winter"]
+#: Along a side street: half of what it takes between the corner houses, and of its carriageway, metres.
+SIDE_HALF, SIDE_ROAD_HALF = 5.4, 3.0
+#: How far a side street reaches beyond the corner houses' fronts, metres.
+SIDE_LENGTH = 46.0
+
+
 class StreetSettings(BaseModel):
-    """What a generated street depends on.
+    """What a generated street depends on; lengths in metres.
 
     Attributes:
         seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
+        length_m: of the rows of houses.
+        lanes: driving lanes, between two parking bays. x = 2.5 m is always the middle of one: of the middle one, or of
+            the one right of the centre line.
+        lane_width_m: of each.
+        pavement_width_m: from the kerb to the plots.
+        kerb_height_m: of the pavements above the road.
+        setback_m: of the houses behind the pavement; from 1.5 m on there are front gardens.
+        side_street: on which sides a street branches off at y = 46 m; there the zebra crossing lies before it.
+        surface: of the carriageway.
+        variety: ``plain`` is one family of terraced houses and one kind of tree; ``mixed`` has every style of house,
+            every kind of tree and all street furniture.
+        season: of the trees.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     seed: int = Field(default=0, ge=0, lt=2**63)
+    length_m: float = Field(default=165.0, ge=100.0, le=300.0)
+    lanes: int = Field(default=1, ge=1, le=6)
+    lane_width_m: float = Field(default=2.4, ge=2.2, le=4.5)
+    pavement_width_m: float = Field(default=2.8, ge=1.8, le=8.0)
+    kerb_height_m: float = Field(default=KERB_HEIGHT, ge=0.02, le=0.2)
+    setback_m: float = Field(default=0.0, ge=0.0, le=8.0)
+    side_street: Literal["none", "left", "right", "both"] = "right"
+    surface: Literal["asphalt", "paving"] = "asphalt"
+    variety: Literal["plain", "mixed"] = "mixed"
+    season: Season = "summer"
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Where a street's lines run, metres: x of fronts and kerbs, y of ends, rows of houses and crossings.
+
+    Attributes:
+        left_front, left_kerb, right_kerb, right_front: edges of the pavements.
+        setback: of the houses behind the pavements.
+        kerb_height: of the pavements.
+        lanes: edges of the driving lanes from the left kerb, one more than there are lanes.
+        road_start, road_stop, row_start, row_stop: along the street.
+        crossings: middles of the zebra crossings.
+        side_y: middle of the side street, or None.
+        sides: on which sides it branches off (left, right).
+    """
+
+    left_front: float
+    left_kerb: float
+    right_kerb: float
+    right_front: float
+    setback: float
+    kerb_height: float
+    lanes: tuple[float, ...]
+    road_start: float
+    road_stop: float
+    row_start: float
+    row_stop: float
+    crossings: tuple[float, ...]
+    side_y: float | None
+    sides: tuple[bool, bool]
+
+    @property
+    def width(self) -> float:
+        """From kerb to kerb."""
+        return round(self.right_kerb - self.left_kerb, 4)
+
+    def front(self, *, left: bool) -> float:
+        """Where the houses' fronts stand."""
+        return self.left_front - self.setback if left else self.right_front + self.setback
+
+    def in_side_street(self, y: float, half: float, *, left: bool) -> bool:
+        """Whether ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
+        return self.side_y is not None and self.sides[0 if left else 1] and abs(y - self.side_y) < half
+
+    def spans(self, start: float, stop: float, half: float, *, left: bool) -> list[tuple[float, float]]:
+        """``start`` … ``stop`` along one side without the side street's ``half`` width to each side of its middle."""
+        if self.side_y is None or not self.sides[0 if left else 1]:
+            return [(start, stop)]
+        return [(start, self.side_y - half), (self.side_y + half, stop)]
+
+
+def lines_of(settings: StreetSettings) -> Lines:
+    """The lines of a street; the defaults give the constants of this module."""
+    bay = LANE[0]
+    width = 2.0 * bay + settings.lanes * settings.lane_width_m
+    centre = 0.5 * (LEFT_KERB + RIGHT_KERB) - (0.5 * settings.lane_width_m if settings.lanes % 2 == 0 else 0.0)
+    left, right = round(centre - 0.5 * width, 4), round(centre + 0.5 * width, 4)
+    row_stop = round(ROW_START + settings.length_m, 4)
+    sides = (settings.side_street in {"left", "both"}, settings.side_street in {"right", "both"})
+    # Zebra crossings lie in the middle of pieces of carriageway (13.2 m): every fifth, or around the side street.
+    first = _SIDE_CROSSING if any(sides) else 66.0
+    crossings = [0.0, *(first + 66.0 * k for k in range(5))]
+    return Lines(
+        left_front=round(left - settings.pavement_width_m, 4),
+        left_kerb=left,
+        right_kerb=right,
+        right_front=round(right + settings.pavement_width_m, 4),
+        setback=settings.setback_m,
+        kerb_height=settings.kerb_height_m,
+        lanes=tuple(round(bay + k * settings.lane_width_m, 4) for k in range(settings.lanes + 1)),
+        road_start=ROAD_START,
+        road_stop=round(row_stop + ROAD_STOP - ROW_STOP, 4),
+        row_start=ROW_START,
+        row_stop=row_stop,
+        crossings=tuple(c for c in crossings if c < row_stop - 12.0),
+        side_y=_SIDE_Y if any(sides) else None,
+        sides=sides,
+    )
+
+
+#: Where a side street branches off, and the crossing before it.
+_SIDE_Y, _SIDE_CROSSING = 46.0, 39.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +179,14 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Where nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise)."""
+    """Where nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
+
+    ``height`` (metres) is known where it differs from what is usual for things of that class.
+    """
 
     path: str
     polygon: Polygon
+    height: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +214,11 @@ class StreetLayout:
     footprints: tuple[Footprint, ...]
     ground: tuple[GroundRegion, ...]
     extent: tuple[float, float, float, float]
+
+    @property
+    def lines(self) -> Lines:
+        """Where its kerbs, fronts and ends run."""
+        return lines_of(self.settings)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:

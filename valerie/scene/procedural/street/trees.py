@@ -6,11 +6,12 @@ crowns look full from any side and no leaf floats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from valerie.scene.procedural.street.geometry import Bag, Floats, Surface, tubes, unit
+from valerie.scene.procedural.street.plan import Season
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -26,6 +27,9 @@ class TreeSettings:
         trunk: radius of the trunk at its foot.
         clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
         leaf: length of a leaf.
+        taper: how much narrower the crown's top is than its bottom, as a part of the radius.
+        under: flatness of the crown's underside (1 is round).
+        rise: how far branches bend upwards (drooping where negative), as a part of their length.
     """
 
     height: float = 8.2
@@ -36,9 +40,85 @@ class TreeSettings:
     branches: int = 34
     leaves: int = 30
     leaf: float = 0.125
+    taper: float = 0.28
+    under: float = 0.86
+    rise: float = 0.10
 
 
-def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str) -> Bag:
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A species: its shape and what it is made of.
+
+    Attributes:
+        shape: in summer.
+        bark, twigs, leaves: materials; without their own, twigs are as the trunk and leaves one of the shared kinds.
+    """
+
+    shape: TreeSettings
+    bark: str = "bark"
+    twigs: str = ""
+    leaves: str = ""
+
+
+#: Lime, plane, birch, hornbeam trained as a column, ornamental cherry.
+SPECIES = {
+    "tree": Tree(TreeSettings()),
+    "plane": Tree(
+        TreeSettings(
+            height=10.5, fork=3.1, radius=3.1, trunk=0.21, clusters=310, branches=44, leaves=34, leaf=0.17, taper=0.12, under=0.66
+        ),
+        bark="bark-plane",
+        leaves="leaves-plane",
+    ),
+    "birch": Tree(
+        TreeSettings(
+            height=9.8, fork=2.6, radius=1.75, trunk=0.095, clusters=260, branches=44, leaves=30, leaf=0.11,
+            taper=0.42, under=1.0, rise=-0.16,
+        ),
+        bark="bark-birch",
+        twigs="bark-cherry",
+        leaves="leaves-birch",
+    ),
+    "hornbeam": Tree(
+        TreeSettings(
+            height=8.6, fork=1.9, radius=1.25, trunk=0.12, clusters=220, branches=32, leaves=34, leaf=0.12, taper=0.30, under=1.0,
+            rise=0.22,
+        ),
+        leaves="leaves-hornbeam",
+    ),
+    "cherry": Tree(
+        TreeSettings(
+            height=5.6, fork=1.75, radius=2.1, trunk=0.12, clusters=190, branches=30, leaves=34, leaf=0.12, taper=0.05, under=0.7
+        ),
+        bark="bark-cherry",
+        leaves="leaves-cherry",
+    ),
+}  # fmt: skip
+
+
+def from_afar(shape: TreeSettings) -> TreeSettings:
+    """The same tree with fewer and larger leaves."""
+    return replace(
+        shape, clusters=round(0.4 * shape.clusters), branches=round(0.6 * shape.branches), leaf=1.6 * shape.leaf
+    )
+
+
+def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) -> TreeSettings:
+    """The tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
+
+    Args:
+        shape: in summer.
+        season: which.
+        blossoms: whether spring covers the tree densely.
+    """
+    if season == "spring" and not blossoms:
+        return replace(shape, leaves=round(0.8 * shape.leaves), leaf=0.82 * shape.leaf)
+    if season == "autumn":
+        return replace(shape, leaves=round(0.62 * shape.leaves))
+    return replace(shape, leaves=0) if season == "winter" else shape
+
+
+def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str, twigs: str = "") -> Bag:
     """One tree with its foot at the origin.
 
     Args:
@@ -46,6 +126,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
         rng: its own source of chance.
         bark: material of the wood.
         leaves: material of the leaves.
+        twigs: material of branches and twigs, if another.
     """
     bag = Bag()
     clusters = _crown(settings, rng)
@@ -53,7 +134,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
     limb_count = int(rng.integers(5, 7))
     limbs = _limbs(settings, fork, limb_count, rng)
     branches = _branches(settings, limbs, clusters, rng)
-    twigs = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
+    fine = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
     trunk = _bezier(np.zeros((1, 3)), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
     flare = np.array([1.45, 1.08, 1.0, 0.95, 0.9, 0.88, 0.86]) * settings.trunk
     wood = (0.5, 1.0)
@@ -61,8 +142,11 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
         bark,
         tubes(trunk, flare[None], 10, tile=wood),
         tubes(limbs, np.linspace(0.62, 0.2, limbs.shape[1])[None] * settings.trunk, 7, tile=wood),
+    )
+    bag.add(
+        twigs or bark,
         tubes(branches, np.linspace(0.24, 0.08, branches.shape[1])[None] * settings.trunk, 4, tile=wood),
-        tubes(twigs, np.linspace(0.075, 0.02, twigs.shape[1])[None] * settings.trunk, 3, tile=wood),
+        tubes(fine, np.linspace(0.075, 0.02, fine.shape[1])[None] * settings.trunk, 3, tile=wood),
     )
     bag.add(leaves, _leaves(settings, clusters, rng))
     return bag
@@ -85,8 +169,8 @@ def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
     centres = direction * (bulge * depth)[:, None] * scale
     # An egg: broadest below the middle, flatter underneath.
     lift = centres[:, 2] / half
-    centres[:, :2] *= (1.05 - 0.28 * lift)[:, None]
-    centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * 0.86, centres[:, 2])
+    centres[:, :2] *= (1.05 - settings.taper * lift)[:, None]
+    centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * settings.under, centres[:, 2])
     return np.asarray(centres + np.array([0.0, 0.0, bottom + half]))
 
 
@@ -113,7 +197,7 @@ def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.r
     """(branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
     chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
-    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-0.10)
+    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:

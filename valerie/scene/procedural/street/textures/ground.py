@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -25,62 +27,107 @@ PAVING_TILE = (2.6, 3.2)
 _SIZE = 1024
 
 
-def _road_axes() -> tuple[Field, Field]:
+def _road_axes(width: float) -> tuple[Field, Field]:
     """Metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
     centre = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)
-    across: Field = (centre * np.float32(ROAD_TILE[0]))[None]
+    across: Field = (centre * np.float32(width))[None]
     along: Field = (centre * np.float32(ROAD_TILE[1]))[:, None]
     return across, along
 
 
-def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, float]) -> Image:
-    """(1024, 1024, 3) sRGB: one piece of carriageway, `ROAD_TILE` metres large, edges and markings included.
+def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]) -> Image:
+    """(1024, 1024, 3) sRGB: one piece of carriageway, ``width`` × `ROAD_TILE`[1] metres, edges and markings included.
 
     Rows run along the street; first and last row meet, so pieces join in any order.
 
     Args:
         rng: source of everything.
         zebra: paint a crossing in the middle and no lane marks beside it.
-        lane: where the edges of the driving lane are, metres from the left kerb.
+        lane: where the edges of the driving lanes are, metres from the left kerb, one more than there are lanes;
+            empty for a road without lanes or markings.
+        width: metres from kerb to kerb.
     """
     shape = (_SIZE, _SIZE)
-    across, along = _road_axes()
+    across, along = _road_axes(width)
     ends = smoothstep(0.0, 0.8, along) * smoothstep(0.0, 0.8, ROAD_TILE[1] - along)  # pieces must meet: no patch there
     albedo = np.full(shape, 0.115, np.float32)
     albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
     grain = band_noise(shape, rng, longest=6, slope=0.0)
     albedo *= 1.0 + 0.13 * grain + 0.05 * np.maximum(band_noise(shape, rng, longest=4, slope=0.0) - 1.2, 0.0) * 3.0
 
-    middle = 0.5 * (lane[0] + lane[1])
-    for offset in (-0.72, 0.72):  # tyres polish two bands; oil drips between them
-        albedo *= 1.0 - 0.13 * np.exp(-(((across - middle - offset) / 0.28) ** 2))
-    albedo *= 1.0 - 0.10 * np.exp(-(((across - middle) / 0.22) ** 2))
-    for centre in (0.5 * lane[0], 0.5 * (lane[1] + ROAD_TILE[0])):
+    middles = [0.5 * (a + b) for a, b in pairwise(lane)] or [0.5 * width]
+    for middle in middles:  # tyres polish two bands; oil drips between them
+        for offset in (-0.72, 0.72):
+            albedo *= 1.0 - 0.13 * np.exp(-(((across - middle - offset) / 0.28) ** 2))
+        albedo *= 1.0 - 0.10 * np.exp(-(((across - middle) / 0.22) ** 2))
+    for centre in (0.5 * lane[0], 0.5 * (lane[-1] + width)) if lane else ():
         drips = smoothstep(0.6, 2.2, band_noise(shape, rng, longest=90, shortest=8)) * ends
         albedo *= 1.0 - 0.35 * drips * np.exp(-(((across - centre) / 0.7) ** 2))
-    albedo = _patches(albedo, rng, grain)
-    albedo *= 1.0 - 0.6 * _cracks(rng) * ends
+    albedo = _patches(albedo, rng, grain, width)
+    albedo *= 1.0 - 0.6 * _cracks(rng, width) * ends
     # The old longitudinal seam between two lanes of the paver.
-    wander = middle + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
+    wander = middles[-1] + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
     albedo *= 1.0 - 0.35 * np.exp(-(((across - wander) / 0.012) ** 2))
 
     color: Field = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
-    color = _gutters(color, rng, across, along)
-    color = _ironwork(color, rng, across, along)
-    paint = _zebra_paint(across, along) if zebra else _lane_paint(across, along, lane)
-    worn = 0.5 * band_noise(shape, rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
+    color = _gutters(color, rng, across, along, width)
+    color = _ironwork(color, rng, across, along, width)
+    return srgb8(_painted(color, rng, grain, _paint(across, along, lane, width, zebra=zebra)))
+
+
+def _painted(color: Field, rng: np.random.Generator, grain: Field, paint: Field) -> Field:
+    """White markings, worn by traffic."""
+    worn = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
     wear = smoothstep(-1.65, -0.25, worn)
     cover = (paint * (0.25 + 0.63 * wear))[..., None]
     white = np.array([0.60, 0.59, 0.56], np.float32) * (1.0 + 0.05 * grain[..., None])
-    return srgb8(color * (1.0 - cover) + white * cover)
+    painted: Field = color * (1.0 - cover) + white * cover
+    return painted
 
 
-def _patches(albedo: Field, rng: np.random.Generator, grain: Field) -> Field:
+def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *, zebra: bool) -> Field:
+    """(H, W) 0…1 where markings are."""
+    if zebra:
+        return _zebra_paint(across, along, width)
+    return _lane_paint(across, along, lane) if lane else np.zeros((_SIZE, _SIZE), np.float32)
+
+
+def setts(
+    rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
+) -> tuple[Image, Image]:
+    """Colour and normals (1024, 1024, 3) of a carriageway paved with granite setts; arguments as for `asphalt`."""
+    shape = (_SIZE, _SIZE)
+    across, along = _road_axes(width)
+    columns, rows = round(width / 0.16), 120  # 11 cm courses in 13.2 m
+    wobble = band_noise(shape, rng, longest=50, shortest=14)
+    v = along / (ROAD_TILE[1] / rows) + 0.10 * band_noise(shape, rng, longest=50, shortest=14)
+    course = np.floor(v).astype(np.int64)
+    u = across / (width / columns) + 0.5 * (course % 2) + 0.3 * hashed(course % rows, 11) + 0.10 * wobble
+    stone = np.floor(u).astype(np.int64) * 977 + course % rows
+    joint = 0.12 * np.minimum(0.5 - np.abs(u - np.floor(u) - 0.5), 0.5 - np.abs(v - course - 0.5))
+    grain = band_noise(shape, rng, longest=6, slope=0.2)
+    cloud = band_noise(shape, rng, longest=500, shortest=40)
+    inside = smoothstep(0.004, 0.016, joint)
+    tone = (0.10 + 0.13 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.08 * grain + 0.07 * cloud)
+    for middle in (0.5 * (a + b) for a, b in pairwise(lane)):  # wheels polish the stones' heads
+        for offset in (-0.72, 0.72):
+            tone = tone * (1.0 + 0.16 * np.exp(-(((across - middle - offset) / 0.30) ** 2)))
+    tone = tone * (0.30 + 0.70 * inside)
+    warm = hashed(stone, int(rng.integers(2**31)))[..., None]
+    color = tone[..., None] * (np.array([1.0, 0.98, 0.96]) * (1.0 - warm) + np.array([1.06, 0.96, 0.86]) * warm)
+    color = _gutters(color.astype(np.float32), rng, across, along, width)
+    color = _ironwork(color, rng, across, along, width)
+    color = _painted(color, rng, grain, _paint(across, along, lane, width, zebra=zebra))
+    height = 0.009 * smoothstep(0.0, 0.03, joint) + 0.0004 * grain
+    return srgb8(color), normal_map(height, (width / _SIZE, ROAD_TILE[1] / _SIZE))
+
+
+def _patches(albedo: Field, rng: np.random.Generator, grain: Field, road: float) -> Field:
     """Rectangles cut open and filled again, with a tarred seam around each."""
-    across, along = _road_axes()
+    across, along = _road_axes(road)
     for _ in range(int(rng.integers(2, 5))):
         width, length = rng.uniform(0.7, 2.2), rng.uniform(0.9, 3.6)
-        x, y = rng.uniform(0.6, ROAD_TILE[0] - width - 0.6), rng.uniform(0.8, ROAD_TILE[1] - length - 0.8)
+        x, y = rng.uniform(0.6, road - width - 0.6), rng.uniform(0.8, ROAD_TILE[1] - length - 0.8)
         inside = np.minimum(np.minimum(across - x, x + width - across), np.minimum(along - y, y + length - along))
         fill = smoothstep(0.0, 0.02, inside)
         tone = rng.choice([0.68, 0.78, 1.16])
@@ -89,23 +136,23 @@ def _patches(albedo: Field, rng: np.random.Generator, grain: Field) -> Field:
     return albedo
 
 
-def _cracks(rng: np.random.Generator) -> Field:
+def _cracks(rng: np.random.Generator, width: float) -> Field:
     """(H, W) 0…1: wandering cracks, now and then forking."""
     mark = np.zeros((_SIZE, _SIZE), np.float32)
     for _ in range(9):
         steps = int(rng.integers(150, 700))
         heading = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(rng.normal(0.0, 0.12, steps))
         x = rng.uniform(0, _SIZE) + np.cumsum(np.cos(heading)) + rng.normal(0.0, 0.4, steps)
-        y = rng.uniform(0, _SIZE) + np.cumsum(np.sin(heading)) * ROAD_TILE[0] / ROAD_TILE[1]
+        y = rng.uniform(0, _SIZE) + np.cumsum(np.sin(heading)) * width / ROAD_TILE[1]
         depth = np.sin(np.linspace(0.0, np.pi, steps)) * rng.uniform(0.5, 1.0)
         np.maximum.at(mark, (y.astype(np.int64) % _SIZE, x.astype(np.int64) % _SIZE), depth.astype(np.float32))
     softened: Field = np.clip(gaussian_filter(mark, (0.45, 0.8), mode="wrap") * 2.6, 0.0, 1.0)
     return softened
 
 
-def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field) -> Field:
+def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field, width: float) -> Field:
     """Two rows of setts along each kerb, and the dirt that collects there."""
-    for edge in (across, ROAD_TILE[0] - across):
+    for edge in (across, width - across):
         row = np.floor(edge / 0.16)
         position = along / 0.165 + 0.5 * row  # 80 setts in 13.2 m
         stone = np.floor(position).astype(np.int64) % 80 * 7 + row.astype(np.int64)
@@ -120,16 +167,16 @@ def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field
     return color
 
 
-def _ironwork(color: Field, rng: np.random.Generator, across: Field, along: Field) -> Field:
+def _ironwork(color: Field, rng: np.random.Generator, across: Field, along: Field, width: float) -> Field:
     """A manhole in the lane and gullies in the gutters."""
     iron = np.array([0.075, 0.07, 0.066], np.float32)
-    x, y = ROAD_TILE[0] * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
+    x, y = width * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
     radius = np.hypot(across - x, along - y)
     studs = 0.75 + 0.5 * ((np.floor(across / 0.045) + np.floor(along / 0.045)) % 2)
     lid = np.where(radius < 0.27, studs, np.where(radius < 0.30, 0.35, 1.3))
     color = np.where((radius < 0.36)[..., None], iron * lid[..., None], color)
     color = color * (1.0 - 0.45 * np.exp(-(((radius - 0.37) / 0.025) ** 2)))[..., None]
-    for edge in (across, ROAD_TILE[0] - across):
+    for edge in (across, width - across):
         y = rng.uniform(1.5, ROAD_TILE[1] - 1.5)
         inside = (np.abs(edge - 0.19) < 0.17) & (np.abs(along - y) < 0.25)
         slots = np.where(np.abs(((along - y) / 0.07) % 1.0 - 0.5) < 0.26, 0.18, 1.2)
@@ -141,22 +188,22 @@ def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field
     return smoothstep(-softness, softness, edge_distance)
 
 
-def _lane_paint(across: Field, along: Field, lane: tuple[float, float]) -> Field:
-    """Broken lines between lane and parking bays, two dashes to a piece, and the bays' cross marks."""
+def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
+    """Broken lines between lanes and parking bays, two dashes to a piece, and the bays' cross marks."""
     dash = _soft(1.15 - np.abs((along % 6.6) - 3.3))
     paint = np.zeros((_SIZE, _SIZE), np.float32)
     for x in lane:
         paint = np.maximum(paint, _soft(0.06 - np.abs(across - x)) * dash)
     bays = _soft(0.05 - np.abs((along % 6.6) - 6.0))
-    for low, high in ((lane[0] - 0.55, lane[0] + 0.06), (lane[1] - 0.06, lane[1] + 0.55)):
+    for low, high in ((lane[0] - 0.55, lane[0] + 0.06), (lane[-1] - 0.06, lane[-1] + 0.55)):
         paint = np.maximum(paint, bays * _soft(np.minimum(across - low, high - across)))
     return paint
 
 
-def _zebra_paint(across: Field, along: Field) -> Field:
-    """Seven bars of half a metre, four metres long."""
+def _zebra_paint(across: Field, along: Field, width: float) -> Field:
+    """Bars of half a metre, four metres long, seven on the narrowest road."""
     bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
-    bars = bars * _soft(np.minimum(across - 0.33, ROAD_TILE[0] - 0.33 - across))
+    bars = bars * _soft(np.minimum(across - 0.33, width - 0.33 - across))
     return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
 
 
@@ -167,6 +214,27 @@ def asphalt_normals(rng: np.random.Generator) -> Image:
         shape, rng, longest=200, shortest=40
     )
     return normal_map(height, (ROAD_TILE[0] / _SIZE, ROAD_TILE[1] / _SIZE))
+
+
+def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:
+    """(1024, 1024, 3) normals that belong to one road picture.
+
+    They hold the aggregate, and grooves where the picture has cracks, seams, joints and the edges of lids: what is much
+    darker than its surroundings within a hand's breadth lies lower, by up to 5 mm; markings lie a little higher.
+
+    Args:
+        color: as `asphalt` makes it.
+        rng: the aggregate.
+        width: metres from kerb to kerb.
+    """
+    shape = (_SIZE, _SIZE)
+    tone = gaussian_filter(color.astype(np.float32).mean(axis=-1) / 255.0, 1.0, mode="wrap")
+    around = gaussian_filter(tone, 9.0, mode="wrap")
+    groove = smoothstep(0.06, 0.30, (around - tone) / np.maximum(around, 0.05))
+    paint = smoothstep(0.52, 0.62, tone)
+    height = 0.0006 * band_noise(shape, rng, longest=8, slope=0.3)
+    height = height + 0.0015 * band_noise(shape, rng, longest=200, shortest=40) - 0.005 * groove + 0.002 * paint
+    return normal_map(height.astype(np.float32), (width / _SIZE, ROAD_TILE[1] / _SIZE))
 
 
 def paving(rng: np.random.Generator) -> tuple[Image, Image]:

@@ -23,6 +23,51 @@ def bark(rng: np.random.Generator) -> Image:
     return srgb8(tone[..., None] * (np.array([1.0, 0.83, 0.66]) * (1.0 - lichen) + np.array([1.0, 1.1, 0.7]) * lichen))
 
 
+def bark_of(rng: np.random.Generator, kind: str) -> Image:
+    """(256, 256, 3) sRGB bark, 0.5 m around and 1 m along.
+
+    ``birch`` is white with dark bands, ``plane`` flakes in patches of olive and cream, ``cherry`` is dark and banded.
+    """
+    rings = stretched_noise((256, 256), rng, rows=10, columns=90, slope=0.3)
+    patches = band_noise((256, 256), rng, longest=110, shortest=14)
+    grain = band_noise((256, 256), rng, longest=8, slope=0.3)[..., None]
+    if kind == "birch":
+        dark = np.maximum(smoothstep(1.1, 1.7, rings), 0.9 * smoothstep(1.5, 2.1, patches))[..., None]
+        color = np.array([0.56, 0.53, 0.48]) * (1.0 - dark) + np.array([0.05, 0.045, 0.04]) * dark
+    elif kind == "plane":
+        fresh = smoothstep(0.25, 0.4, patches)[..., None]
+        old = smoothstep(-0.5, -0.65, patches)[..., None]
+        color = np.array([0.20, 0.18, 0.12]) * (1.0 - fresh) + np.array([0.42, 0.39, 0.27]) * fresh
+        color = color * (1.0 - old) + np.array([0.11, 0.095, 0.075]) * old
+    else:
+        band = smoothstep(0.9, 1.5, rings)[..., None]
+        color = np.array([0.085, 0.052, 0.042]) * (1.0 - band) + np.array([0.16, 0.11, 0.085]) * band
+    return srgb8(color * (1.0 + 0.08 * grain))
+
+
+def posters(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: four posters: a coloured ground, a large shape, lines of dark marks that stand for text."""
+    picture = np.zeros((256, 256, 3), np.float32)
+    y, x = (np.mgrid[0:128, 0:128] + 0.5) / 128.0
+    grounds = ((0.50, 0.48, 0.43), (0.05, 0.08, 0.14), (0.24, 0.07, 0.05), (0.34, 0.36, 0.33))
+    for k, paper in enumerate(grounds):
+        sheet = np.broadcast_to(np.array(paper), (128, 128, 3)) * (1.1 - 0.3 * y[..., None])
+        middle = rng.uniform(0.3, 0.7, 2)
+        shape = smoothstep(0.02, -0.02, np.hypot(x - middle[0], 1.2 * (y - 0.4)) - rng.uniform(0.14, 0.26))[..., None]
+        sheet = sheet * (1.0 - shape) + np.array(grounds[(k + 1) % 4]) * shape
+        ink = np.array([0.02, 0.02, 0.02]) if k % 3 == 0 else np.array([0.7, 0.68, 0.62])
+        for line in np.arange(0.68, 0.94, 0.06):
+            row = (np.abs(y - line) < 0.016) & (x > 0.12) & (x < rng.uniform(0.5, 0.9))
+            marks = row & (hashed((x * 40).astype(np.int64), int(rng.integers(2**31))) < 0.75)
+            sheet = np.where(marks[..., None], ink, sheet)
+        edge = np.minimum(np.minimum(x, 1.0 - x), np.minimum(y, 1.0 - y)) < 0.015
+        row0, column0 = divmod(k, 2)
+        picture[row0 * 128 : row0 * 128 + 128, column0 * 128 : column0 * 128 + 128] = np.where(
+            edge[..., None], 0.5, sheet
+        )
+    return srgb8(picture)
+
+
 def leaves(rng: np.random.Generator, hue: tuple[float, float, float]) -> Image:
     """(256, 256, 3) sRGB: a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first."""
     cell = np.arange(256) // 16
