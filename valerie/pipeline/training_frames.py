@@ -22,12 +22,12 @@ from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
 from valerie.pipeline import training_scenes
-from valerie.pipeline.training_scenes import crowd_asset, draw_scene
+from valerie.pipeline.training_scenes import crowd_asset, draw_scene, street_arguments
 from valerie.pipeline.training_targets import Target
 from valerie.rendering.base import View
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor
-from valerie.sensing.sensor import develop
+from valerie.sensing.sensor import Shot, develop
 
 Split = Literal["train", "held-out"]
 
@@ -47,7 +47,7 @@ class FrameSettings(BaseModel):
         per_street: frames of each.
         width, height: pixels.
         asset: a generated asset that takes a ``seed``.
-        arguments: other arguments of the generator.
+        arguments: of the generator; others than these and the seed are drawn (`training_scenes.street_arguments`).
         first_seed: where the street seeds begin; None: with the split.
         region: None, or what a frame must show: at least one person for whom all bounds hold
             (`valerie.pipeline.training_targets`). Scenes are drawn until one does.
@@ -75,7 +75,7 @@ class FrameSettings(BaseModel):
 
     def street(self, seed: int) -> dict[str, Any]:
         """The asset of one street, as `load_asset` takes it."""
-        return {"name": self.asset, **self.arguments, "seed": seed}
+        return {"name": self.asset, **street_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
         """Street seeds, ascending.
@@ -199,7 +199,8 @@ def frames_of(
                     f"no drawn scene of street {seed} lies in the region", field="region",
                     value=str(settings.region), limit=f"one of {_TARGET_DRAWS:,} draws",
                 )  # fmt: skip
-            yield TrainingFrame(develop(image.pixels, drawn.sensor), to_train_ids(truth.class_map), seed)
+            picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))
+            yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
     finally:
         truth_pass.close()
         renderer.close()

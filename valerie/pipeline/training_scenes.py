@@ -1,16 +1,18 @@
 """Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
 
 All choices come from one generator per frame. Whatever a network could learn instead of "person" is varied: places,
-headings, sizes, colours of cloth and skin, light, haze, camera, exposure and tone curve; and some frames show nobody.
+headings, stances, sizes, colours of cloth and skin, traffic, light, weather, camera and its errors; and some frames show
+nobody. `street_arguments` varies the street itself.
 """
 
 from __future__ import annotations
 
 import colorsys
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -26,16 +28,25 @@ from valerie.scene.deferred import DeferredTexture
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Camera, Material, Node, Scene, Texture
-from valerie.scene.naming import ROOT, is_cloth
+from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, is_cloth
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
 from valerie.scene.variation import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.
-REVISION: Final = 1
+REVISION: Final = 2
 
-#: How many people a frame shows: probabilities of 0, 1, 2 and 3.
-_CROWD: Final = (0.2, 0.35, 0.3, 0.15)
+#: How many people a frame shows: probabilities of 0 … 5.
+_CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
+_POSES: Final = {"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08}
+#: Instants of the walk: few, so that bodies made for one frame serve others.
+_GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
+#: Share of frames with a car, and with a cyclist, in the lane.
+_TRAFFIC: Final = 0.4
+#: Share of frames with clouds, with fog and with rain.
+_CLOUDS: Final = 0.4
+_FOG: Final = 0.1
+_RAIN: Final = 0.1
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
 #: Parts of material names besides what `valerie.scene.naming.is_cloth` knows.
 _SHOE: Final = "shoe-"
@@ -53,12 +64,28 @@ class TrainingScene:
     Attributes:
         scene: with people, light and cameras as drawn.
         camera: name of the camera to look through.
-        sensor: exposure, curve and gamma.
+        sensor: the camera's response and errors.
     """
 
     scene: Scene
     camera: str
     sensor: SensorSetting
+
+
+def street_arguments(generator: str, seed: int) -> dict[str, Any]:
+    """What the generator of a street is told besides its seed; follows from the seed. Empty for other generators."""
+    if generator != "urban-street":
+        return {}
+    rng = np.random.default_rng([REVISION, seed])
+    pick = partial(_pick, rng)
+    return {
+        "season": pick({"summer": 0.4, "spring": 0.2, "autumn": 0.25, "winter": 0.15}),
+        "surface": pick({"asphalt": 0.85, "paving": 0.15}),
+        "side_street": pick({"right": 0.4, "left": 0.25, "both": 0.15, "none": 0.2}),
+        "lanes": int(rng.choice([1, 2, 3], p=[0.65, 0.25, 0.1])),
+        "pavement_width_m": round(float(rng.uniform(2.2, 4.5)), 2),
+        "setback_m": float(rng.choice([0.0, 0.0, 0.0, 2.5])),
+    }
 
 
 def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset:
@@ -119,6 +146,8 @@ def draw_scene(asset: SceneAsset, rng: np.random.Generator, *, as_made: float = 
     count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
     for person in rng.permutation(manifest.persons)[:count]:
         _draw_person(str(person), camera, assignment, manifest, rng)
+    _draw_traffic(camera, assignment, manifest, rng)
+    _draw_weather(assignment, manifest, rng)
     _draw_number(assignment, manifest, "scene.sun-1.azimuth", 0.0, 359.9, rng)
     _draw_number(assignment, manifest, "scene.sun-1.elevation", 8.0, 72.0, rng)
     _draw_number(assignment, manifest, "scene.sun-1.irradiance", 0.6, 1.3, rng)
@@ -130,15 +159,26 @@ def draw_scene(asset: SceneAsset, rng: np.random.Generator, *, as_made: float = 
         cameras={**scene.cameras, camera.name: camera},
         environment=replace(scene.environment, turbidity=float(rng.uniform(2.0, 6.0))),
     )
-    sensor = SensorSetting.model_validate(
-        {
-            "name": "training",
-            "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
-            "curve": str(rng.choice(list(_CURVES), p=list(_CURVES.values()))),
-            "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
-        }
-    )
-    return TrainingScene(scene, camera.name, sensor)
+    return TrainingScene(scene, camera.name, _draw_sensor(rng))
+
+
+def _draw_sensor(rng: np.random.Generator) -> SensorSetting:
+    """Every frame has an exposure and a curve of its own; about every third each noise, a colour cast and JPEG."""
+    setting: dict[str, Any] = {
+        "name": "training",
+        "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
+        "curve": _pick(rng, _CURVES),
+        "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
+    }
+    noise, cast, jpeg = rng.random(3) < 0.35
+    if noise:
+        well = math.exp(rng.uniform(math.log(1500.0), math.log(20_000.0)))
+        setting["noise"] = {"shot": True, "full_well_electrons": round(well), "read_electrons": 3.0}
+    if cast:
+        setting["white_balance"] = {"temperature_k": round(float(rng.uniform(4800.0, 8500.0)))}
+    if jpeg:
+        setting["jpeg_quality"] = int(rng.integers(40, 96))
+    return SensorSetting.model_validate(setting)
 
 
 def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
@@ -194,8 +234,61 @@ def _draw_person(
         if within and rejection_reason(tried, manifest) is None:
             for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
                 _draw_number(tried, manifest, f"{person}.cloth.{name}", low, high, rng)
+            if f"{person}.pose" in manifest.by_path:
+                tried[f"{person}.pose"] = _pick(rng, _POSES)
+                tried[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
+                tried[f"{person}.carries"] = str(rng.choice(manifest.definition(f"{person}.carries").choices))
             assignment.update(tried)
             return
+
+
+def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
+    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames."""
+    for path in (path for path in manifest.movable if path not in manifest.persons):
+        wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
+        kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
+        if not wanted or (kinds is None and seen is None):
+            continue
+        shown: dict[str, Value] = {}
+        if kinds is not None:
+            shown[f"{path}.kind"] = str(rng.choice([kind for kind in kinds.choices if kind != ABSENT]))
+        if seen is not None:
+            shown[f"{path}.visible"] = True
+        paints = manifest.by_path.get(f"{path}.colour")
+        if paints is not None:
+            shown[f"{path}.colour"] = paints.choices[int(colour * len(paints.choices))]
+        side = math.copysign(1.0, -camera.transform[1, 2])
+        for _ in range(_TRIES):
+            x = float(camera.position[0]) + float(rng.uniform(-1.3, 1.3))
+            y = float(camera.position[1]) + side * float(rng.uniform(8.0, 45.0))
+            tried: dict[str, Value] = {
+                **assignment,
+                **shown,
+                f"{path}.pos.x": x,
+                f"{path}.pos.y": y,
+                f"{path}.heading": (180.0 * back + float(rng.normal(0.0, 4.0))) % 360.0,
+            }
+            within = all(_allows(manifest, f"{path}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
+            if within and rejection_reason(tried, manifest) is None:
+                assignment.update(tried)
+                break
+
+
+def _draw_weather(assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
+    """Mostly fine; what the asset does not declare stays as it is."""
+    clouds, fog, rain = rng.random(3) < (_CLOUDS, _FOG, _RAIN)
+    cover, thickness, rate = rng.random(3)
+    for wanted, name, value in (
+        (clouds, "cloud_cover", cover),
+        (fog, "visibility", math.exp(math.log(60.0) + thickness * math.log(2000.0 / 60.0))),
+        (rain, "rain", 20.0 * rate),
+    ):
+        if wanted:
+            _draw_number(assignment, manifest, f"{ENVIRONMENT_PATH}.{name}", float(value), float(value), rng)
+
+
+def _pick(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
+    return str(rng.choice(list(shares), p=list(shares.values())))
 
 
 def _resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:
