@@ -264,7 +264,7 @@ ASSET: Final[dict[str, Any]] = {
     "name": "urban-street",
     "digest": RUN["asset_digest"],
     "title": "Urban street",
-    "description": "A generated street of about 110 m with houses, trees and parked cars, and two pedestrians.",
+    "description": "A generated street of 165 m with houses, trees, vehicles and pedestrians.",
     "cameras": ["camera-1", "camera-2", "camera-3"],
     "persons": ["scene.person-1", "scene.person-2"],
     "movable": ["scene.person-1", "scene.person-2"],

@@ -25,9 +25,7 @@ def test_what_is_known_before_drawing_is_read_from_the_scene_itself() -> None:
     agreed = 0
     for one in drawn:
         camera = one.scene.cameras[one.camera].position
-        persons = [n for n in one.scene.nodes.values() if n.path in ("scene.person-1", "scene.person-2") and n.visible]
-        third = one.scene.nodes["scene.person-3"]
-        persons += [third] if third.visible else []
+        persons = [n for n in one.scene.nodes.values() if n.path in crowd.manifest.persons and n.visible]
         distances = [float(np.linalg.norm(node.transform[:3, 3] - camera)) for node in persons]
         assert near.possible(one) == any(d <= 12 for d in distances)
         if persons:
@@ -42,8 +40,8 @@ def test_a_scene_without_persons_is_in_no_region() -> None:
         one
         for seed in range(100)
         if not any(
-            (one := draw_scene(crowd, np.random.default_rng(seed))).scene.nodes[f"scene.person-{n}"].visible
-            for n in (1, 2, 3)
+            (one := draw_scene(crowd, np.random.default_rng(seed))).scene.nodes[path].visible
+            for path in crowd.manifest.persons
         )
     )
     assert not Target(Region()).possible(empty)

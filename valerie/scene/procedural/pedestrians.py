@@ -51,8 +51,8 @@ PLACES: Final = (
     PersonPlace(-1.9, 14.0, 180.0, ABSENT),
     PersonPlace(6.9, 18.0, 0.0, ABSENT),
     PersonPlace(2.2, 30.0, 270.0, ABSENT),
-    PersonPlace(-1.9, 27.0, 0.0, ABSENT),
-    PersonPlace(6.9, 31.0, 180.0, ABSENT),
+    PersonPlace(-2.3, 27.0, 0.0, ABSENT),
+    PersonPlace(7.4, 31.0, 180.0, ABSENT),
     PersonPlace(3.4, 12.0, 90.0, ABSENT),
 )
 

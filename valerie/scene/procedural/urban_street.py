@@ -1,4 +1,4 @@
-"""The built-in asset ``urban-street``: a generated street with traffic, two pedestrians, three cameras and the sun.
+"""The built-in asset ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
 
 Vehicles that move are hidden by default, and then cost nothing; those that are parked belong to the background, so that a
 varied colour or door of one of them makes one background per value. All are made of nodes for body, doors and wheels.
