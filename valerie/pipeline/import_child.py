@@ -60,7 +60,13 @@ def _answer(job: Mapping[str, Any]) -> dict[str, Any]:
     except MemoryError:
         limit = f"{job['memory_mb']} MB (VALERIE_IMPORT_MEMORY_MB)"
         return {"error": f"payload: it needs too much memory; limit: {limit}", "kind": "InvalidInput"}
-    return {"document": document.model_dump(mode="json"), "payload": path.name, "check": check}
+    # What the layout of a checkpoint was checked by says more, and a document that was exported has its own.
+    provenance = {"checked": "not opened" if "skipped" in check else "opened and run", **document.provenance}
+    return {
+        "document": document.model_copy(update={"provenance": provenance}).model_dump(mode="json"),
+        "payload": path.name,
+        "check": check,
+    }
 
 
 def _convert(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
