@@ -27,7 +27,7 @@ from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
 from valerie.pipeline.context import open_context
-from valerie.pipeline.feeding import BLOCK, Feeder
+from valerie.pipeline.feeding import Feeder
 from valerie.pipeline.submit import submit
 from valerie.runs.spec import parse
 from valerie.settings import load_settings
@@ -140,11 +140,13 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
             run = runs.get(connection, run_id)
         rows = messages = 0.0
         feeder = Feeder(run, settings)
-        for first in range(0, FED, BLOCK):
+        following = 0
+        while following < FED:
             started = time.process_time()
-            ready, _ = feeder.feed(context.engine, first, time.time())
+            fed = feeder.feed(context.engine, following, time.time())
             written = time.process_time()
-            context.broker.send_products(ready)
+            context.broker.send_products(fed.ready)
+            following = fed.next_index
             rows += written - started
             messages += time.process_time() - written
     finally:

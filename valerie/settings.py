@@ -66,6 +66,9 @@ class Settings(BaseSettings):
         8_192, ge=0, description="private memory of the process that converts and checks such a file; 0: no limit"
     )
     import_seconds: Seconds = Field(600.0, description="time that converting and checking may take")
+    import_programs: bool = Field(
+        False, description="also take programs of torch (.pt2, .torchscript), which run code of whoever made them"
+    )
     function_cache_mb: int = Field(4_096, ge=1, description="files of functions that a machine keeps in data_dir")
     predictions_hours: float = Field(
         168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for predictions that people bring"

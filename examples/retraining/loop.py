@@ -23,7 +23,8 @@ from valerie.cli.datasets import Lines
 from valerie.pipeline.comparison import compare_versions
 from valerie.pipeline.context import open_context
 from valerie.pipeline.opening import open_reference
-from valerie.pipeline.retraining import RetrainSettings, find_weakness, retrain
+from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain
+from valerie.pipeline.weakness import find_weakness
 from valerie.settings import load_settings
 
 HERE = Path(__file__).parent
@@ -62,15 +63,16 @@ def main() -> int:
                 ),
             )
             _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
-            versions.append(str(retrained.file))
-            made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "digest": retrained.digest}
+            registered, _ = register_retrained(context, retrained, f"{FUNCTION}-{name}")
+            versions.append(registered.document.name)
+            made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
         _say("4. the same validation again: the same frames, nothing is rendered")
         lines = Lines("frames")
         comparison = compare_versions(
             context,
             run_id,
             versions,
-            open_function=lambda name: open_reference(name, threads=options.threads),
+            open_function=lambda name: open_reference(name, context=context, threads=options.threads),
             where=options.where,
             region=weakness.region,
             progress=lines.tell,

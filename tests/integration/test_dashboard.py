@@ -11,6 +11,8 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from valerie.pipeline import functions
+from valerie.testing.functions import small_onnx
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -30,7 +32,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
 
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A server with a finished, a failed and a running run."""
+    """A server with a finished, a failed and a running run, and two versions of a function."""
     from sketch.runs import open_sketch, settings_of, spec, work
     from sketch.serving import served
 
@@ -40,6 +42,8 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
     work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.variant_index == 4)
     work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
+    for source in ("first.onnx", "<b>second</b>.onnx"):
+        functions.register(context, *small_onnx(folder, provenance={"source": source, "checked": "opened and run"}))
     with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
         yield str(client.base_url).rstrip("/")
     structlog.reset_defaults()
@@ -148,6 +152,24 @@ def test_what_failed_is_shown_with_its_error(page: Page) -> None:
     open_run(page, "lost a layer")
     page.wait_for_selector("text=failed for good")
     assert page.locator("button:has-text('Retry failures')").is_visible()
+
+
+def test_functions_show_their_cards_and_every_version(page: Page) -> None:
+    page.click("nav >> text=Functions")
+    page.wait_for_selector("h1:has-text('Functions under test')")
+    cards = {card.locator("h2").inner_text(): card for card in page.locator(".function").all()}
+    assert list(cards) == ["deeplabv3plus-small", "semantic-fpn-small", "small"]
+    assert cards["semantic-fpn-small"].locator(".chip").inner_text() == "offered"
+    own = cards["small"]
+    assert own.locator(".chip").inner_text() == "no living worker"
+    assert "version 2" in own.inner_text()
+    assert "<b>second</b>.onnx" in own.locator(".facts").first.inner_text(), "text stays text"
+    assert "opened and run when it was imported" in own.inner_text()
+    assert "openvino fp32" in own.inner_text()
+    own.locator("summary", has_text="2 versions").click()
+    rows = own.locator("tbody tr")
+    assert [row.locator("th").inner_text() for row in rows.all()] == ["2", "1"]
+    assert "first.onnx" in rows.nth(1).inner_text()
 
 
 def test_a_run_is_cancelled_and_deleted_only_after_a_question(page: Page) -> None:

@@ -14,6 +14,7 @@ from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.products import Job, Ready
+from valerie.perception.catalog import function_card
 from valerie.pipeline.context import Context, open_context
 from valerie.pipeline.control import ControlLoop
 from valerie.pipeline.finish import finish_run
@@ -64,9 +65,10 @@ def open_sketch(settings: Settings) -> tuple[Context, Bell]:
     ]
     infer = [
         {
-            "stage": "infer", "name": name, "numeric_class": CLASS, "digest": f"{name[0]}" * 64, "route": f"infer.{CLASS}",
+            "stage": "infer", "name": name, "numeric_class": CLASS, "route": f"infer.{CLASS}",
+            "digest": function_card(name).digest,
             "card": {
-                "name": name, "digest": f"{name[0]}" * 64, "architecture": name, "precision": "fp32", "engine": "sketch",
+                "name": name, "digest": function_card(name).digest, "architecture": name, "precision": "fp32", "engine": "sketch",
                 "provenance": {},
             },
         }

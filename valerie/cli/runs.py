@@ -69,7 +69,7 @@ def run(
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
         code = exit_code(progress.state)
         if not json_lines and code in (Exit.OK, Exit.COMPLETED_WITH_FAILURES):
-            _show_next(system, spec)
+            _show_next(system, spec, text, functions=functions, data_dir=data_dir)
     if code != Exit.OK:
         raise typer.Exit(code)
 
@@ -238,18 +238,37 @@ def _leave(system: System, run_id: str, stopped: Stopped) -> None:
         say(f"\nrun {run_id} is cancelled; the same command makes only what is missing")
 
 
-def _show_next(system: System, spec: Path) -> None:
-    name, out = command_name(), console()
-    if system.owned:
-        out.print(f"Dashboard {name} up   (then {system.client.url}/dashboard/)")
-    else:
-        out.print(f"Dashboard {system.client.url}/dashboard/")
-    if str(spec) == "-":
-        return
+def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
+    out = console()
+    dashboard = f"{system.client.url}/dashboard/"
     out.print(
-        f"Try next  add the line  sensors: [{{name: dusk, exposure_ev: -2}}]  to {spec}; then {name} run {spec}\n"
-        f"          renders nothing: the functions only look again, at darker pictures"
+        f"Dashboard {_again('up', data_dir=data_dir)}   (then {dashboard})"
+        if system.owned
+        else f"Dashboard {dashboard}"
     )
+    if str(spec) != "-":
+        out.print(next_step(spec, text, functions=functions, data_dir=data_dir))
+
+
+def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> str:
+    """A change to a spec file that costs little, and the command that was just given, to run it again."""
+    from valerie.runs.spec import parse
+
+    dusk = "{name: dusk, exposure_ev: -2}"
+    has_sensors = "sensors" in parse(text).model_fields_set
+    change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  sensors: [{dusk}]  to {spec}"
+    command = ["run", str(spec), *([] if functions is None else ["--functions", functions])]
+    return (
+        f"Try next  {change}; then {_again(*command, data_dir=data_dir)}\n"
+        "          renders nothing: the functions only look again, at darker pictures"
+    )
+
+
+def _again(*command: str, data_dir: Path | None) -> str:
+    """A command line on the same data folder, to be copied."""
+    import shlex
+
+    return f"{command_name()} " + shlex.join([*command, *([] if data_dir is None else ["--data-dir", str(data_dir)])])
 
 
 def _list(found: list[Run], *, as_json: bool) -> None:

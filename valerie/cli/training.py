@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, command_name, console, context_of, say, settings_of
+from valerie.cli.shell import DataDir, Json, console, context_of, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from valerie.analysis.before_after import Comparison
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frames import Shard
-    from valerie.pipeline.retraining import Retrained, Weakness
+    from valerie.pipeline.retraining import Retrained
+    from valerie.pipeline.weakness import Weakness
 
 app = typer.Typer(help="Train functions under test: on frames drawn anywhere, or where a run found them weak.")
 
@@ -35,8 +36,11 @@ def train(
     function: Annotated[
         str | None, typer.Option("--function", metavar="NAME", help="Which of the run's; may be left out for one.")
     ] = None,
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of the function's.")
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Function file to write (….safetensors).")
+        Path | None, typer.Option("--out", metavar="FILE", help="Also write the function file here (….safetensors).")
     ] = None,
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
     streets: Annotated[int, typer.Option("--streets", min=1, help="Streets to spread them over.")] = 8,
@@ -58,22 +62,25 @@ def train(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Train a new version of a function on fresh frames of the region where a run found it weak, and compare.
+    """Train a new version of a function where a run found it weak, register and compare it.
 
-    `train frames` and `train fit` train from scratch; `train compare` compares versions on a run's frames.
+    The frames are fresh: on streets that neither saw. `train frames` and `train fit`
+    train from scratch; `train compare` compares versions on a run's frames.
     """
     if context.invoked_subcommand is not None:
         return
     if run is None:
         typer.echo(context.get_help())
         raise typer.Exit
-    if where is None or out is None:
-        raise InvalidInput("this is needed too", field="--where" if where is None else "--out")
-    if out.suffix != ".safetensors":
+    if where is None:
+        raise InvalidInput("this is needed too", field="--where", limit="an expression that selects rows of the run")
+    if out is not None and out.suffix != ".safetensors":
         raise InvalidInput("not the name of a function file", field="--out", value=str(out), limit="….safetensors")
-    if out.exists():
+    if out is not None and out.exists():
         raise InvalidInput("is there already; a version is never written over", field="--out", value=str(out))
-    from valerie.pipeline.retraining import RetrainSettings, find_weakness, retrain
+    from valerie.pipeline.functions import require_free
+    from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain, training_folder
+    from valerie.pipeline.weakness import find_weakness
 
     settings = RetrainSettings(
         frames=frames,
@@ -88,11 +95,14 @@ def train(
     )
     with context_of(data_dir) as deployment:
         weakness = find_weakness(deployment, run, where, function)
+        called = name or weakness.next_name
+        require_free(called)
         _say_weakness(weakness)
-        folder = settings_of(data_dir).data_dir.parent / "training" / out.stem
+        trainings = settings_of(data_dir).data_dir.parent / "training"
+        folder = trainings / training_folder(weakness, settings, called)
         made = retrain(
             weakness,
-            out,
+            folder / f"{called}.safetensors" if out is None else out,
             settings,
             folder=folder,
             processes=processes,
@@ -100,8 +110,11 @@ def train(
             on_street=_say_street,
             on_step=_Steps(),
         )
+        registered, new = register_retrained(deployment, made, called)
     _say_made(made, folder)
-    comparison = _compare(run, [weakness.function, str(out)], where, threads, data_dir)
+    say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
+    say(f"functions: [{weakness.function}, {registered.reference}]")
+    comparison = _compare(run, [weakness.function, registered.reference], where, threads, data_dir)
     _show(comparison, as_json=as_json)
 
 
@@ -126,7 +139,9 @@ def compare(
     run: Annotated[str, typer.Argument(metavar="RUN", help="The validation: its frames are looked at again.")],
     versions: Annotated[
         list[str],
-        typer.Option("--version", metavar="FUNCTION", help="Name or function file; give two or more, before first."),
+        typer.Option(
+            "--version", metavar="FUNCTION", help="Name, NAME@DIGEST or function file; two or more, before first."
+        ),
     ],
     where: Annotated[
         str, typer.Option("--where", metavar="EXPRESSION", help="Show the selected persons and their region apart.")
@@ -136,7 +151,10 @@ def compare(
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Compare versions of a function on a run's frames, side by side; nothing is rendered."""
+    """Compare versions of a function on a run's frames, side by side; nothing is rendered.
+
+    A name that stands in the run's spec means the version that the run saw.
+    """
     comparison = _compare(run, versions, where, threads, data_dir)
     if picture is not None:
         from valerie.analysis.before_after_drawing import draw_comparison
@@ -150,7 +168,7 @@ def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: 
     from valerie.cli.datasets import Lines
     from valerie.pipeline.comparison import compare_versions
     from valerie.pipeline.opening import open_reference
-    from valerie.pipeline.retraining import selected_region
+    from valerie.pipeline.weakness import selected_region
 
     lines = Lines("frames")
     with context_of(data_dir) as deployment:
@@ -188,7 +206,6 @@ def _say_made(made: Retrained, folder: Path) -> None:
     first, last = made.street_seeds
     say(f"{made.frames:,} frames kept of {made.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
     say(f"wrote {made.file}, digest {made.digest[:12]}, after {made.steps} steps")
-    say(f"use it: {command_name()} evaluate --dataset DIR --function {made.file}")
 
 
 class _Steps:

@@ -17,13 +17,12 @@ from sqlalchemy import (
     String,
     any_,
     bindparam,
-    case,
     func,
     literal,
     literal_column,
-    or_,
     select,
     text,
+    union,
     update,
 )
 from sqlalchemy import delete as sql_delete
@@ -31,7 +30,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.bulk import insert_rows
 from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import BROUGHT_ROUTE, ProductKind
 
 #: Cache group of the evaluations of predictions that people bring.
 BROUGHT_GROUP: Final = "brought"
@@ -41,8 +40,10 @@ Ready = tuple[str, str, str, str]
 _READY_COLUMNS = (Product.digest, Product.kind, Product.route, Product.cache_group)
 _INPUTS = (Product.input_a, Product.input_b, Product.input_c)
 #: Spelled out and not bound: SQLite uses a partial index only for a condition that it can read in the statement. Whatever looks
-#: for unfinished products without their digests needs this, or it reads the whole table.
+#: for unfinished, waiting or ended products without their digests needs these, or it reads the whole table.
 _UNFINISHED = Product.state.in_([literal_column(f"'{state}'") for state in ("waiting", "ready", "running")])
+_WAITING = Product.state == literal_column("'waiting'")
+_ENDED = Product.state.in_([literal_column(f"'{state}'") for state in ("done", "failed")])
 
 #: What a product that is to be tried again begins with.
 _TRY_AGAIN: dict[str, Any] = {
@@ -61,20 +62,42 @@ _INPUTS_DONE = text(
 
 #: (digest, kind, route, cache group, inputs a, b and c) of a product that a run links to.
 Wanted = tuple[str, str, str, str, str | None, str | None, str | None]
+_WANTED_COLUMNS = ("digest", "kind", "route", "cache_group", "input_a", "input_b", "input_c")
 
 
-def insert_wanted(connection: Connection, rows: Sequence[Wanted]) -> None:
-    """Insert products that a run links to; what is there already stays, but what failed for good or was parked is tried again."""
+def want(connection: Connection, rows: Iterable[Wanted], now: float) -> list[Ready]:
+    """Insert products that a run links to, ready where all inputs are done; returns what became ready.
+
+    What is there already stays as it is, but what failed for good or was parked is tried again.
+    """
+    wanted = list(rows)
+    asked = {digest for row in wanted for digest in (row[0], *row[4:]) if digest is not None}
+    # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
+    known = select(Product.digest, Product.state).where(_among(connection, Product.digest, asked)).with_for_update()
+    states: dict[str, str] = {row[0]: row[1] for row in connection.execute(known)}
+    inserted: list[tuple[Any, ...]] = []
+    ready: list[Ready] = []
+    for row in wanted:
+        digest, kind, route, group, *inputs = row
+        if states.get(digest, "failed") not in ("failed", "parked"):
+            continue
+        if all(states.get(one) == "done" for one in inputs if one is not None):
+            inserted.append((*row, "ready", 0, now))
+            if route != BROUGHT_ROUTE:
+                ready.append((digest, kind, route, group))
+        else:
+            inserted.append((*row, "waiting", 0, None))
     insert_rows(
         connection,
         Product,
-        ("digest", "kind", "route", "cache_group", "input_a", "input_b", "input_c", "state", "attempts"),
-        [(*row, "waiting", 0) for row in rows],
+        (*_WANTED_COLUMNS, "state", "attempts", "sent_at"),
+        inserted,
         on_conflict=(
-            "(digest) DO UPDATE SET state = 'waiting', attempts = 0, error = NULL, lease_owner = NULL, lease_until = NULL,"
-            " sent_at = NULL WHERE products.state IN ('failed', 'parked')"
+            "(digest) DO UPDATE SET state = excluded.state, attempts = 0, error = NULL, lease_owner = NULL,"
+            " lease_until = NULL, sent_at = excluded.sent_at WHERE products.state IN ('failed', 'parked')"
         ),
     )
+    return ready
 
 
 def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -102,8 +125,9 @@ def promote_dependents(connection: Connection, inputs: Iterable[str], now: float
     one product at the same time, the later then sees both.
     """
     done = list(inputs)
-    among = [_among(connection, column, done) for column in _INPUTS]
-    return _promote(connection, or_(*among), now)
+    # One SELECT per column: SQLite reads no partial index for the parts of an OR.
+    waiting = [select(Product.digest).where(_WAITING, _among(connection, column, done)) for column in _INPUTS]
+    return _promote(connection, Product.digest.in_(union(*waiting)), now)
 
 
 def promote_all(connection: Connection, now: float) -> list[Ready]:
@@ -312,9 +336,10 @@ def fail_dependents(connection: Connection, failed: Sequence[str], now: float) -
     causes = list(failed)
     while causes:
         cause = causes.pop()
+        waiting = [select(Product.digest).where(_WAITING, column == cause) for column in _INPUTS]
         rows = connection.execute(
             update(Product)
-            .where(Product.state == "waiting", or_(*(column == cause for column in _INPUTS)))
+            .where(Product.state == "waiting", Product.digest.in_(union(*waiting)))
             .values(state="failed", error={"cause": cause}, finished_at=now)
             .returning(Product.digest)
         )
@@ -409,19 +434,19 @@ def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
 
 
 def totals(connection: Connection) -> list[tuple[str, int, int, float]]:
-    """(kind, done, failed, CPU seconds of what is done) over all products."""
-    done, failed = Product.state == "done", Product.state == "failed"
+    """(kind, done, failed, CPU seconds of what is done) of every kind, over all products; read from an index alone."""
     rows = connection.execute(
-        select(
-            Product.kind,
-            func.sum(case((done, 1), else_=0)),
-            func.sum(case((failed, 1), else_=0)),
-            func.sum(case((done, Product.cpu_seconds), else_=0.0)),
-        )
-        .group_by(Product.kind)
-        .order_by(Product.kind)
+        select(Product.kind, Product.state, func.count(), func.sum(Product.cpu_seconds))
+        .where(_ENDED)
+        .group_by(Product.kind, Product.state)
     )
-    return [(kind, int(made), int(lost), float(seconds or 0.0)) for kind, made, lost, seconds in rows]
+    ended = {(kind, state): (int(count), float(seconds or 0.0)) for kind, state, count, seconds in rows}
+    nothing = (0, 0.0)
+    return [
+        (kind, ended.get((kind, "done"), nothing)[0], ended.get((kind, "failed"), nothing)[0],
+         ended.get((kind, "done"), nothing)[1])
+        for kind in sorted(ProductKind)
+    ]  # fmt: skip
 
 
 def done_digests(connection: Connection, digests: Iterable[str]) -> set[str]:
@@ -457,7 +482,7 @@ def recorded_costs(connection: Connection, *, sample: int = 400) -> list[Recorde
         group = Product.cache_group if kind == "prediction" else literal("")
         newest = (
             select(Product.route, group.label("grouped"), Product.cpu_seconds, Product.bytes, Product.pixels)
-            .where(Product.kind == kind, Product.state == "done", Product.cpu_seconds.is_not(None))
+            .where(_ENDED, Product.kind == kind, Product.state == "done", Product.cpu_seconds.is_not(None))
             .order_by(Product.finished_at.desc())
             .limit(sample)
             .subquery()

@@ -137,6 +137,14 @@ def linked_digests(connection: Connection, run_id: str, states: Sequence[str]) -
     )
 
 
+def open_block(connection: Connection, run_id: str, first: int, last: int) -> None:
+    """Add the block of the variants ``first`` … ``last``, which were just written."""
+    number = select(func.coalesce(func.max(Block.number) + 1, 0)).where(Block.run_id == run_id).scalar_subquery()
+    connection.execute(
+        insert(Block).values(run_id=run_id, number=number, first=first, last=last, closed=False, counts={})
+    )
+
+
 def open_blocks(connection: Connection, run_id: str) -> list[Row[Any]]:
     """Blocks that are not finished yet."""
     return list(

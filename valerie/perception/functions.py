@@ -45,7 +45,7 @@ def open_function(
     if threads < 1:
         raise InvalidInput("at least one thread", field="threads", value=threads, limit="≥ 1")
     if document.payload is not None:
-        _require_payload(document, payload)
+        require_payload(document, payload)
     silence_libraries()
     identity = digest or document.digest
     try:
@@ -83,7 +83,13 @@ def _engine(document: FunctionDocument, payload: Path, *, threads: int, device: 
     return OnnxRuntimeEngine(document, payload, threads=threads)
 
 
-def _require_payload(document: FunctionDocument, path: Path | None) -> None:
+def require_payload(document: FunctionDocument, path: Path | None) -> None:
+    """Refuse a file that is not the one that the document names.
+
+    Raises:
+        NotFound: there is no file ``path``.
+        CorruptArtifact: it has another digest.
+    """
     assert document.payload is not None
     if path is None:
         raise NotFound("payload of the function", document.name)

@@ -164,9 +164,9 @@ class ControlLoop:
                 except ValerieError as error:
                     self._fail(run.id, str(error))
                     continue
-            ready, written = feeder.feed(self._context.engine, run.next_index, now)
-            room -= written
-            self._send(ready)
+            fed = feeder.feed(self._context.engine, run.next_index, now)
+            room -= fed.products
+            self._send(fed.ready)
         return room > 0
 
     def _send(self, ready: Iterable[Ready]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import orjson
 from sqlalchemy import Engine
@@ -12,7 +12,7 @@ from valerie.broker import EVAL_QUEUE
 from valerie.db import products, runs
 from valerie.db.bulk import insert_rows
 from valerie.db.engine import writing
-from valerie.db.models import Block, Evaluation, Frame, Variant
+from valerie.db.models import Evaluation, Frame, Variant
 from valerie.db.products import BROUGHT_GROUP, Ready, Wanted
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
@@ -20,8 +20,24 @@ from valerie.runs.states import BROUGHT_ROUTE
 from valerie.scene.legality import rejection_reason
 from valerie.settings import Settings
 
-#: Variants per block: small enough for a short transaction, large enough to spread its cost.
-BLOCK: Final = 250
+#: A block ends with the variant that brings it to so many products, or at so many variants (they may all be rejected): small
+#: enough for a short transaction, large enough to spread its cost, since digests are spread over all pages of an index.
+BLOCK_PRODUCTS: Final = 4_000
+BLOCK_VARIANTS: Final = 1_000
+
+
+class Fed(NamedTuple):
+    """What became of a block.
+
+    Attributes:
+        next_index: where the next block begins.
+        products: how many the block links to; 0 where nothing was written.
+        ready: those that became ready.
+    """
+
+    next_index: int
+    products: int
+    ready: list[Ready]
 
 
 class Feeder:
@@ -35,39 +51,24 @@ class Feeder:
         self._inputs = ProductInputs(resolved, asset_digest=run.asset_digest, pins=run.pins)
         self._pins: dict[str, Any] = run.pins
 
-    def feed(self, engine: Engine, first: int, now: float) -> tuple[list[Ready], int]:
-        """Write the block that begins at variant ``first``.
-
-        Returns:
-            what became ready, and how many products the block links to.
-        """
-        last = min(first + BLOCK, self._count) - 1
-        rows = self._rows(first, last)
+    def feed(self, engine: Engine, first: int, now: float) -> Fed:
+        """Write the block that begins at variant ``first``, unless somebody else did, or the run was stopped."""
+        rows = self._rows(first)
+        following = first + len(rows.variants)
         with writing(engine) as connection:
             run = runs.get(connection, self._run_id)
             if run.next_index != first or run.state != "running":
-                return [], 0  # another process was faster, or the run was stopped
+                return Fed(run.next_index, 0, [])  # another process was faster, or the run was stopped
             insert_rows(connection, Variant, _VARIANT, rows.variants)
-            products.insert_wanted(connection, list(rows.wanted.values()))
+            ready = products.want(connection, rows.wanted.values(), now)
             insert_rows(connection, Frame, _FRAME, rows.frames)
             insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
-            connection.execute(
-                Block.__table__.insert(),  # type: ignore[attr-defined]
-                {
-                    "run_id": self._run_id,
-                    "number": first // BLOCK,
-                    "first": first,
-                    "last": last,
-                    "closed": False,
-                    "counts": {},
-                },
-            )
-            ready = products.promote(connection, rows.wanted, now)
+            runs.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
-            runs.set_values(connection, self._run_id, next_index=last + 1, rejected_count=rejected)
-        return ready, len(rows.wanted)
+            runs.set_values(connection, self._run_id, next_index=following, rejected_count=rejected)
+        return Fed(following, len(rows.wanted), ready)
 
-    def _rows(self, first: int, last: int) -> _Rows:
+    def _rows(self, first: int) -> _Rows:
         run_id, space, manifest = self._run_id, self._resolved.space, self._resolved.manifest
         cameras = range(len(self._resolved.cameras))
         engine_route, truth_route = self._pins["engine"]["route"], self._pins["truth"]["route"]
@@ -79,7 +80,10 @@ class Feeder:
         ]
         rows = _Rows()
         want = rows.wanted.setdefault
-        for index, (block, assignment) in enumerate(space.values(first, last + 1), start=first):
+        last = min(first + BLOCK_VARIANTS, self._count)
+        for index, (block, assignment) in enumerate(space.values(first, last), start=first):
+            if len(rows.wanted) >= BLOCK_PRODUCTS:
+                break
             reason = space.violated(assignment) or rejection_reason(assignment, manifest)
             rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
             if reason is not None:

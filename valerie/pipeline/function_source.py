@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from valerie import plugins
-from valerie.db import functions
 from valerie.db.engine import reading
-from valerie.errors import CorruptArtifact, NotFound, TransientError
+from valerie.errors import CorruptArtifact, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents import FunctionDocument
-from valerie.perception.functions import open_function
+from valerie.perception.functions import open_function, require_payload
+from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_cache import FunctionCache
 from valerie.settings import Settings
@@ -55,11 +55,26 @@ class FunctionSource:
 
     def _registered(self, digest: str, name: str) -> PerceptionFunction:
         with reading(self._context.engine) as connection:
-            row = functions.of_digest(connection, digest)
-        if row is None:
-            raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:12]}: it was removed")
-        document = FunctionDocument.model_validate(row.document)
+            document = functions.of_digest(connection, digest, name).document
         return self.open_document(document, threads=self._context.settings.inference_threads)
+
+    def file(self, document: FunctionDocument) -> Path:
+        """The verified payload of a registered function that has one; use it soon, it is a cache's.
+
+        Raises:
+            NotFound: it was removed.
+            CorruptArtifact: the store holds other bytes.
+            StorageFull, StorageUnavailable: this machine's folder cannot be written.
+        """
+        path = self._cache.fetch(document)
+        try:
+            require_payload(document, path)
+        except CorruptArtifact:  # of this machine's copy, or of the store's
+            self._cache.forget(document)
+            path = self._cache.fetch(document)
+            require_payload(document, path)
+        assert path is not None, "require_payload refuses it"
+        return path
 
     def open_document(self, document: FunctionDocument, *, threads: int) -> PerceptionFunction:
         """Load a registered function.

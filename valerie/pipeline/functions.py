@@ -64,10 +64,7 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
         InvalidInput: the file is not the one that the document names.
         StorageFull: no space left.
     """
-    if document.name in plugins.function_names(testing=True):
-        raise Conflict(
-            f"the name {document.name!r} belongs to a function that is installed with VALERIE; register it under another one"
-        )
+    require_free(document.name)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:
@@ -80,6 +77,18 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
             now=runs.now_utc(),
         )
         return _registered(functions.get(connection, document.name, document.digest)), new
+
+
+def require_free(name: str) -> None:
+    """Refuse a name under which nothing can be registered.
+
+    Raises:
+        Conflict: it belongs to a function that ships with VALERIE or with an installed package.
+    """
+    if name in plugins.function_names(testing=True):
+        raise Conflict(
+            f"the name {name!r} belongs to a function that is installed with VALERIE; register it under another one"
+        )
 
 
 def listed(connection: Connection) -> list[Registered]:
@@ -110,6 +119,23 @@ def find(connection: Connection, reference: str, *, field: str = "function") -> 
             "several versions begin so", field=field, value=reference, limit=", ".join(row.digest for row in chosen)
         )
     return _registered(chosen[0])
+
+
+def of_digest(connection: Connection, digest: str, name: str) -> Registered:
+    """The version that a run pinned.
+
+    Args:
+        connection: to read with.
+        digest: of the document, whole.
+        name: what the run calls it.
+
+    Raises:
+        NotFound: it was removed.
+    """
+    row = functions.of_digest(connection, digest)
+    if row is None:
+        raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:SHORT]}: it was removed")
+    return _registered(row)
 
 
 def known(connection: Connection, references: Iterable[str]) -> dict[str, FunctionDocument]:

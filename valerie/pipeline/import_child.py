@@ -9,16 +9,18 @@ import json
 import resource
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from valerie.errors import InvalidInput, MissingDependency, ValerieError
-from valerie.perception.documents import FunctionDocument, parse_function
+from valerie.perception.documents import FunctionDocument, InputDocument, parse_function
 from valerie.perception.functions import open_function
 from valerie.perception.limits import limit_memory, time_limit
+from valerie.perception.onnx_files import check_onnx
 from valerie.pipeline.importing import payload_of
 
 _PAYLOAD: Final = "payload.safetensors"
@@ -46,8 +48,10 @@ def _bound(job: Mapping[str, Any]) -> None:
 
 def _answer(job: Mapping[str, Any]) -> dict[str, Any]:
     try:
-        if job["convert"]:
+        if job["convert"] == "checkpoint":
             document, path = _convert(job)
+        elif job["convert"] == "program":
+            document, path = _export(job)
         else:
             document, path = FunctionDocument.model_validate(job["entries"]), Path(job["path"])
         check = _try_out(document, path, device=job["device"])
@@ -56,17 +60,18 @@ def _answer(job: Mapping[str, Any]) -> dict[str, Any]:
     except MemoryError:
         limit = f"{job['memory_mb']} MB (VALERIE_IMPORT_MEMORY_MB)"
         return {"error": f"payload: it needs too much memory; limit: {limit}", "kind": "InvalidInput"}
-    return {"document": document.model_dump(mode="json"), "payload": path.name, "check": check}
+    # What the layout of a checkpoint was checked by says more, and a document that was exported has its own.
+    provenance = {"checked": "not opened" if "skipped" in check else "opened and run", **document.provenance}
+    return {
+        "document": document.model_copy(update={"provenance": provenance}).model_dump(mode="json"),
+        "payload": path.name,
+        "check": check,
+    }
 
 
 def _convert(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
-    try:
+    with _required():
         from valerie.perception.checkpoints.importing import import_checkpoint
-    except ModuleNotFoundError as error:
-        raise MissingDependency(
-            f"converting a checkpoint needs {error.name}, which is not installed here; install it with: "
-            "pip install 'valerie[infer]', or convert where it is and register the exported function"
-        ) from error
     entries = dict(job["entries"])
     output = entries.get("output") or {}
     classes = output.get("classes") if isinstance(output, dict) else None
@@ -80,6 +85,29 @@ def _convert(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
     path.write_bytes(imported.payload())
     payload = payload_of(path, "safetensors")
     return parse_function(_merged(imported.document_fields(), entries), payload=payload.model_dump()), path
+
+
+def _export(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
+    """A program of torch, which runs here, as ONNX."""
+    with _required():
+        from valerie.perception.programs import program_to_onnx
+    part = job["entries"].get("input") or {}
+    size = InputDocument.model_validate({"size": part.get("size")}).size if isinstance(part, dict) else None
+    path = Path(job["folder"]) / "payload.onnx"
+    path.write_bytes(program_to_onnx(Path(job["path"]), size))
+    check_onnx(path, max_bytes=job["max_bytes"])
+    return parse_function(job["entries"], payload=payload_of(path, "onnx").model_dump()), path
+
+
+@contextmanager
+def _required() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingDependency(
+            f"converting needs {error.name}, which is not installed here; install it with: pip install 'valerie[infer]', "
+            "or convert where it is and register the exported function"
+        ) from error
 
 
 def _merged(found: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 What libraries have to parse (checkpoints, networks) is opened in a child process with bounded memory and time, and without
 the environment's secrets (`valerie.pipeline.import_child`): a file that makes a parser run away ends a child and nothing else.
-Files that run code when they are loaded are refused. The original of a converted file is not kept.
+Files that run code when they are loaded are refused, but for programs of torch where the operator allows them. The original of
+a converted file is not kept.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ from valerie.perception.documents import PAYLOADS, FunctionDocument, Payload, pa
 from valerie.perception.onnx_files import check_onnx
 from valerie.settings import Settings
 
+#: Programs of torch: taken where an operator allows it, and turned into ONNX.
+_PROGRAMS: Final = {".pt2": "an exported program of torch", ".torchscript": "a TorchScript archive"}
 #: What loading executes code from, and people might bring all the same.
 _RUNS_CODE: Final = {
-    ".pt2": "an exported program of torch",
-    ".torchscript": "a TorchScript archive",
+    **_PROGRAMS,
     ".py": "a Python program",
     ".whl": "a Python package",
     ".so": "a library",
@@ -100,9 +102,17 @@ def import_function(brought: Brought, folder: Path, settings: Settings) -> Impor
     size = brought.path.stat().st_size
     if size > limit:
         raise InvalidInput("the file is too large", field="payload", value=f"{size} bytes", limit=f"{limit} bytes")
+    if suffix in _PROGRAMS and settings.import_programs:
+        entries = {
+            "kind": "onnx",
+            **entries,
+            "provenance": {"program": brought.filename, **entries.get("provenance", {})},
+        }
+        return _tried(entries, brought.path, folder, settings, convert="program")
     if suffix in _RUNS_CODE:
+        switch = "; its operator can allow it with VALERIE_IMPORT_PROGRAMS" if suffix in _PROGRAMS else ""
         raise InvalidInput(
-            f"{_RUNS_CODE[suffix]} runs code when it is loaded and is not accepted; export the network as ONNX",
+            f"{_RUNS_CODE[suffix]} runs code when it is loaded and is not accepted; export the network as ONNX{switch}",
             field="payload",
             value=brought.filename,
             limit=", ".join((_ONNX, *_CHECKPOINTS)),
@@ -111,7 +121,7 @@ def import_function(brought: Brought, folder: Path, settings: Settings) -> Impor
         summary = check_onnx(brought.path, max_bytes=limit)
         told = {"source": brought.filename, "producer": summary.producer, "opset": str(summary.opset)}
         entries = {"kind": "onnx", **entries, "provenance": {**told, **entries.get("provenance", {})}}
-        return _tried(entries, brought.path, folder, settings, convert=False)
+        return _tried(entries, brought.path, folder, settings, convert="")
     if suffix not in _CHECKPOINTS:
         raise InvalidInput(
             "not a kind of file that is known",
@@ -121,7 +131,7 @@ def import_function(brought: Brought, folder: Path, settings: Settings) -> Impor
         )
     as_it_is = entries.get("kind") == "huggingface"
     entries["provenance"] = {"file": brought.filename, **entries.get("provenance", {})}
-    return _tried(entries, brought.path, folder, settings, convert=not as_it_is)
+    return _tried(entries, brought.path, folder, settings, convert="" if as_it_is else "checkpoint")
 
 
 def payload_of(path: Path, file_format: str) -> Payload:
@@ -146,7 +156,7 @@ def _entries(brought: Brought) -> dict[str, Any]:
     return entries
 
 
-def _tried(entries: dict[str, Any], path: Path, folder: Path, settings: Settings, *, convert: bool) -> Imported:
+def _tried(entries: dict[str, Any], path: Path, folder: Path, settings: Settings, *, convert: str) -> Imported:
     """Let the child convert the file, if need be, and open and run the function."""
     if not convert:
         payload = payload_of(path, PAYLOADS[str(entries["kind"])])

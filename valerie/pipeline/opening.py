@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from valerie import plugins
 from valerie.db.engine import reading
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import Conflict, InvalidInput, UnknownName
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, file_document, function_path
+from valerie.perception.documents import FunctionDocument
 from valerie.perception.functions import open_function
+from valerie.perception.training.beginning import require_trainable
 from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_source import FunctionSource
+from valerie.pipeline.functions import SHORT
 
 _SUFFIX: Final = ".safetensors"
 
@@ -24,22 +28,35 @@ def is_file(reference: str) -> bool:
     return "/" in reference or reference.endswith(_SUFFIX)
 
 
-def function_file(reference: str) -> Path:
-    """The file behind a reference: a path, or the name of a function that ships with VALERIE.
+def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tuple[FunctionDocument, Path]:
+    """Document and weights of a network as a run pinned it.
+
+    Args:
+        name: what the run's spec calls it.
+        pin: see `valerie.pipeline.pinning`.
+        context: of the deployment, where functions are registered.
 
     Raises:
-        InvalidInput: the function of that name is no file here.
+        InvalidInput: it is no network of VALERIE's own architectures (see `require_trainable`).
+        NotFound: this version was removed.
+        Conflict: it ships with VALERIE, and the run looked with other weights than are installed now.
     """
-    if is_file(reference):
-        return Path(reference)
-    if reference not in FUNCTIONS:
-        raise InvalidInput(
-            "not a function whose weights are at hand",
-            field="function",
-            value=reference,
-            limit=f"{', '.join(FUNCTIONS)}, or a function file (….safetensors)",
+    if "kind" in pin:
+        with reading(context.engine) as connection:
+            document = functions.of_digest(connection, pin["digest"], name).document
+        require_trainable(document)
+        return document, FunctionSource(context).file(document)
+    if name not in FUNCTIONS:
+        raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
+    path = function_path(name)
+    document = file_document(name, path)
+    assert document.payload is not None, "it was made from the file"
+    if document.payload.sha256 != pin["digest"]:
+        raise Conflict(
+            f"the run looked with other weights of {name} ({pin['digest'][:SHORT]}) than are installed now "
+            f"({document.payload.sha256[:SHORT]}); run the validation again"
         )
-    return function_path(reference)
+    return document, path
 
 
 def display_name(reference: str) -> str:

@@ -1,43 +1,37 @@
-"""The loop back to training: from the rows where a function is weak to a new version of it.
+"""The loop back to training: from the region where a function is weak (`valerie.pipeline.weakness`) to a new version of it.
 
-Select rows of a run, read their region, draw scenes on streets that neither the run nor the function has seen until they
-fall into it, and go on training from the function's weights. What comes out is a function file; comparing it is
+Draw scenes on streets that neither the run nor the function has seen until they fall into the region, and go on training from the
+function's weights. What comes out is a function file, and registered it is the next version of the function; comparing it is
 `valerie.pipeline.comparison`.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from valerie.analysis.frames import ABSENT
-from valerie.analysis.region import Region, region_of
-from valerie.db import runs
-from valerie.db.engine import reading
+from valerie.analysis.region import Region
 from valerie.errors import InvalidInput
-from valerie.perception.function_file import FunctionHeader, read_header
+from valerie.parameters.assignment import digest
+from valerie.perception.catalog import file_document
+from valerie.perception.documents import FunctionDocument, parse_function
+from valerie.perception.function_file import read_header
+from valerie.perception.training.beginning import beginning
 from valerie.perception.training.frames import FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
 from valerie.pipeline.context import Context
-from valerie.pipeline.opening import function_file
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.selection import evaluated_rows, function_index, run_where
+from valerie.pipeline.functions import Registered, register
 from valerie.pipeline.training_frames import SEEDS, FrameSettings, render_frames
-from valerie.pipeline.training_targets import quantities, run_values
-from valerie.runs.spec import ResolvedRun
+from valerie.pipeline.weakness import Weakness
 
 if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
-
-#: Streets of functions that do not say which they have seen begin here.
-_UNSEEN_SEED: Final = 50_000
 
 
 class RetrainSettings(BaseModel):
@@ -85,44 +79,13 @@ class RetrainSettings(BaseModel):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Weakness:
-    """What a selection says about one function of a run.
-
-    Attributes:
-        run_id, function, where: what was asked.
-        selected, evaluated: rows (persons in frames) that are selected, and all of that function with a person.
-        region: read from the selected rows.
-        asset, arguments: of the run's generated asset, without its seed.
-        asset_seed: of the run; no training frame is from it.
-        file, header: the function's weights.
-    """
-
-    run_id: str
-    function: str
-    where: str
-    selected: int
-    evaluated: int
-    region: Region
-    asset: str
-    arguments: dict[str, Any]
-    asset_seed: int
-    file: Path
-    header: FunctionHeader
-
-    def first_seed(self) -> int:
-        """The first street seed that neither the function's training nor the run has shown."""
-        seen = [int(n) for n in re.findall(r"\d+", self.header.provenance.get("frames-street-seeds", ""))]
-        first = max(seen, default=_UNSEEN_SEED - 1) + 1
-        return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Retrained:
     """What came out.
 
     Attributes:
         file: the function file.
         digest: SHA-256 of it.
+        before: the document of the function that it began with.
         frames: training frames.
         drawn: scenes drawn to get them; as many as ``frames`` where every draw was taken.
         steps: training steps.
@@ -131,76 +94,11 @@ class Retrained:
 
     file: Path
     digest: str
+    before: FunctionDocument
     frames: int
     drawn: int
     steps: int
     street_seeds: tuple[int, int]
-
-
-def find_weakness(context: Context, run_id: str, where: str, function: str | None = None) -> Weakness:
-    """Read the region of the selected rows of one function of a run, and what is needed to train against it.
-
-    Args:
-        context: of the deployment.
-        run_id: of a run on a generated asset that takes a seed.
-        where: selects rows: ``pacc < 0.5 and distance_m > 25``.
-        function: one of the run's; None where it has only one.
-
-    Raises:
-        NotFound: no such run.
-        InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
-    """
-    resolved = _resolved(context, run_id)
-    name = _function(resolved, function)
-    file = function_file(name)
-    asset, arguments, seed = _generated(resolved)
-    region, evaluated = _region(context, run_id, resolved, where, name)
-    return Weakness(
-        run_id=run_id,
-        function=name,
-        where=where,
-        selected=region.rows,
-        evaluated=evaluated,
-        region=region,
-        asset=asset,
-        arguments=arguments,
-        asset_seed=seed,
-        file=file,
-        header=read_header(file),
-    )
-
-
-def selected_region(context: Context, run_id: str, where: str, function: str) -> Region | None:
-    """The region of a selection of one function's rows; None where the run did not evaluate that function.
-
-    Raises:
-        NotFound: no such run.
-        InvalidInput, UnknownName: the expression is wrong, or selects nothing.
-    """
-    resolved = _resolved(context, run_id)
-    return _region(context, run_id, resolved, where, function)[0] if function in resolved.spec.functions else None
-
-
-def _resolved(context: Context, run_id: str) -> ResolvedRun:
-    with reading(context.engine) as connection:
-        return resolve_stored(runs.get(connection, run_id), context.settings)
-
-
-def _region(context: Context, run_id: str, resolved: ResolvedRun, where: str, function: str) -> tuple[Region, int]:
-    """The region, and how many persons that function was evaluated on."""
-    condition = run_where(where, resolved)
-    index = function_index(function, resolved)
-    with reading(context.engine) as connection:
-        rows = [
-            row
-            for _, row in evaluated_rows(connection, run_id, resolved, function=index)
-            if row["undefined_reason"] != ABSENT
-        ]
-    selected = [row for row in rows if condition.holds(row)]
-    if not selected:
-        raise InvalidInput(f"selects none of {len(rows)} rows of {function}", field="where", value=where)
-    everything = [run_values(row, resolved) for row in rows]
-    return region_of((run_values(row, resolved) for row in selected), everything, quantities(resolved)), len(rows)
 
 
 def retrain(
@@ -232,27 +130,25 @@ def retrain(
     """
     from valerie.perception.training.fit import train
 
-    wanted = settings.frame_settings(
-        weakness.asset,
-        weakness.arguments,
-        weakness.region,
-        weakness.first_seed() if settings.first_seed is None else settings.first_seed,
-    )
-    _require_same(folder, {"frames": wanted.model_dump(mode="json"), "training": settings.model_dump(mode="json")})
+    wanted = _wanted(weakness, settings)
+    _require_same(folder, _request(weakness, settings))
+    start = folder / "start.safetensors"
+    start.write_bytes(beginning(weakness.document, weakness.file))
     frames = _frames(folder / "frames", wanted, processes, on_street)
     held_out = _held_out(folder / "held-out", settings, wanted, processes)
     model = train(
-        _training_settings(weakness.header, settings),
+        _training_settings(weakness.document, settings),
         frames,
         held_out=held_out if held_out is not None else (),
         progress=on_step,
         checkpoint=folder / "checkpoint.safetensors",
-        start_from=weakness.file,
+        start_from=start,
         threads=threads,
     )
     drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
-    provenance = training_provenance(frames, held_out, weakness.file)
+    provenance = training_provenance(frames, held_out, start)
     provenance |= {
+        "started-from": _digest(weakness.document),
         "retrained-from-function": weakness.function,
         "retrained-from-run": weakness.run_id,
         "retrained-where": weakness.where,
@@ -262,7 +158,73 @@ def retrain(
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(model.to_bytes(provenance))
     seeds = wanted.seeds()
-    return Retrained(out, read_header(out).digest, len(frames), drawn, model.steps, (seeds[0], seeds[-1]))
+    return Retrained(
+        file=out,
+        digest=read_header(out).digest,
+        before=weakness.document,
+        frames=len(frames),
+        drawn=drawn,
+        steps=model.steps,
+        street_seeds=(seeds[0], seeds[-1]),
+    )
+
+
+def register_retrained(context: Context, made: Retrained, name: str) -> tuple[Registered, bool]:
+    """Register a new version: as the function that it began with, with other weights.
+
+    Returns:
+        What is registered now, and whether it is new.
+
+    Raises:
+        InvalidInputs: not a name of functions.
+        Conflict: the name belongs to a function that is installed.
+        StorageFull: no space left.
+    """
+    return register(context, _next_document(made, name), made.file)
+
+
+def _next_document(made: Retrained, name: str) -> FunctionDocument:
+    """Engine, precision and how frames go in stay; the normalisation is the file's, in training's channels and unit."""
+    written = file_document(name, made.file)
+    normalised = {field: getattr(written.input, field) for field in ("mean", "std", "scale", "channel_order")}
+    document = made.before.model_copy(
+        update={
+            "name": name,
+            "payload": written.payload,
+            "input": made.before.input.model_copy(update=normalised),
+            "provenance": written.provenance,
+        }
+    )
+    return parse_function(document.model_dump(mode="json"))
+
+
+def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) -> str:
+    """What to call the folder of a training: the same for the same training, so that the same command goes on with it."""
+    return f"{name}-{digest('training', _request(weakness, settings))[:8]}"
+
+
+def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
+    """What must be equal for two trainings to be one."""
+    return {
+        "start": _digest(weakness.document),
+        "frames": _wanted(weakness, settings).model_dump(mode="json"),
+        "training": settings.model_dump(mode="json"),
+    }
+
+
+def _wanted(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
+    return settings.frame_settings(
+        weakness.asset,
+        weakness.arguments,
+        weakness.region,
+        weakness.first_seed() if settings.first_seed is None else settings.first_seed,
+    )
+
+
+def _digest(document: FunctionDocument) -> str:
+    """SHA-256 of a network's weights."""
+    assert document.payload is not None, "networks have a file"
+    return document.payload.sha256
 
 
 def _frames(
@@ -297,14 +259,14 @@ def _held_out(folder: Path, settings: RetrainSettings, wanted: FrameSettings, pr
     )
 
 
-def _training_settings(header: FunctionHeader, settings: RetrainSettings) -> TrainingSettings:
+def _training_settings(document: FunctionDocument, settings: RetrainSettings) -> TrainingSettings:
     """As the function was trained before, but shorter and gentler."""
-    before = json.loads(header.provenance.get("training-settings", "{}"))
+    before = json.loads(document.provenance.get("training-settings", "{}"))
     known = {name: value for name, value in before.items() if name in TrainingSettings.model_fields}
     return TrainingSettings.model_validate(
         {
             **known,
-            "architecture": header.architecture,
+            "architecture": document.architecture,
             "time_budget_s": None,
             "warmup_steps": min(20, settings.steps),
             **settings.model_dump(include={"steps", "learning_rate", "batch", "seed"}),
@@ -322,34 +284,3 @@ def _require_same(folder: Path, request: dict[str, Any]) -> None:
         raise InvalidInput("the folder is not empty", field="folder", value=str(folder))
     folder.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(request, indent=1) + "\n")
-
-
-def _function(resolved: ResolvedRun, function: str | None) -> str:
-    functions = resolved.spec.functions
-    if function is None:
-        if len(functions) != 1:
-            raise InvalidInput("the run has several functions", field="--function", limit=", ".join(functions))
-        return functions[0]
-    function_index(function, resolved)
-    return function
-
-
-def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
-    """Name, other arguments and seed of the run's asset.
-
-    Raises:
-        InvalidInput: it is not generated from a seed, so there are no fresh streets.
-    """
-    from valerie.scene.asset import GENERATORS
-
-    asset = resolved.spec.asset
-    reference = {"name": asset} if isinstance(asset, str) else dict(asset)
-    name = str(reference.pop("name"))
-    if name not in GENERATORS:
-        raise InvalidInput(
-            "new frames need fresh streets: an asset that is generated from a seed",
-            field="asset",
-            value=name,
-            limit=", ".join(GENERATORS),
-        )
-    return name, reference, int(reference.pop("seed", 0))

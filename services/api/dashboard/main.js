@@ -2,6 +2,7 @@
 import { forgetToken, hasToken } from "./api.js";
 import { h } from "./dom.js";
 import { frameView } from "./frame.js";
+import { functionsView } from "./functions.js";
 import { runView } from "./run.js";
 import { runsView } from "./runs.js";
 import { workersView } from "./workers.js";
@@ -10,6 +11,7 @@ const ROUTES = [
   [/^\/?$/, "runs", () => runsView],
   [/^\/runs\/([\w-]+)$/, "runs", () => runView],
   [/^\/frames\/([\w.-]+)$/, "runs", () => frameView],
+  [/^\/functions$/, "functions", () => functionsView],
   [/^\/workers$/, "workers", () => workersView],
 ];
 

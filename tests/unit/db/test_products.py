@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import Connection, Engine, event, select
+from sqlalchemy import Connection, Engine, event, select, update
 
 from valerie.db import products, runs
 from valerie.db.engine import reading, writing
 from valerie.db.models import Product
 from valerie.db.products import Finished
+from valerie.runs.states import BROUGHT_ROUTE
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rows import digest, product, write_run
@@ -67,6 +68,65 @@ class TestPromote:
         assert finish(engine, "b") == [digest("p")]
         claim(engine, "p")
         assert finish(engine, "p") == [digest("e")]
+
+
+WANTED: list[products.Wanted] = [
+    (digest("b"), "background", "render", "g", None, None, None),
+    (digest("l"), "layer", "render", "g", None, None, None),
+    (digest("p"), "prediction", "infer", "g", digest("l"), digest("b"), None),
+]
+
+
+def want(engine: Engine, rows: list[products.Wanted], now: float = 100.0) -> list[str]:
+    with writing(engine) as connection:
+        return [item[0] for item in products.want(connection, rows, now)]
+
+
+def set_state(engine: Engine, name: str, state: str) -> None:
+    with writing(engine) as connection:
+        values = {"state": state, "attempts": 2, "error": {"message": "no"}, "sent_at": 1.0}
+        connection.execute(update(Product).where(Product.digest == digest(name)).values(**values))
+
+
+class TestWant:
+    def test_new_products_are_ready_or_wait_for_their_inputs(self, engine: Engine) -> None:
+        assert want(engine, WANTED) == [digest("b"), digest("l")]
+        assert [state_of(engine, name) for name in "blp"] == ["ready", "ready", "waiting"]
+
+    def test_a_new_product_whose_inputs_are_done_is_ready(self, engine: Engine) -> None:
+        want(engine, WANTED[:2])
+        for name in "bl":
+            set_state(engine, name, "done")
+        assert want(engine, WANTED) == [digest("p")]
+        assert state_of(engine, "p") == "ready"
+
+    def test_inputs_need_not_be_wanted_beside_it(self, engine: Engine) -> None:
+        want(engine, WANTED[:2])
+        for name in "bl":
+            set_state(engine, name, "done")
+        assert want(engine, WANTED[2:]) == [digest("p")]
+
+    @pytest.mark.parametrize("state", ["waiting", "ready", "running", "done"])
+    def test_what_is_under_way_or_done_is_left_alone(self, engine: Engine, state: str) -> None:
+        want(engine, WANTED[:1])
+        set_state(engine, "b", state)
+        assert want(engine, WANTED[:1]) == []
+        assert state_of(engine, "b") == state
+        assert attempts_of(engine, "b") == 2
+
+    @pytest.mark.parametrize("state", ["failed", "parked"])
+    def test_what_failed_or_was_parked_is_tried_again(self, engine: Engine, state: str) -> None:
+        want(engine, WANTED)
+        for name in "blp":
+            set_state(engine, name, state)
+        assert want(engine, WANTED) == [digest("b"), digest("l")]
+        assert [state_of(engine, name) for name in "blp"] == ["ready", "ready", "waiting"]
+        assert [attempts_of(engine, name) for name in "blp"] == [0, 0, 0]
+
+    def test_nobody_is_rung_for_what_people_bring(self, engine: Engine) -> None:
+        brought: products.Wanted = (digest("p"), "prediction", BROUGHT_ROUTE, "g", None, None, None)
+        assert want(engine, [brought]) == []
+        assert state_of(engine, "p") == "ready"
 
 
 class TestClaim:
@@ -200,6 +260,55 @@ class TestUnlinked:
             assert {d for d, _ in products.unlinked(connection, limit=10)} == {*ALL, digest("x")}
 
 
+class TestTotals:
+    def test_they_equal_a_scan_of_all_products(self, engine: Engine) -> None:
+        write_run(engine)
+        ends = [("x1", "layer", "done", 1.5), ("x2", "layer", "done", 0.25), ("x3", "layer", "failed", None)]
+        ends += [("x4", "truth", "done", 2.0), ("x5", "prediction", "parked", 7.0)]
+        with writing(engine) as connection:
+            for name, kind, state, seconds in ends:
+                row = {**product(name, kind, state=state), "cpu_seconds": seconds, "finished_at": 5.0}
+                products.insert_ignoring(connection, Product, [row])
+            totals = products.totals(connection)
+            rows = connection.execute(select(Product.kind, Product.state, Product.cpu_seconds)).all()
+        scanned = {kind: [0, 0, 0.0] for kind in ("background", "layer", "truth", "prediction", "evaluation")}
+        for kind, state, seconds in rows:
+            scanned[kind][0] += state == "done"
+            scanned[kind][1] += state == "failed"
+            scanned[kind][2] += seconds if state == "done" else 0.0
+        assert {kind: [*rest] for kind, *rest in totals} == scanned
+
+
+class TestRecordedCosts:
+    def test_they_are_means_over_the_newest_of_each_kind(self, engine: Engine) -> None:
+        with writing(engine) as connection:
+            for number in range(6):
+                row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number)}
+                row |= {"cpu_seconds": float(number), "bytes": 10 * number, "pixels": 100}
+                products.insert_ignoring(connection, Product, [row])
+            costs = products.recorded_costs(connection, sample=2)
+        assert costs == [products.RecordedCost("layer", "render", "", 100, 4.5, 45.0)]
+
+
+def plans_of(engine: Engine, ask: Callable[[Connection], object]) -> list[tuple[str, list[str]]]:
+    """Every statement about products that ``ask`` runs, with the steps of its query plan."""
+    asked: list[tuple[str, Any]] = []
+
+    def note(_connection: Any, _cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
+        asked.append((statement, parameters))
+
+    event.listen(engine, "before_cursor_execute", note)
+    with writing(engine) as connection:
+        ask(connection)
+    event.remove(engine, "before_cursor_execute", note)
+    about_products = [(sql, values) for sql, values in asked if "products" in sql]
+    with reading(engine) as connection:
+        return [
+            (sql, [str(row[3]) for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {sql}", values)])
+            for sql, values in about_products
+        ]
+
+
 class TestCost:
     @pytest.mark.parametrize(
         "ask",
@@ -210,24 +319,30 @@ class TestCost:
             lambda connection: products.promote_all(connection, 100.0),
             lambda connection: products.stale_ready(connection, before=100.0, limit=10),
             lambda connection: products.fail_orphaned_dependents(connection, 100.0),
+            lambda connection: products.promote_dependents(connection, [digest("l")], 100.0),
+            lambda connection: products.fail_dependents(connection, [digest("l")], 100.0),
+            products.recorded_costs,
         ],
     )
-    def test_what_the_control_loop_asks_all_the_time_does_not_read_finished_products(
+    def test_what_is_asked_all_the_time_does_not_read_finished_products(
         self, engine: Engine, ask: Callable[[Connection], object]
     ) -> None:
         write_run(engine)
-        asked: list[tuple[str, Any]] = []
+        plans = plans_of(engine, ask)
+        assert plans
+        for sql, steps in plans:
+            assert not [step for step in steps if "SCAN products" in step and "INDEX" not in step], (sql, steps)
 
-        def note(_connection: Any, _cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
-            asked.append((statement, parameters))
+    @pytest.mark.parametrize("ask", [products.promote_dependents, products.fail_dependents])
+    def test_what_waits_is_found_by_its_inputs(self, engine: Engine, ask: Callable[..., object]) -> None:
+        write_run(engine)
+        ((sql, steps),) = plans_of(engine, lambda connection: ask(connection, [digest("x")], 100.0))
+        assert {index for index in ("a", "b", "c") if any(f"ix_products_input_{index}" in step for step in steps)} == {
+            "a",
+            "b",
+            "c",
+        }, (sql, steps)
 
-        event.listen(engine, "before_cursor_execute", note)
-        with writing(engine) as connection:
-            ask(connection)
-        event.remove(engine, "before_cursor_execute", note)
-        about_products = [(sql, values) for sql, values in asked if "products" in sql]
-        assert about_products
-        with reading(engine) as connection:
-            for sql, values in about_products:
-                steps = [str(row[3]) for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {sql}", values)]
-                assert not [step for step in steps if step.startswith("SCAN") and "INDEX" not in step], (sql, steps)
+    def test_totals_read_an_index_alone(self, engine: Engine) -> None:
+        ((sql, steps),) = plans_of(engine, products.totals)
+        assert any("COVERING INDEX ix_products_ended" in step for step in steps), (sql, steps)

@@ -11,6 +11,7 @@ import pytest
 
 from valerie.errors import InvalidInput
 from valerie.perception.catalog import function_path
+from valerie.perception.onnx_files import check_onnx
 from valerie.pipeline import importing
 from valerie.pipeline.importing import Brought, Imported, import_function
 from valerie.settings import Settings, load_settings
@@ -73,12 +74,11 @@ def test_equal_files_under_equal_names_are_one_version(tmp_path: Path, work: Pat
     assert bring(path, work, settings).document.digest == bring(path, work, settings).document.digest
 
 
-@pytest.mark.parametrize("suffix", [".pkl", ".pth"])
 def test_a_pickle_that_would_run_something_is_refused_and_nothing_ran(
-    tmp_path: Path, work: Path, settings: Settings, suffix: str
+    tmp_path: Path, work: Path, settings: Settings
 ) -> None:
     trace = tmp_path / "it-ran"
-    path = tmp_path / f"attack{suffix}"
+    path = tmp_path / "attack.pkl"
     path.write_bytes(pickle.dumps({"model": Touch(trace)}))
     with pytest.raises(InvalidInput):
         bring(path, work, settings, "")
@@ -96,6 +96,38 @@ def test_formats_that_are_programs_are_not_even_opened(
         InvalidInput, match="runs code when it is loaded and is not accepted; export the network as ONNX"
     ):
         bring(path, work, settings)
+
+
+def saved_program(folder: Path, suffix: str) -> Path:
+    """A network of one convolution as a program: dark pixels are persons."""
+    import torch
+
+    network = torch.nn.Conv2d(3, 2, 1).eval()
+    with torch.no_grad():
+        network.weight.copy_(torch.tensor([[1.0] * 3, [-1.0] * 3]).reshape(2, 3, 1, 1))
+        network.bias.copy_(torch.tensor([0.0, 1.5]))
+    path = folder / f"program{suffix}"
+    if suffix == ".pt2":
+        torch.export.save(torch.export.export(network, (torch.zeros(1, 3, 64, 96),)), path)
+    else:
+        torch.jit.trace(network, torch.zeros(1, 3, 64, 96)).save(path)
+    return path
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("suffix", [".pt2", ".torchscript"])
+def test_programs_of_torch_are_kept_as_onnx_where_the_operator_allows_them(
+    tmp_path: Path, work: Path, settings: Settings, suffix: str
+) -> None:
+    path = saved_program(tmp_path, suffix)
+    side = SIDE + "input: {mode: resize, size: [96, 64]}\n"
+    with pytest.raises(InvalidInput, match="its operator can allow it with VALERIE_IMPORT_PROGRAMS"):
+        bring(path, work, settings, side)
+    found = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
+    assert found.document.kind == "onnx"
+    assert found.payload == work / "payload.onnx"
+    assert check_onnx(found.payload).inputs == (("picture", (1, 3, 64, 96)),)
+    assert found.check["numeric_class"].startswith("onnxruntime-")
 
 
 def test_a_safetensors_file_with_a_lying_header_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:

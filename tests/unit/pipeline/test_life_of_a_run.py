@@ -4,13 +4,15 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import SMALL, Pipeline
 from valerie.db import results, runs
 from valerie.db.engine import reading
+from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
-from valerie.pipeline import gc, lifecycle
+from valerie.pipeline import feeding, gc, lifecycle
 from valerie.pipeline.control import ControlLoop
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.replay import replay_frame
@@ -28,6 +30,14 @@ def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
     return [{k: v for k, v in row.items() if k not in ("run_id", "frame_id")} for row in table]
 
 
+def blocks(pipeline: Pipeline, run_id: str) -> list[tuple[int, int, int]]:
+    """(number, first, last) of each block."""
+    columns = (Block.number, Block.first, Block.last)
+    with reading(pipeline.context.engine) as connection:
+        found = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
+        return [(row[0], row[1], row[2]) for row in found]
+
+
 class TestAnUndisturbedRun:
     def test_makes_every_product_once_and_ends_with_results(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
@@ -41,13 +51,19 @@ class TestAnUndisturbedRun:
             ("render", "infer", "eval"), FRAMES
         )
 
-    def test_a_small_window_feeds_a_run_piece_by_piece(self, pipelines: Callable[..., Pipeline]) -> None:
+    def test_a_small_window_feeds_a_run_piece_by_piece(
+        self, pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         pipeline = pipelines(feed_window=1)
-        run = pipeline.submit(spec(xs=30, ys=20))
+        monkeypatch.setattr(feeding, "BLOCK_PRODUCTS", 40)  # two backgrounds, and eight products per variant
+        run = pipeline.submit()
         pipeline.step()
-        assert pipeline.row(run).next_index == 250
+        assert pipeline.row(run).next_index == 5
+        # As after an upgrade: blocks of another size begin where the last one ended.
+        monkeypatch.setattr(feeding, "BLOCK_VARIANTS", 2)
         assert pipeline.run(run) == "completed"
-        assert pipeline.row(run).next_index == 600
+        assert blocks(pipeline, run) == [(0, 0, 4), (1, 5, 6), (2, 7, 8), (3, 9, 10), (4, 11, 11)]
+        assert pipeline.made() == ALL
 
     def test_a_replayed_frame_is_equal_byte_for_byte(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()

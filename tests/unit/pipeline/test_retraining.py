@@ -2,19 +2,24 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from sketch.runs import open_sketch, settings_of, spec, work
 
-from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.catalog import function_path
+from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
+from valerie.perception.catalog import file_document, function_path
 from valerie.perception.function_file import read_header
 from valerie.perception.training.frames import FrameFolder
+from valerie.pipeline import functions
 from valerie.pipeline.context import Context
-from valerie.pipeline.retraining import RetrainSettings, find_weakness, retrain, selected_region
+from valerie.pipeline.opening import open_reference, pinned_network
+from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.training_frames import SEEDS
+from valerie.pipeline.weakness import find_weakness, selected_region
+from valerie.testing.functions import small_onnx
 
 FAR = "distance_m > 25"
 
@@ -33,7 +38,7 @@ def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(dra
     assert bound.holds(40.0)
     assert not bound.holds(18.0)
     assert weakness.file == function_path("semantic-fpn-small")
-    seen = weakness.header.provenance["frames-street-seeds"]
+    seen = weakness.document.provenance["frames-street-seeds"]
     assert weakness.first_seed() == int(seen.split("-")[-1]) + 1
     assert weakness.first_seed() in SEEDS["train"]
     assert (weakness.asset, weakness.asset_seed) == ("urban-street", 0)
@@ -55,6 +60,43 @@ def test_what_cannot_be_trained_against_is_refused(drawn: tuple[Context, str]) -
         find_weakness(*drawn, "distance > 9", "semantic-fpn-small")
 
 
+def test_weights_that_are_not_those_of_the_run_are_refused(drawn: tuple[Context, str]) -> None:
+    with pytest.raises(Conflict, match=r"looked with other weights of semantic-fpn-small \(000000000000\)"):
+        pinned_network("semantic-fpn-small", {"digest": "0" * 64}, context=drawn[0])
+
+
+def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
+    drawn: tuple[Context, str], tmp_path: Path
+) -> None:
+    context, path = drawn[0], function_path("semantic-fpn-small")
+    document = file_document("my-net", path).model_copy(update={"engine": "openvino"})
+    seen, _ = functions.register(context, document, path)
+    functions.register(context, document.model_copy(update={"provenance": {"newer": "yes"}}), path)
+    found, file = pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
+    assert found == document
+    assert file.read_bytes() == path.read_bytes()
+    functions.remove(context, seen.reference)
+    with pytest.raises(NotFound, match=rf"my-net@{seen.digest[:12]}: it was removed"):
+        pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
+
+
+def test_functions_without_a_network_of_ours_are_not_trained_on(drawn: tuple[Context, str], tmp_path: Path) -> None:
+    registered, _ = functions.register(drawn[0], *small_onnx(tmp_path))
+    with pytest.raises(InvalidInput, match="small, kind onnx"):
+        pinned_network("small", {"kind": "onnx", "digest": registered.digest}, context=drawn[0])
+    with pytest.raises(InvalidInput, match="installed package"):
+        pinned_network("plug-in", {"digest": "0" * 64}, context=drawn[0])
+
+
+def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: tuple[Context, str]) -> None:
+    weakness, settings = find_weakness(*drawn, FAR, "semantic-fpn-small"), RetrainSettings()
+    folder = training_folder(weakness, settings, "name")
+    assert folder == training_folder(find_weakness(*drawn, FAR, "semantic-fpn-small"), RetrainSettings(), "name")
+    assert folder != training_folder(weakness, settings.model_copy(update={"steps": 301}), "name")
+    other = find_weakness(*drawn, FAR, "deeplabv3plus-small")
+    assert folder != training_folder(other, settings, "name")
+
+
 def test_an_asset_without_seeds_has_no_fresh_streets(
     drawn: tuple[Context, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,8 +115,8 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     )
     made = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
     header = read_header(made.file)
-    assert header.digest == made.digest != weakness.header.digest
-    assert header.provenance["started-from"] == weakness.header.digest
+    assert header.digest == made.digest != read_header(weakness.file).digest
+    assert header.provenance["started-from"] == read_header(weakness.file).digest
     assert header.provenance["retrained-where"] == FAR
     assert json.loads(header.provenance["retrained-region"]) == weakness.region.model_dump(mode="json")
     frames = FrameFolder(tmp_path / "work" / "frames")
@@ -82,8 +124,17 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     assert frames.street_seeds == {weakness.first_seed()}
     assert made.drawn >= 2
     assert int(frames.listing.provenance["scenes-drawn"]) == made.drawn
+    context = drawn[0]
+    registered, new = register_retrained(context, made, weakness.next_name)
+    assert new
+    assert (registered.document.name, registered.version) == ("semantic-fpn-small-retrained", 1)
+    assert registered.document.input == weakness.document.input, "how frames go in stays"
+    opened = open_reference(registered.reference, context=context)
+    assert opened.card.provenance["started-from"] == header.provenance["started-from"]
+    assert opened.predict(np.zeros((64, 96, 3), np.uint8)).shape == (64, 96)
     again = retrain(weakness, tmp_path / "again.safetensors", settings, folder=tmp_path / "work")
     assert again.steps == 2  # from the checkpoint: nothing was rendered or trained again
+    assert not register_retrained(context, again, weakness.next_name)[1], "the same training is the same version"
     with pytest.raises(InvalidInput, match="another training"):
         retrain(
             weakness, tmp_path / "x.safetensors", settings.model_copy(update={"steps": 3}), folder=tmp_path / "work"

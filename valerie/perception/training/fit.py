@@ -194,7 +194,7 @@ def _start_from(
 
 
 def _step(
-    network: nn.Module,
+    network: Network,
     pictures: Tensor,
     labels: Tensor,
     weights: Tensor,
@@ -205,7 +205,9 @@ def _step(
     """One optimiser step; returns the loss."""
     with torch.autocast(pictures.device.type, torch.bfloat16, enabled=autocast):
         logits: Tensor = network(pictures)
-        full = functional.interpolate(logits, size=labels.shape[-2:], mode="bilinear", align_corners=False)
+        full = functional.interpolate(
+            logits, size=labels.shape[-2:], mode="bilinear", align_corners=network.align_corners
+        )
     # In fp32: a sum over a million pixels needs the mantissa.
     sums = functional.cross_entropy(full.float(), labels.long(), weights, ignore_index=VOID, reduction="sum")
     weight = torch.where(labels == PERSON.train_id, weights[PERSON.train_id], 1.0)[labels != VOID].sum()

@@ -22,6 +22,7 @@ def training_provenance(frames: FrameFolder, held_out: FrameFolder | None, start
     if start_from is not None:
         before = read_header(start_from)
         provenance["started-from"] = before.digest
+        provenance["licence"] = before.provenance.get("licence", "that of the weights it began with")
         provenance["steps-before"] = str(
             int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
         )

@@ -1,0 +1,95 @@
+// Functions under test: what each is, where it comes from, who runs it; every version of registered ones.
+import { get } from "./api.js";
+import { command, h, put, table } from "./dom.js";
+import { ago, clock, percent, plural } from "./format.js";
+import { poll } from "./poll.js";
+
+const KINDS = {
+  network: "network of a known architecture", onnx: "ONNX file", huggingface: "Hugging Face model",
+  http: "behind HTTP", predictions: "predictions made elsewhere",
+};
+const CHECKED = {
+  logits: "logits equal the original program's", "own format": "VALERIE's own format",
+  "opened and run": "opened and run when it was imported", "not opened": "not opened: its engine was not installed at the import",
+};
+// What an own line of the card says already.
+const SHOWN = new Set(["source", "file", "licence", "checked", "held-out-person-pacc", "held-out-person-precision", "held-out-miou"]);
+
+export async function functionsView({ main, signal }) {
+  const cards = h("div", { class: "functions" });
+  const draw = async () => {
+    const found = await get("/v1/functions", { signal });
+    const open = new Set([...cards.querySelectorAll("details[open]")].map((one) => one.dataset.key));
+    put(cards, found, [...byName(found)].map(([name, versions]) => card(name, versions, open)));
+    return 10_000;
+  };
+  await draw();
+  main.replaceChildren(h("h1", {}, "Functions under test"), cards, bring());
+  poll(signal, draw);
+  return "Functions";
+}
+
+function byName(found) {
+  const names = new Map();
+  for (const one of found) names.set(one.name, [...(names.get(one.name) ?? []), one]);
+  return names;
+}
+
+function card(name, versions, open) {
+  const newest = versions[0]; // versions come newest first
+  return h("section", { class: "card function", "aria-label": name },
+    h("div", { class: "row" }, h("h2", {}, name), offered(newest)),
+    h("p", { class: "small soft" }, [KINDS[newest.kind] ?? "installed with the server", newest.version === null ? null : `version ${newest.version}`,
+      newest.created_at ? h("span", { title: clock(newest.created_at) }, ` registered ${ago(newest.created_at)}`) : null]
+      .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))),
+    newest.problem ? h("p", { class: "note bad" }, newest.problem) : null,
+    h("dl", { class: "facts" }, facts(newest).map(([title, text, mono]) => h("div", {}, h("dt", {}, title), h("dd", { class: mono ? "mono" : null }, text)))),
+    more(`${name} card`, "The whole card", open, cardFacts(newest)),
+    versions.length > 1 ? more(`${name} versions`, plural(versions.length, "version"), open, versionTable(versions)) : null);
+}
+
+function offered(one) {
+  if (one.problem) return h("span", { class: "chip bad" }, "cannot be used");
+  if (one.kind === "predictions") return h("span", { class: "chip" }, "brought by people");
+  return one.numeric_classes.length ? h("span", { class: "chip good" }, "offered") : h("span", { class: "chip wait" }, "no living worker");
+}
+
+function facts(one) {
+  const told = one.provenance;
+  const figures = ["person-pacc", "person-precision", "miou"].map((name) => told[`held-out-${name}`]);
+  return [
+    ["In a spec", one.reference ?? one.name, true],
+    ["Engine", one.engine && one.engine !== "none" ? `${one.engine} ${one.precision}` : null],
+    ["Architecture", one.architecture === one.kind ? null : one.architecture],
+    ["Predicts", one.classes && (one.classes.length === 19 ? "the 19 classes of Cityscapes" : one.classes.join(", "))],
+    ["Counts as void", one.unmapped?.join(", ")],
+    ["Source", told.source ?? told.file ?? told.program ?? (told["trained-by"] ? `trained by ${told["trained-by"]}` : null)],
+    ["Checked", CHECKED[told.checked] ?? told.checked],
+    ["Held out: pACC, precision, mIoU", figures.every(Boolean) ? figures.map((rate) => percent(Number(rate))).join(", ") : null],
+    ["Licence", told.licence],
+    ["Runs as", one.numeric_classes.join(", "), true],
+  ].filter(([, text]) => text);
+}
+
+function cardFacts(one) {
+  const rest = Object.entries(one.provenance).filter(([name, text]) => text && !SHOWN.has(name)).sort();
+  return h("dl", { class: "facts" }, [["digest", one.digest], ...rest].map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "small" }, text))));
+}
+
+function versionTable(versions) {
+  return table(["Version", "In a spec", "Engine", "Source", "Registered"], versions.map((one) => h("tr", {},
+    h("th", { scope: "row" }, String(one.version)), h("td", { class: "mono" }, one.reference), h("td", {}, `${one.engine} ${one.precision}`),
+    h("td", {}, one.provenance.source ?? one.provenance.file ?? one.provenance["trained-by"] ?? ""), h("td", { title: clock(one.created_at) }, ago(one.created_at)))),
+  { caption: "Versions" });
+}
+
+function more(key, title, open, content) {
+  return h("details", { class: "more", "data-key": key, open: open.has(key) }, h("summary", {}, title), content);
+}
+
+function bring() {
+  return h("section", { class: "card" }, h("h2", {}, "Bring your own"),
+    h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. Nothing in it is run; it is converted, checked and registered:"),
+    h("p", { class: "under" }, command("valerie function import my.onnx --document my.yaml")),
+    h("p", { class: "under small soft" }, "Versions are never overwritten. A name in a spec means its newest version when a run starts, and a run keeps that one."));
+}

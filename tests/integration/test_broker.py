@@ -1,0 +1,74 @@
+"""Messages through a real Redis."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import redis
+
+from valerie.broker import CHUNK, Broker, create_app
+from valerie.errors import TransientError
+from valerie.settings import load_settings
+
+pytestmark = pytest.mark.processes
+
+READY = [(f"{number:032x}", "layer", "render.test", "group") for number in range(100)]
+
+
+@pytest.fixture
+def client(redis_url: str) -> Iterator[redis.Redis]:
+    with redis.Redis(unix_socket_path=redis_url.partition("//")[2].partition("?")[0]) as client:
+        yield client
+        client.delete("render.test")
+
+
+@pytest.fixture
+def broker(redis_url: str) -> Broker:
+    return Broker(create_app(load_settings({}, broker_url=redis_url)))
+
+
+def received(client: redis.Redis) -> list[list[str]]:
+    """The digests of each message, oldest first."""
+    messages = [json.loads(text) for text in reversed(client.lrange("render.test", 0, -1))]
+    return [json.loads(b64decode(message["body"]))[0][0] for message in messages]
+
+
+def test_every_product_is_rung_for_once_in_messages_of_limited_length(broker: Broker, client: redis.Redis) -> None:
+    broker.send_products(READY)
+    messages = received(client)
+    assert [digest for message in messages for digest in message] == [item[0] for item in READY]
+    assert [len(message) for message in messages] == [24, 24, 24, 24, 4]
+    assert CHUNK["layer"] == 24
+    assert broker.queue_length("render.test") == 5
+
+
+def test_the_messages_of_one_call_travel_together(broker: Broker, client: redis.Redis) -> None:
+    broker.send_products(READY[:1])  # connects, and declares the queue
+    before = client.info("commandstats")["cmdstat_lpush"]["calls"]
+    reads = client.info("stats")["total_reads_processed"]
+    broker.send_products(READY)
+    assert client.info("commandstats")["cmdstat_lpush"]["calls"] - before == 5
+    assert client.info("stats")["total_reads_processed"] - reads <= 4  # two of them are these questions
+
+
+def test_a_connection_that_was_closed_meanwhile_is_made_anew(broker: Broker, client: redis.Redis) -> None:
+    broker.send_products(READY[:1])
+    client.client_kill_filter(_type="normal", skipme=True)
+    broker.send_products(READY[1:2])
+    assert received(client) == [[READY[0][0]], [READY[1][0]]]
+
+
+def test_a_broker_that_is_away_is_a_transient_fault(tmp_path: Path) -> None:
+    absent = f"redis+socket://{tmp_path / 'nobody.sock'}?virtual_host=0"
+    broker = Broker(create_app(load_settings({}, broker_url=absent)))
+    for call in (
+        lambda: broker.send_products(READY),
+        lambda: broker.send_finish("r"),
+        lambda: broker.queue_length("q"),
+    ):
+        with pytest.raises(TransientError, match="the broker does not answer"):
+            call()

@@ -1,0 +1,86 @@
+"""Queries about products whose wording differs between SQLite and Postgres, on Postgres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from sqlalchemy import Engine, select
+
+from valerie.db import products
+from valerie.db.engine import open_engine, writing
+from valerie.db.migrate import migrate
+from valerie.db.models import Product
+from valerie.db.products import Finished, Wanted
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+
+
+def digest(name: str) -> str:
+    return name.ljust(32, "0")
+
+
+WANTED: list[Wanted] = [
+    (digest("b"), "background", "render", "g", None, None, None),
+    (digest("l"), "layer", "render", "g", None, None, None),
+    (digest("p"), "prediction", "infer", "g", digest("l"), digest("b"), None),
+]
+
+
+@pytest.fixture
+def engine(new_database: Callable[[], str]) -> Iterator[Engine]:
+    engine = open_engine(new_database())
+    migrate(engine)
+    yield engine
+    engine.dispose()
+
+
+def finish(engine: Engine, *names: str) -> list[str]:
+    """Products claimed and published by a worker; what became ready by that."""
+    digests = [digest(name) for name in names]
+    with writing(engine) as connection:
+        connection.execute(
+            Product.__table__.update().where(Product.digest.in_(digests)).values(state="running", lease_owner="w")
+        )
+        done = [Finished(one, bytes=1, pixels=1, cpu_seconds=0.5) for one in digests]
+        products.publish(connection, done, owner="w", now=1.0)
+    with writing(engine) as connection:
+        return [item[0] for item in products.promote_dependents(connection, digests, 2.0)]
+
+
+def test_wanted_products_become_ready_one_after_the_other(engine: Engine) -> None:
+    with writing(engine) as connection:
+        assert [item[0] for item in products.want(connection, WANTED, 0.0)] == [digest("b"), digest("l")]
+    assert finish(engine, "l") == []
+    assert finish(engine, "b") == [digest("p")]
+    with writing(engine) as connection:
+        assert products.want(connection, WANTED, 3.0) == []
+
+
+def test_what_failed_is_tried_again_where_its_inputs_are_done(engine: Engine) -> None:
+    with writing(engine) as connection:
+        products.want(connection, WANTED, 0.0)
+    finish(engine, "b", "l")
+    with writing(engine) as connection:
+        products.fail(connection, digest("p"), owner=None, error={"message": "no"}, now=1.0)
+        assert [item[0] for item in products.want(connection, WANTED, 3.0)] == [digest("p")]
+        row = connection.execute(select(Product).where(Product.digest == digest("p"))).one()
+    assert (row.state, row.error, row.sent_at) == ("ready", None, 3.0)
+
+
+def test_a_failure_is_passed_on_and_counted(engine: Engine) -> None:
+    with writing(engine) as connection:
+        products.want(connection, WANTED, 0.0)
+    finish(engine, "b")
+    with writing(engine) as connection:
+        products.fail(connection, digest("l"), owner=None, error={"message": "no"}, now=1.0)
+        totals = {kind: rest for kind, *rest in products.totals(connection)}
+        costs = products.recorded_costs(connection)
+    assert totals == {
+        "background": [1, 0, 0.5],
+        "layer": [0, 1, 0.0],
+        "truth": [0, 0, 0.0],
+        "prediction": [0, 1, 0.0],
+        "evaluation": [0, 0, 0.0],
+    }
+    assert [(cost.kind, cost.cpu_seconds) for cost in costs] == [("background", 0.5)]

@@ -1,0 +1,66 @@
+"""Networks that come as programs of torch: loaded once, where an operator allows it, and turned into ONNX.
+
+Both formats can run code of whoever made them while they are loaded; there is no reading them without that. What is kept is
+the exported graph, which is data.
+"""
+
+from __future__ import annotations
+
+import warnings
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import torch
+
+from valerie.errors import InvalidInput
+
+_OPSET: Final = 17
+_ANY_SIDES: Final = (256, 128)
+
+
+def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
+    """Load a program, running it, and export it: one ONNX file with an input ``picture`` (1, 3, height, width).
+
+    Args:
+        path: ``….pt2`` (`torch.export.save`) or ``….torchscript`` (`torch.jit.save`).
+        size: width and height that the network takes; None: any.
+
+    Raises:
+        InvalidInput: it cannot be loaded or exported; says why.
+    """
+    width, height = size or _ANY_SIDES
+    free = {2: "height", 3: "width"}
+    exported = BytesIO()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the exporter about itself
+            network = _Exported(path) if path.suffix == ".pt2" else torch.jit.load(path).eval()  # type: ignore[no-untyped-call]
+            torch.onnx.export(
+                network,
+                (torch.zeros(1, 3, height, width),),
+                exported,  # type: ignore[arg-type]  # a file object is taken as well
+                dynamo=False,  # one file
+                opset_version=_OPSET,
+                input_names=["picture"],
+                output_names=["result"],
+                dynamic_axes=None if size else {"picture": free, "result": free},
+            )
+    except Exception as error:  # programs fail in all ways
+        reason = str(error).strip().partition("\n")[0]
+        raise InvalidInput(f"it cannot be loaded and exported ({reason})", field=path.name) from error
+    return exported.getvalue()
+
+
+class _Exported(torch.nn.Module):
+    """An exported program as the exporter wants it: it asks every part for its mode, and these parts have none."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        program = torch.export.load(path).module()
+        program.requires_grad_(requires_grad=False)
+        self._held = (program,)  # in a tuple, where it is no part of this module
+
+    def forward(self, picture: torch.Tensor) -> torch.Tensor:
+        result: torch.Tensor = self._held[0](picture)
+        return result

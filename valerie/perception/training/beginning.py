@@ -1,0 +1,69 @@
+"""Where training goes on from: the weights of any network of ours, as a file that training can begin with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from valerie.errors import InvalidInput
+from valerie.labels import NUM_TRAIN_CLASSES
+from valerie.perception.documents import FunctionDocument
+from valerie.perception.function_file import CLASS_NAMES, function_file_bytes, read_tensors
+
+#: What a later version says of the one it began with.
+_CARRIED: Final = ("steps", "steps-before", "licence")
+
+
+def beginning(document: FunctionDocument, payload: Path) -> bytes:
+    """A function file with the weights of a network, for frames as training gives them: RGB, values in [0, 1].
+
+    A network that takes blue first gets its first convolution turned round, which changes no logit.
+
+    Args:
+        document: of a function of kind ``network``.
+        payload: its file.
+
+    Raises:
+        InvalidInput: it is no network of ours, or does not have the 19 classes of Cityscapes in their order; or values that a
+            function file cannot hold.
+    """
+    require_trainable(document)
+    tensors = dict(read_tensors(payload))
+    values = 1.0 if document.input.scale == "1/255" else 1 / 255
+    mean, std = (tuple(x * values for x in triple) for triple in (document.input.mean, document.input.std))
+    if document.input.channel_order == "bgr":
+        mean, std = mean[::-1], std[::-1]
+        (first,) = (name for name, tensor in tensors.items() if tensor.ndim == 4 and tensor.shape[1] == 3)
+        tensors[first] = np.ascontiguousarray(tensors[first][:, ::-1])
+    return function_file_bytes(
+        tensors,
+        architecture=document.architecture,
+        mean=mean,  # type: ignore[arg-type]  # three of each
+        std=std,  # type: ignore[arg-type]
+        provenance={name: document.provenance[name] for name in _CARRIED if name in document.provenance},
+    )
+
+
+def require_trainable(document: FunctionDocument) -> None:
+    """Refuse a function that training cannot go on from.
+
+    Raises:
+        InvalidInput: says which functions can be trained.
+    """
+    if document.kind != "network":
+        raise InvalidInput(
+            "only networks of VALERIE's own architectures can be trained on",
+            field="function",
+            value=f"{document.name}, kind {document.kind}",
+            limit="kind network: what ships with VALERIE, and imported checkpoints (docs/networks.md)",
+        )
+    ids = document.output.lookup[:NUM_TRAIN_CLASSES].tolist()
+    if len(document.output.classes) != NUM_TRAIN_CLASSES or ids != list(range(NUM_TRAIN_CLASSES)):
+        raise InvalidInput(
+            "training frames are labelled with the 19 classes of Cityscapes in their order; the function has others",
+            field="output.classes",
+            value=", ".join(document.output.classes),
+            limit=", ".join(CLASS_NAMES),
+        )
