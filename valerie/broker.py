@@ -33,7 +33,8 @@ EVAL_QUEUE: Final = "eval"
 _TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
 
 #: Products per message, by kind: large enough to spread overhead, small enough that a killed worker loses little.
-CHUNK: Final = {"background": 1, "layer": 24, "truth": 24, "prediction": 6, "evaluation": 24}
+#: Predictions: two batches of a GPU.
+CHUNK: Final = {"background": 1, "layer": 24, "truth": 24, "prediction": 8, "evaluation": 24}
 
 
 def route_of(stage: str, name: str, numeric_class: str) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,3 +54,17 @@ class PerceptionFunction(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class BatchFunction(PerceptionFunction, Protocol):
+    """A function that is cheaper for several pictures at once, as networks on a GPU are."""
+
+    @property
+    def batch_size(self) -> int:
+        """How many pictures are best given to `predict_many`; 1 where there is nothing to gain."""
+        ...
+
+    def predict_many(self, pictures: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+        """`predict` of each of several pictures of one size; the labels do not depend on which were given together."""
+        ...

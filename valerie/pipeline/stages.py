@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import structlog
 
@@ -62,6 +62,15 @@ class Maker(Protocol):
         ...
 
 
+@runtime_checkable
+class LooksAhead(Protocol):
+    """A maker that makes some products more cheaply together."""
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        """These will be asked for next, one by one and in this order, unless the process ends or another call of this comes."""
+        ...
+
+
 def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     """Make those of ``digests`` that are still wanted; record what became of each."""
     settings = context.settings
@@ -73,6 +82,8 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
         return
     pending = {job.digest for job in jobs}
     finished: list[Finished] = []
+    if isinstance(maker, LooksAhead):
+        maker.expect(jobs)
     with _heartbeat(context, pending):
         last = time.monotonic()
         for job in jobs:

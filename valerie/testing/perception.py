@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from valerie.labels import NUM_TRAIN_CLASSES, VOID
-from valerie.perception.base import PerceptionFunction
+from valerie.perception.base import BatchFunction, PerceptionFunction
 
 
 class PerceptionContract:
@@ -72,6 +72,17 @@ class PerceptionContract:
         kept = first.copy()
         function.predict(255 - picture)
         np.testing.assert_array_equal(first, kept)
+
+    def test_pictures_given_together_get_the_labels_that_they_get_alone(
+        self, function: PerceptionFunction, picture: NDArray[np.uint8]
+    ) -> None:
+        if not isinstance(function, BatchFunction):
+            return  # it takes one at a time
+        pictures = [picture, 255 - picture, picture[::-1], np.roll(picture, 40, axis=1), picture[:, ::-1]]
+        together = function.predict_many(pictures)
+        assert len(together) == len(pictures)
+        for one, labels in zip(pictures, together, strict=True):
+            np.testing.assert_array_equal(labels, function.predict(one))
 
     def test_the_card_and_the_numeric_class_say_what_runs(self, function: PerceptionFunction) -> None:
         card = function.card

@@ -25,7 +25,7 @@ from valerie.pipeline.makers.evaluation import EvaluateMaker
 from valerie.pipeline.makers.inference import InferMaker
 from valerie.pipeline.makers.rendering import RenderMaker
 from valerie.pipeline.probe import probe_engine, probe_function
-from valerie.pipeline.stages import run_stage
+from valerie.pipeline.stages import LooksAhead, run_stage
 from valerie.pipeline.submit import submit
 from valerie.runs.spec import parse
 from valerie.settings import load_settings
@@ -63,6 +63,10 @@ class Watched:
         self._maker = maker
         self.made: list[tuple[str, str]] = []
         self.before: Callable[[Job], None] = lambda _job: None
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        if isinstance(self._maker, LooksAhead):
+            self._maker.expect(jobs)
 
     def make(self, job: Job) -> Finished:
         self.before(job)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from numpy import uint8
+from numpy.typing import NDArray
+
 from valerie.db.products import Finished, Job
-from valerie.errors import InferenceError
-from valerie.perception.base import PerceptionFunction
+from valerie.errors import InferenceError, ValerieError
+from valerie.perception.base import BatchFunction, PerceptionFunction
 from valerie.perception.limits import time_limit
 from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
@@ -18,9 +21,16 @@ from valerie.pipeline.makers.resolved import RunCache
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
+#: A prediction, and the CPU seconds that it cost.
+Predicted = tuple[NDArray[uint8], float]
+
 
 class InferMaker:
-    """One network stays loaded; messages hold products of one function, so it seldom changes."""
+    """One network stays loaded; messages hold products of one function, so it seldom changes.
+
+    Where the function wants several pictures at once, those that are expected next are predicted with the one that is asked for,
+    and kept until it is their turn: claims, storing and failures stay with each product.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -29,20 +39,84 @@ class InferMaker:
         self._source = FunctionSource(context)
         self._seconds = context.settings.infer_seconds
         self._loaded: tuple[tuple[str, ...], PerceptionFunction] | None = None
+        self._expected: dict[str, Job] = {}
+        self._ahead: dict[str, Predicted] = {}
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        """See `valerie.pipeline.stages.LooksAhead`."""
+        self._expected = {job.digest: job for job in jobs}
+        self._ahead.clear()
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
+        self._expected.pop(job.digest, None)
+        prediction, seconds = self._ahead.pop(job.digest) if job.digest in self._ahead else self._predict(job)
         started = time.process_time()
-        run = self._runs.run(job.run_id)
-        spec = run.resolved.spec
+        data = codecs.encode_prediction(prediction)
+        self._context.store.put(product_key("prediction", job.digest), data)
+        return Finished(job.digest, len(data), int(prediction.size), seconds + time.process_time() - started)
+
+    def _predict(self, job: Job) -> Predicted:
+        """The prediction of one product, and as a by-product those of some that are expected."""
+        started = time.process_time()
         if job.sensor_index is None or job.function_index is None:
             raise InferenceError(f"product {job.digest} is no prediction")
-        name = spec.functions[job.function_index]
-        pin = run.pins["functions"][name]
+        run = self._runs.run(job.run_id)
+        name = run.resolved.spec.functions[job.function_index]
         with time_limit(self._seconds, what=f"opening {name}"):
-            function = self._function(name, pin)
+            function = self._function(name, run.pins["functions"][name])
+        pictures = {job.digest: self._picture(job)}
+        # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
+        size = function.batch_size if isinstance(function, BatchFunction) and job.attempts == 1 else 1
+        if size > 1:
+            pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
+        with time_limit(self._seconds * len(pictures), what=name):
+            predictions = self._predictions(function, list(pictures.values()))
+        each = (time.process_time() - started) / len(predictions)
+        first, *others = zip(pictures, predictions, strict=False)
+        self._ahead |= {digest: (labels, each) for digest, labels in others}
+        return first[1], each
+
+    def _predictions(
+        self, function: PerceptionFunction, pictures: Sequence[NDArray[uint8]]
+    ) -> Sequence[NDArray[uint8]]:
+        """Of all pictures; of the first alone where together they fail, so that one picture harms no other."""
+        predictions = None
+        if len(pictures) > 1 and isinstance(function, BatchFunction):
+            try:
+                predictions = function.predict_many(pictures)
+            except ValerieError:
+                predictions = None
+        if predictions is None:
+            predictions = [function.predict(pictures[0])]
+        name = function.card.name
+        for prediction in predictions:
+            if prediction.shape != pictures[0].shape[:2]:
+                raise InferenceError(f"{name} answered {prediction.shape} for a picture of {pictures[0].shape[:2]}")
+        return predictions
+
+    def _companions(self, job: Job, shape: tuple[int, ...], most: int) -> dict[str, NDArray[uint8]]:
+        """Pictures of the same size for the same function of the same run that are expected next."""
+        found: dict[str, NDArray[uint8]] = {}
+        for other in self._expected.values():
+            if len(found) == most:
+                break
+            same = (other.run_id, other.function_index, other.attempts) == (job.run_id, job.function_index, 1)
+            if not same or other.digest in self._ahead:
+                continue
+            try:
+                picture = self._picture(other)
+            except ValerieError:
+                continue  # will be told when it is asked for
+            if picture.shape == shape:
+                found[other.digest] = picture
+        return found
+
+    def _picture(self, job: Job) -> NDArray[uint8]:
+        """What the function sees."""
+        assert job.sensor_index is not None, "predictions have a sensor"
         capture = capture_of(
-            run.resolved,
+            self._runs.run(job.run_id).resolved,
             sensor_index=job.sensor_index,
             camera_index=job.camera_index,
             assignment=job.assignment,
@@ -50,14 +124,7 @@ class InferMaker:
             layer=job.layer,
             truth=job.truth,
         )
-        picture = capture.picture(self._reader)
-        with time_limit(self._seconds, what=name):
-            prediction = function.predict(picture)
-        if prediction.shape != picture.shape[:2]:
-            raise InferenceError(f"{name} answered {prediction.shape} for a picture of {picture.shape[:2]}")
-        data = codecs.encode_prediction(prediction)
-        self._context.store.put(product_key("prediction", job.digest), data)
-        return Finished(job.digest, len(data), int(prediction.size), time.process_time() - started)
+        return capture.picture(self._reader)
 
     def _function(self, name: str, pin: Mapping[str, Any]) -> PerceptionFunction:
         key = (name, pin["digest"], pin["numeric_class"])
