@@ -187,6 +187,8 @@ def _show(plan: Plan) -> None:
     out.print()
     for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
         values = "  ".join(f"{name} {_number(value)}{_unit(plan, name)}" for name, value in variant.values.items())
+        if variant.sun is not None:
+            values += f"  (sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon)"
         out.print(f"  variant {variant.index:,}: {values}" + (f"  ({variant.rejection})" if variant.rejection else ""))
     for warning in plan.warnings:
         out.print(f"warning: {warning}", style="yellow")

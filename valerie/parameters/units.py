@@ -27,6 +27,9 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
     "°": ("angle", Decimal(1)),
     "rad": ("angle", Decimal(repr(math.degrees(1.0)))),
     "EV": ("exposure", Decimal(1)),
+    "s": ("time", Decimal(1)),
+    "min": ("time", Decimal(60)),
+    "h": ("time", Decimal(3600)),
     "": ("ratio", Decimal(1)),
     "%": ("ratio", Decimal("0.01")),
 }

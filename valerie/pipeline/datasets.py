@@ -44,6 +44,7 @@ from valerie.pipeline.selection import (
     sensor_index,
 )
 from valerie.pipeline.tables import read_table
+from valerie.scene.conditions import with_sun_angles
 from valerie.scene.variation import apply
 
 Format = Literal["cityscapes", "coco", "parquet"]
@@ -256,7 +257,8 @@ class _Export:
         if "parquet" in formats:
             files = {"picture": picture.as_posix(), "label_ids": labels or None}
             known = {"name": str(made.name), "split": split, "width": width, "height": height, **files}
-            values = {d.path: frame.assignment.get(d.path, d.default) for d in self.resolved.definitions}
+            assignment = with_sun_angles(frame.assignment, self.resolved.manifest)
+            values = {d.path: assignment.get(d.path, d.default) for d in self.resolved.definitions}
             fragment["rows"] = [{**known, **row, **values} for row in frame.persons]
         return fragment
 

@@ -14,6 +14,7 @@ from valerie.db import results
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.tables import character_of, frame_id, table_row
 from valerie.runs.spec import ResolvedRun
+from valerie.scene.conditions import conditions, with_sun_angles
 
 #: (variant, camera, time): what tells the frames of a run apart.
 FrameKey = tuple[int, int, int]
@@ -90,7 +91,8 @@ def choose_frames(
         if scored is not None:
             wanted = frame.key in scored
         else:
-            wanted = where is None or any(where.holds({**frame.assignment, **row}) for row in frame.persons)
+            spoken = {} if where is None else with_sun_angles(frame.assignment, resolved.manifest)
+            wanted = where is None or any(where.holds({**spoken, **row}) for row in frame.persons)
         if wanted:
             chosen.append(frame)
     return chosen
@@ -131,7 +133,8 @@ def evaluated_rows(
     ]
     for row in results.rows(connection, run_id, filters=filters):
         key = (row.variant_index, row.camera_index, row.time_index)
-        yield key, {**row.assignment, **table_row(row, run_id, resolved, {})}
+        spoken = with_sun_angles(row.assignment, resolved.manifest)
+        yield key, {**spoken, **table_row(row, run_id, resolved, {})}
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
@@ -168,4 +171,5 @@ def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict
         "character": character_of(row.instance_id, row.assignment, resolved),
         **{name: None if nobody else getattr(row, name) for name in seen},
         **{name: getattr(row, name) for name in always},
+        **conditions(row.assignment, resolved.manifest)._asdict(),
     }

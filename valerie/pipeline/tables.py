@@ -12,6 +12,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import PERSON
 from valerie.runs.spec import ResolvedRun
+from valerie.scene.conditions import conditions
 
 
 def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
@@ -50,6 +51,7 @@ def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, st
         "truncation_rate": row.truncation_rate,
         "distance_m": row.distance_m,
         "depth_m": row.depth_m,
+        **conditions(row.assignment, resolved.manifest)._asdict(),
         "tp": row.tp or 0,
         "fn": row.fn or 0,
         "pacc": row.pacc,

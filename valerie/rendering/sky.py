@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.scene.model import CLEAR_VISIBILITY_M, Environment, Scene
+from valerie.scene.weather import wetness
 
 Array = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ def sky_of(scene: Scene) -> Sky:
         ground=ground,
         sky_irradiance=sky_irradiance,
         fog=fog,
-        wetness=wetness(environment),
+        wetness=wetness(environment.rain),
         drops=0.0 if environment.rain <= 0 else float(np.clip(0.08 * environment.rain**0.5, 0.0, 0.5)),
     )
 
@@ -137,11 +138,6 @@ def fog_extinction(environment: Environment) -> float:
     fog = koschmieder * max(1 / environment.visibility - 1 / CLEAR_VISIBILITY_M, 0.0)
     rain = 1.076 * environment.rain**0.67 * np.log(10) / 10 / 1000 if environment.rain > 0 else 0.0
     return float(fog + rain)
-
-
-def wetness(environment: Environment) -> float:
-    """0 dry … 1 wet: how much of what faces up is covered with water. From 2 mm/h on nearly all of it is."""
-    return float(1 - np.exp(-environment.rain / 0.8))
 
 
 def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: float) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from valerie.runs.costs import Basis, CostKey, CostTable
 from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind
+from valerie.scene.conditions import sun_by_time
 from valerie.scene.legality import rejection_reason
 
 #: Largest number of variants that are all looked at.
@@ -67,12 +68,18 @@ class ProductPlan(BaseModel):
 
 
 class PlannedVariant(BaseModel):
-    """One variant, for people: ``values`` by the names that the spec uses."""
+    """One variant, for people.
+
+    Attributes:
+        values: by the names that the spec uses.
+        sun: azimuth and elevation in degrees that time and place come to; None where the spec gives the angles themselves.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     index: int
     values: dict[str, Value]
+    sun: tuple[float, float] | None = None
     rejection: str | None = None
 
 
@@ -304,6 +311,7 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
         PlannedVariant(
             index=index,
             values={resolved.space.definitions[path].name: value for path, value in values.items()},
+            sun=sun_by_time(values, resolved.manifest),
             rejection=_rejection(resolved, values),
         )
         for index in indexes

@@ -27,6 +27,7 @@ from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Va
 from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.scene.manifest import Manifest
 from valerie.scene.naming import ENVIRONMENT_PATH
+from valerie.scene.solar import require_one_notation
 
 #: Variants of a run, unless the caller allows another number.
 MAX_VARIANTS: Final = 1_000_000
@@ -115,6 +116,7 @@ def resolve(
     if max_variants is not None and space.size > max_variants:
         raise InvalidInputs([_placed(spec, _too_many(space.size, max_variants, "blocks"))])
     resolver.check_sensors(space)
+    resolver.check_sun(space)
     if resolver.problems:
         raise InvalidInputs([_placed(spec, problem) for problem in resolver.problems])
     resolver.look_for_oversights(space)
@@ -357,6 +359,14 @@ class _Resolver:
                     "are not shared by variants with other truth"
                 )
             self.warnings += [f"sensor {sensor.name}: {text}" for text in needs.idle]
+
+    def check_sun(self, space: ParameterSpace) -> None:
+        """The sun is given one way in the whole spec, constraints included: angles that time sets cannot be spoken of."""
+        spoken = {path for constraint in space.constraints for path in constraint.paths}
+        try:
+            require_one_notation(_used(space) | {self._paths[name] for name in self.spec.constants} | spoken)
+        except InvalidInput as problem:
+            self.problems.append(problem)
 
     def look_for_oversights(self, space: ParameterSpace) -> None:
         """Warn of what is legal and probably not meant."""

@@ -19,6 +19,7 @@ from valerie.scene.model import CLEAR_VISIBILITY_M, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
 from valerie.scene.paints import PAINTS
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+from valerie.scene.solar import CLOCK
 from valerie.scene.transforms import Pose
 
 #: The choice of a character, or of a kind of vehicle, that hides it.
@@ -277,8 +278,8 @@ def _environment(field: str) -> tuple[Read, Write]:
     return read, write
 
 
-def _sensor(neutral: Value) -> tuple[Read, Write]:
-    """The sensor stage takes these from the assignment; the scene does not change."""
+def _not_in_the_scene(neutral: Value) -> tuple[Read, Write]:
+    """The scene does not hold these: the sensor stage takes its own from the assignment, and the sun has become two angles."""
 
     def read(_scene: Scene, _path: str) -> Value:
         return neutral
@@ -316,8 +317,11 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("roll", camera, angle, "deg", 0, 360, geometry, *_camera_angle("roll"))
     yield Attribute("focal_length_mm", camera, number, "mm", 1, 2000, geometry, _read_focal_length, _write_focal_length)
     yield Attribute("azimuth", sun, angle, "deg", 0, 360, light, *_sun("azimuth", angle=True))
-    yield Attribute("elevation", sun, number, "deg", 0, 90, light, *_sun("elevation", angle=True))
+    yield Attribute("elevation", sun, number, "deg", -90, 90, light, *_sun("elevation", angle=True))
     yield Attribute("irradiance", sun, number, "", 0, 100, light, *_sun("irradiance", angle=False))
+    for clock in CLOCK:
+        low, high = clock.minimum, clock.maximum
+        yield Attribute(clock.name, sun, clock.type, clock.unit, low, high, light, *_not_in_the_scene(clock.default))
     yield Attribute("turbidity", sky, number, "", 1.7, 10, light, *_environment("turbidity"))
     yield Attribute("sky_strength", sky, number, "", 0, 100, light, *_environment("sky_strength"))
     yield Attribute("cloud_cover", sky, number, "", 0, 1, light, *_environment("cloud_cover"))
@@ -325,7 +329,7 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("rain", sky, number, "mm/h", 0, 100, light, *_environment("rain"))
     for row in SENSOR_PARAMETERS.values():
         ends = (row.minimum, row.maximum)
-        yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_sensor(row.neutral))
+        yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_not_in_the_scene(row.neutral))
 
 
 #: (kind of thing, attribute name) to attribute.

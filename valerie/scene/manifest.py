@@ -19,6 +19,7 @@ from valerie.parameters.paths import parse_path
 from valerie.scene.attributes import resolve
 from valerie.scene.naming import ROOT, is_node_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+from valerie.scene.solar import ANGLES, CLOCK_PATHS
 
 #: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
 MAX_COORDINATE_M: Final = 10_000.0
@@ -171,6 +172,12 @@ class Manifest(_Document):
                     field="parameters",
                     value=obstacle.path,
                 )
+        if not paths.isdisjoint(CLOCK_PATHS) and not paths.issuperset(ANGLES):
+            raise InvalidInput(
+                "a sun that varies by time and place declares its two angles too",
+                field="parameters",
+                limit=", ".join(ANGLES),
+            )
         for index, definition in enumerate(self.parameters):
             _check_attribute(definition, self.cameras, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:

@@ -18,6 +18,7 @@ from valerie.scene.ground import ground_height
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Scene
 from valerie.scene.naming import ROOT
+from valerie.scene.solar import CLOCK_PATHS, angles_of, require_one_notation
 from valerie.scene.transforms import Pose
 
 
@@ -47,13 +48,23 @@ def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, V
 
     Raises:
         UnknownName: a path that the manifest does not declare, or no such choice.
-        InvalidInput: a value of the wrong type or out of range.
+        InvalidInput: a value of the wrong type or out of range, or a sun that is given both by angles and by time.
     """
     prepared = _prepare(manifest)
     values = dict(prepared.defaults)
     for path, value in assignment.items():
         values[path] = manifest.definition(path).check(value, field=path)
+    if prepared.clock:
+        _set_sun(values, assignment, prepared.clock)
     return _without_hidden(values, prepared.switches)
+
+
+def _set_sun(values: dict[str, Value], assignment: Mapping[str, Value], clock: tuple[str, ...]) -> None:
+    """Time and place become the two angles, so that one sun is one input, whichever way it was given."""
+    given = {path: values.pop(path) for path in clock}
+    if not given.keys().isdisjoint(assignment):
+        require_one_notation(set(assignment))
+        values.update(angles_of(given))
 
 
 def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> Inputs:
@@ -147,6 +158,7 @@ class _Prepared:
         complete_defaults: the same without what hidden nodes make irrelevant.
         attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
         switches: for parameters that hide something: path, and per value the paths that become irrelevant.
+        clock: declared paths of the sun's notation by time and place; never part of a canonical form.
     """
 
     defaults: dict[str, Value]
@@ -155,6 +167,7 @@ class _Prepared:
     switches: _Switches
     cameras: dict[str, _CameraPaths]
     sensor: tuple[str, ...]
+    clock: tuple[str, ...]
 
 
 @lru_cache(maxsize=16)
@@ -162,13 +175,16 @@ def _prepare(manifest: Manifest) -> _Prepared:
     defaults = {definition.path: definition.check(definition.default) for definition in manifest.parameters}
     attributes = {path: resolve(path, manifest.cameras) for path in defaults}
     switches = tuple(_switches(manifest, attributes))
+    clock = tuple(path for path in CLOCK_PATHS if path in defaults)
+    by_angles = {path: value for path, value in defaults.items() if path not in clock}
     return _Prepared(
         defaults=defaults,
-        complete_defaults=_without_hidden(dict(defaults), switches),
+        complete_defaults=_without_hidden(by_angles, switches),
         attributes=attributes,
         switches=switches,
         cameras={camera: _camera_paths(manifest, camera, attributes) for camera in manifest.cameras},
         sensor=tuple(path for path, (_, attribute) in attributes.items() if attribute.target is Target.SENSOR),
+        clock=clock,
     )
 
 

@@ -13,7 +13,6 @@ from valerie.rendering.sky import (
     fog_extinction,
     sky_directions,
     sky_of,
-    wetness,
 )
 from valerie.scene.model import Environment, Scene, Sun
 
@@ -130,12 +129,6 @@ def test_rain_takes_light_as_measured() -> None:
 def test_the_sun_weakens_steadily_with_weather(name: str, values: tuple[float, ...]) -> None:
     suns = [sky_of(weather(**{name: value})).sun @ LUMINANCE for value in values]
     assert sky_of(weather()).sun @ LUMINANCE > suns[0] > suns[1] > suns[2] >= 0
-
-
-def test_the_road_is_dry_without_rain_and_wet_in_a_shower() -> None:
-    assert wetness(Environment()) == 0
-    assert wetness(Environment(rain=0.2)) < 0.5
-    assert wetness(Environment(rain=5.0)) > 0.95
 
 
 @pytest.mark.parametrize("elevation", [4.0, 60.0])

@@ -5,8 +5,10 @@ import pytest
 
 from valerie.errors import InvalidInputs
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.runs.planning import plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.manifest import Manifest
+from valerie.scene.solar import CLOCK
 
 X, Y, HEADING = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.heading"
 
@@ -50,6 +52,44 @@ def test_an_engine_without_weather_is_refused_where_a_spec_names_it(street: Mani
     assert "pyrender" in found
     assert "raster" in found
     resolved(street, renderer="raster", **given)
+
+
+def with_a_clock(street: Manifest) -> Manifest:
+    return street.model_copy(update={"parameters": (*street.parameters, *(row.definition() for row in CLOCK))})
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"constants": {"sun-1.elevation": 30.0}},
+        {"constraints": ["sun-1.azimuth > 90"]},
+        {"blocks": [{"vary": [["sun-1.azimuth", "CHOICE", 90, 180]]}]},
+    ],
+)
+def test_a_sun_that_is_given_by_time_and_by_angles_is_refused(street: Manifest, given: dict[str, Any]) -> None:
+    by_time = {"blocks": [{"vary": [["sun-1.time_of_day", "HOMOGENEOUS", "8 h", "16 h", "60 min"]]}]}
+    both = by_time | given
+    if "blocks" in given:
+        both["blocks"] = by_time["blocks"] + given["blocks"]
+    (found,) = problems(with_a_clock(street), **both).values()
+    assert "given twice" in found
+    assert "sun-1.time_of_day" in found
+
+
+def test_a_day_from_morning_to_evening_is_a_plan_whose_variants_say_where_the_sun_stands(street: Manifest) -> None:
+    run = resolved(
+        with_a_clock(street),
+        vary=[["sun-1.time_of_day", "HOMOGENEOUS", "8 h", "16 h", "60 min"]],
+        constants={"sun-1.day_of_year": 172, "sun-1.latitude": "48.8 deg"},
+    )
+    assert run.space.size == 9
+    found = plan(run)
+    first, last = found.first[0].sun, found.last[-1].sun
+    assert first is not None
+    assert last is not None
+    assert first[0] < 120
+    assert last[0] > 240
+    assert plan(resolved(street)).first[0].sun is None
 
 
 def test_the_papers_two_lists_give_ten_variants(street: Manifest) -> None:

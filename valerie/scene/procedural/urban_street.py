@@ -47,6 +47,7 @@ from valerie.scene.procedural.street.plan import Placement, StreetLayout, Street
 from valerie.scene.procedural.traffic import DEFAULT_PAINT, Traffic, TrafficPlace
 from valerie.scene.procedural.vehicles.build import dimensions, picked_paint, vehicle_seed
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+from valerie.scene.solar import CLOCK
 from valerie.scene.transforms import camera_transform
 
 NAME: Final = "urban-street"
@@ -270,6 +271,8 @@ def _other_parameters() -> Iterator[ParameterDefinition]:
     yield _angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
     yield _number(f"{SUN_PATH}.elevation", 3.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
     yield _number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
+    for clock in CLOCK:
+        yield clock.definition()
     yield _number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
     yield _number(
         f"{ENVIRONMENT_PATH}.cloud_cover", 0.0, 1.0, 0.0, Affects.LIGHT, "", "0 clear … 1 overcast, no shadows"

@@ -1,0 +1,67 @@
+"""What a variant's light and weather come to, in numbers that tables can hold: no meshes, no pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+from valerie.parameters.definitions import Value
+from valerie.scene.manifest import Manifest
+from valerie.scene.naming import ENVIRONMENT_PATH
+from valerie.scene.solar import ANGLES, AZIMUTH, CLOCK_PATHS, ELEVATION, SunAngles
+from valerie.scene.variation import complete
+from valerie.scene.weather import road_friction
+
+_RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
+_DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
+
+
+class Conditions(NamedTuple):
+    """Metadata of a variant; None where the asset does not declare what it follows from.
+
+    Attributes:
+        sun_azimuth_deg: clockwise from north, whichever way the sun was given.
+        sun_elevation_deg: above the horizon.
+        road_friction: peak friction of new tyres on the road at 50 km/h (`valerie.scene.weather.road_friction`).
+    """
+
+    sun_azimuth_deg: float | None
+    sun_elevation_deg: float | None
+    road_friction: float | None
+
+
+def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Conditions:
+    """The conditions of a variant: path to value, what is missing takes its default.
+
+    Raises:
+        UnknownName, InvalidInput: as `valerie.scene.variation.complete`.
+    """
+    return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
+
+
+@lru_cache(maxsize=1024)
+def _conditions(given: tuple[tuple[str, Value], ...], manifest: Manifest) -> Conditions:
+    values = complete(dict(given), manifest)
+    rain = _number(values, _RAIN)
+    return Conditions(
+        _number(values, AZIMUTH), _number(values, ELEVATION), None if rain is None else road_friction(rain)
+    )
+
+
+def with_sun_angles(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
+    """An assignment in which a sun that is given by time and place has its two angles beside them."""
+    angles = sun_by_time(assignment, manifest)
+    return {**assignment, **dict(zip(ANGLES, angles or (), strict=False))}
+
+
+def sun_by_time(assignment: Mapping[str, Value], manifest: Manifest) -> SunAngles | None:
+    """The angles of a sun that is given by time and place; None if it is not."""
+    if not any(path in assignment for path in CLOCK_PATHS):
+        return None
+    values = complete(assignment, manifest)
+    return SunAngles(*(float(values[path]) for path in ANGLES))
+
+
+def _number(values: Mapping[str, Value], path: str) -> float | None:
+    return float(values[path]) if path in values else None
