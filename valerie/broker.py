@@ -35,6 +35,7 @@ _TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
 #: Products per message, by kind: large enough to spread overhead, small enough that a killed worker loses little.
 #: Predictions: two batches of a GPU.
 CHUNK: Final = {"background": 1, "layer": 24, "truth": 24, "prediction": 8, "evaluation": 24}
+_OTHERS: Final = 24
 
 
 def route_of(stage: str, name: str, numeric_class: str) -> str:
@@ -131,9 +132,9 @@ class Broker:
         for digest, kind, route, group in ready:
             groups.setdefault((route, kind, group), []).append(digest)
         messages = [
-            (_TASK_OF_STAGE[route.partition(".")[0]], digests[start : start + CHUNK[kind]], route)
+            (_TASK_OF_STAGE[route.partition(".")[0]], digests[start : start + CHUNK.get(kind, _OTHERS)], route)
             for (route, kind, _), digests in groups.items()
-            for start in range(0, len(digests), CHUNK[kind])
+            for start in range(0, len(digests), CHUNK.get(kind, _OTHERS))
         ]
         if not messages:
             return

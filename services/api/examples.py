@@ -113,6 +113,7 @@ FRAME_DETAIL: Final[dict[str, Any]] = {
             },
         }
     ],
+    "annotations": {},
     "images": {kind: f"{_IMAGE}?kind={kind}" for kind in ("picture", "truth", "truth-overlay", "instances", "depth")},
     "previous": f"{_RUN_ID}.4.2.0",
     "next": f"{_RUN_ID}.5.1.0",

@@ -165,6 +165,7 @@ class FrameDetail(FrameRead):
     width: int
     height: int
     assignment: dict[str, Any]
+    annotations: dict[str, str] = Field(description="kind to product of the annotations that the run asked for")
     persons: list[PersonRead]
     evaluations: list[FrameEvaluation]
     images: dict[str, str] = Field(description="kind of picture to its address, behind the run's first sensor setting")

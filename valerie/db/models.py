@@ -207,6 +207,29 @@ class Evaluation(Base):
     )
 
 
+class FrameAnnotation(Base):
+    """An annotation of a frame: what kind, and the product that it links to."""
+
+    __tablename__ = "frame_annotations"
+
+    run_id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    variant_index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
+    camera_index: Mapped[int] = mapped_column(primary_key=True)
+    time_index: Mapped[int] = mapped_column(primary_key=True, default=0)
+    kind: Mapped[str] = mapped_column(String(16), primary_key=True)
+    product: Mapped[str] = mapped_column(Digest)
+
+    __table_args__ = (
+        ForeignKeyConstraint(
+            ["run_id", "variant_index", "camera_index", "time_index"],
+            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
+            ondelete="CASCADE",
+            name="fk_frame_annotations_frame",
+        ),
+        Index("ix_frame_annotations_product", "product"),
+    )
+
+
 class PersonView(Base):
     """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person.
 
@@ -224,11 +247,25 @@ class PersonView(Base):
     truncation_rate: Mapped[float | None] = mapped_column(Float)
     distance_m: Mapped[float | None] = mapped_column(Float)
     depth_m: Mapped[float | None] = mapped_column(Float)
+    bearing_deg: Mapped[float | None] = mapped_column(Float)
+    aspect_deg: Mapped[float | None] = mapped_column(Float)
     #: x0, y0, x1, y1 in pixels, end exclusive; None when nothing is seen.
     box: Mapped[list[int] | None] = mapped_column(Document)
     amodal_box: Mapped[list[int] | None] = mapped_column(Document)
     #: Why pACC has no value here; None where it has one.
     undefined_reason: Mapped[str | None] = mapped_column(String(64))
+
+
+class PersonLight(Base):
+    """How light falls on one person in one frame's image, and how the person stands out; of a product of kind ``light``."""
+
+    __tablename__ = "person_lights"
+
+    product: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
+    instance_id: Mapped[int] = mapped_column(primary_key=True)
+    irradiance: Mapped[float | None] = mapped_column(Float)
+    shadow_share: Mapped[float | None] = mapped_column(Float)
+    contrast: Mapped[float | None] = mapped_column(Float)
 
 
 class Score(Base):

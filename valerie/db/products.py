@@ -29,7 +29,18 @@ from sqlalchemy import delete as sql_delete
 from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.bulk import insert_rows
-from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Run, Score, Variant
+from valerie.db.models import (
+    Evaluation,
+    Frame,
+    FrameAnnotation,
+    PersonScore,
+    PersonView,
+    Product,
+    Run,
+    Score,
+    Variant,
+)
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.states import BROUGHT_ROUTE, ProductKind
 
 #: Cache group of the evaluations of predictions that people bring.
@@ -222,12 +233,32 @@ _FRAME_OF_EVALUATION = (
 )
 
 
+_FRAME_OF_ANNOTATION = (
+    (Frame.run_id == FrameAnnotation.run_id)
+    & (Frame.variant_index == FrameAnnotation.variant_index)
+    & (Frame.camera_index == FrameAnnotation.camera_index)
+    & (Frame.time_index == FrameAnnotation.time_index)
+)
+
+
 def _frame_job(column: Any) -> Any:
     return (
         select(*_FRAME_COLUMNS)
         .join(Run, Run.id == Frame.run_id)
         .join(Variant, _VARIANT_OF_FRAME)
         .where(column == bindparam("digest"), Run.state == "running")
+        .limit(1)
+    )
+
+
+def _annotation_job() -> Any:
+    return (
+        select(*_FRAME_COLUMNS)
+        .select_from(FrameAnnotation)
+        .join(Frame, _FRAME_OF_ANNOTATION)
+        .join(Run, Run.id == Frame.run_id)
+        .join(Variant, _VARIANT_OF_FRAME)
+        .where(FrameAnnotation.product == bindparam("digest"), Run.state == "running")
         .limit(1)
     )
 
@@ -247,6 +278,7 @@ _JOB_OF_KIND = {
     "background": _frame_job(Frame.background),
     "layer": _frame_job(Frame.layer),
     "truth": _frame_job(Frame.truth),
+    **{kind.value: _annotation_job() for kind in AnnotationKind},
     "prediction": _evaluation_job(Evaluation.prediction),
     "evaluation": _evaluation_job(Evaluation.scores),
 }
@@ -497,7 +529,7 @@ def recorded_costs(connection: Connection, *, sample: int = 400) -> list[Recorde
 
 
 def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
-    """(digest, kind) of products that no frame and no evaluation links to, and nobody makes at present.
+    """(digest, kind) of products that no frame, annotation or evaluation links to, and nobody makes at present.
 
     Until the transaction ends nobody else writes products, so that none of them is linked meanwhile (on SQLite no two
     transactions write at the same time anyway).
@@ -510,6 +542,7 @@ def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE background = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE layer = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest) LIMIT :limit"
         ),

@@ -23,7 +23,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import aliased
 
-from valerie.db.models import Evaluation, Frame, PersonScore, PersonView, Product, Score, Variant
+from valerie.db.models import Evaluation, Frame, FrameAnnotation, PersonScore, PersonView, Product, Score, Variant
 from valerie.errors import InvalidInput, NotFound, UnknownName
 
 _OF_FRAME = and_(
@@ -401,6 +401,24 @@ def person_views(connection: Connection, truth: str) -> list[Row[Any]]:
     )
 
 
+def frame_annotations(
+    connection: Connection, run_id: str, variant: int, camera: int, time: int = 0
+) -> dict[str, Row[Any]]:
+    """Kind to ``product`` and ``state`` of the annotations of one frame."""
+    rows = connection.execute(
+        select(FrameAnnotation.kind, FrameAnnotation.product, Product.state)
+        .join(Product, Product.digest == FrameAnnotation.product)
+        .where(
+            FrameAnnotation.run_id == run_id,
+            FrameAnnotation.variant_index == variant,
+            FrameAnnotation.camera_index == camera,
+            FrameAnnotation.time_index == time,
+        )
+        .order_by(FrameAnnotation.kind)
+    )
+    return {row.kind: cast("Row[Any]", row) for row in rows}
+
+
 def product(connection: Connection, digest: str) -> Row[Any]:
     """The row of one product.
 
@@ -432,8 +450,22 @@ def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[
         ).join(Product, Product.digest == column)
         for column in (Evaluation.prediction, Evaluation.scores)
     ]
+    annotation_links = [
+        select(
+            FrameAnnotation.variant_index,
+            FrameAnnotation.camera_index,
+            FrameAnnotation.time_index,
+            Product.digest,
+            Product.kind,
+            Product.error,
+        ).join(Product, Product.digest == FrameAnnotation.product)
+    ]
     found: list[dict[str, Any]] = []
-    for table, queries in ((Frame, frame_links), (Evaluation, evaluation_links)):
+    for table, queries in (
+        (Frame, frame_links),
+        (FrameAnnotation, annotation_links),
+        (Evaluation, evaluation_links),
+    ):
         for query in queries:
             rows = connection.execute(
                 query.where(table.run_id == run_id, Product.state == "failed")

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, case, delete, func, insert, or_, select, union, update
+from sqlalchemy import Connection, Row, case, delete, func, insert, literal, or_, select, union, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import aliased
 
-from valerie.db.models import Block, Evaluation, Frame, Product, Run, Variant
+from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.errors import Conflict, NotFound
 from valerie.runs.states import BROUGHT_ROUTE
 
@@ -116,7 +116,7 @@ def set_values(connection: Connection, run_id: str, **values: Any) -> None:
 
 def remove(connection: Connection, run_id: str) -> None:
     """Delete a run with its variants, frames and links; products stay until `gc` finds nobody linking them."""
-    for table in (Evaluation, Frame, Variant, Block):
+    for table in (Evaluation, FrameAnnotation, Frame, Variant, Block):
         connection.execute(delete(table).where(table.run_id == run_id))
     connection.execute(delete(Run).where(Run.id == run_id))
 
@@ -127,6 +127,7 @@ def linked_digests(connection: Connection, run_id: str, states: Sequence[str]) -
         select(Frame.background).where(Frame.run_id == run_id),
         select(Frame.layer).where(Frame.run_id == run_id),
         select(Frame.truth).where(Frame.run_id == run_id),
+        select(FrameAnnotation.product).where(FrameAnnotation.run_id == run_id),
         select(Evaluation.prediction).where(Evaluation.run_id == run_id),
         select(Evaluation.scores).where(Evaluation.run_id == run_id),
     ).subquery()
@@ -179,12 +180,27 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
 
     Returns:
         frames, rendered, render_failed; evaluations, inferred, infer_failed, evaluated, eval_failed. A frame is rendered when
-        its background, layer and truth are done; a failure counts at the stage where it happened and at those after it.
+        its background, layer, truth and annotations are done; a failure counts at the stage where it happened and at those after
+        it.
     """
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     states = (background.state, layer.state, truth.state)
     done = (states[0] == "done") & (states[1] == "done") & (states[2] == "done")
     failed = (states[0] == "failed") | (states[1] == "failed") | (states[2] == "failed")
+    annotation = (
+        select(literal(1))
+        .select_from(FrameAnnotation)
+        .join(Product, Product.digest == FrameAnnotation.product)
+        .where(
+            FrameAnnotation.run_id == Frame.run_id,
+            FrameAnnotation.variant_index == Frame.variant_index,
+            FrameAnnotation.camera_index == Frame.camera_index,
+            FrameAnnotation.time_index == Frame.time_index,
+        )
+        .correlate(Frame)
+    )
+    done &= ~annotation.where(Product.state != "done").exists()
+    failed |= annotation.where(Product.state == "failed").exists()
     frames = connection.execute(
         select(func.count(), func.sum(case((done, 1), else_=0)), func.sum(case((failed, 1), else_=0)))
         .select_from(Frame)

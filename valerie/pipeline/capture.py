@@ -66,6 +66,16 @@ class Capture:
         shot = Shot(self.focal_length_mm, depth, self.run_seed, (self.background, self.layer))
         return develop(image.pixels, self.setting, shot)
 
+    def seen_map(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """(H, W, …) of the rendered image, in step with the picture: by the nearest pixel of the map that moves the image."""
+        if not self.distorted or self.focal_length_mm is None:
+            return pixels
+        height, width = pixels.shape[:2]
+        focal = focal_length_px(self.focal_length_mm, width)
+        index = pixel_map(self.setting.distortion, width, height, focal).nearest()
+        moved: NDArray[Any] = pixels.reshape(height * width, *pixels.shape[2:])[index]
+        return moved
+
     def seen_truth(self, reader: ProductReader) -> GroundTruth:
         """The ground truth in step with the picture.
 

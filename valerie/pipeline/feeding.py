@@ -12,7 +12,7 @@ from valerie.broker import EVAL_QUEUE
 from valerie.db import products, runs
 from valerie.db.bulk import insert_rows
 from valerie.db.engine import writing
-from valerie.db.models import Evaluation, Frame, Variant
+from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.db.products import BROUGHT_GROUP, Ready, Wanted
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
@@ -62,6 +62,7 @@ class Feeder:
             insert_rows(connection, Variant, _VARIANT, rows.variants)
             ready = products.want(connection, rows.wanted.values(), now)
             insert_rows(connection, Frame, _FRAME, rows.frames)
+            insert_rows(connection, FrameAnnotation, _ANNOTATION, rows.annotations)
             insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
             runs.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
@@ -90,11 +91,15 @@ class Feeder:
                 rows.rejected += 1
                 continue
             for camera in cameras:
-                background, layer, truth, evaluations = self._inputs.frame(assignment, camera)
+                background, layer, truth, evaluations, annotations = self._inputs.frame(assignment, camera)
                 want(background, (background, "background", engine_route, background, None, None, None))
                 want(layer, (layer, "layer", engine_route, background, None, None, None))
                 want(truth, (truth, "truth", truth_route, background, None, None, None))
                 rows.frames.append((run_id, index, camera, 0, background, layer, truth))
+                for kind, product, inputs in annotations:
+                    needed = (*inputs, None, None, None)[:3]
+                    want(product, (product, kind.value, truth_route, background, *needed))
+                    rows.annotations.append((run_id, index, camera, 0, kind.value, product))
                 for sensor, function, prediction, scores, needs_depth, distorted in evaluations:
                     route, group, counted = targets[function]
                     depth = truth if needs_depth else None
@@ -110,6 +115,7 @@ class _Rows:
 
     variants: list[tuple[Any, ...]] = field(default_factory=list)
     frames: list[tuple[Any, ...]] = field(default_factory=list)
+    annotations: list[tuple[Any, ...]] = field(default_factory=list)
     evaluations: list[tuple[Any, ...]] = field(default_factory=list)
     wanted: dict[str, Wanted] = field(default_factory=dict)
     rejected: int = 0
@@ -118,4 +124,5 @@ class _Rows:
 _VARIANT: Final = ("run_id", "index", "block", "assignment", "rejection")
 _KEY: Final = ("run_id", "variant_index", "camera_index", "time_index")
 _FRAME: Final = (*_KEY, "background", "layer", "truth")
+_ANNOTATION: Final = (*_KEY, "kind", "product")
 _EVALUATION: Final = (*_KEY, "sensor_index", "function_index", "prediction", "scores", "distorted")

@@ -15,12 +15,13 @@ from valerie.parameters.assignment import digest
 from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.pictures import FUNCTION_KINDS, PAINTING_REVISION, FramePainter
+from valerie.pipeline.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, PAINTING_REVISION, FramePainter
 from valerie.pipeline.resolution import resolve_stored
+from valerie.rendering.annotations.kinds import AnnotationKind
 
 #: Kinds that are drawn from the ground truth alone, and from the picture alone (a prediction apart).
 _OF_TRUTH = ("truth", "instances", "depth")
-_OF_IMAGE = ("picture", "overlay")
+_OF_IMAGE = ("picture", "overlay", "boxes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +32,20 @@ class PictureSource:
         kind: one of `valerie.pipeline.pictures.KINDS`.
         capture: the frame and the sensor that sees it.
         prediction: digest; None where no function looked.
+        annotation: digest, of a kind that shows one.
     """
 
     kind: str
     capture: Capture
     prediction: str | None
+    annotation: str | None = None
 
     @property
     def tag(self) -> str:
         """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
-        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, self.prediction or "")
+        return digest(
+            "picture", PAINTING_REVISION, self.kind, self.capture.tag, self.prediction or self.annotation or ""
+        )
 
 
 def find(
@@ -64,6 +69,7 @@ def find(
     with reading(context.engine) as connection:
         resolved = resolve_stored(runs.get(connection, run_id), context.settings)
         row = results.frame(connection, run_id, variant, camera, time)
+        annotations = results.frame_annotations(connection, run_id, variant, camera, time)
         evaluations = results.frame_evaluations(connection, run_id, variant, camera, time)
         states = {
             product: results.product(connection, product).state for product in (row.background, row.layer, row.truth)
@@ -86,9 +92,14 @@ def find(
     missing = [states[product] for product in _needed(kind, capture) if states[product] != "done"]
     if kind in FUNCTION_KINDS and chosen is not None and chosen.prediction_state != "done":
         missing.append(chosen.prediction_state)
+    if kind in ANNOTATION_KINDS:
+        if kind not in annotations:
+            raise UnknownName("kind of picture", kind, (*FRAME_KINDS, *FUNCTION_KINDS, *annotations), field="kind")
+        missing += [one.state for one in (annotations[kind],) if one.state != "done"]
     if missing:
         raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")
-    return PictureSource(kind, capture, None if chosen is None else chosen.prediction)
+    annotation = annotations[kind].product if kind in ANNOTATION_KINDS else None
+    return PictureSource(kind, capture, None if chosen is None else chosen.prediction, annotation)
 
 
 def draw(context: Context, source: PictureSource) -> NDArray[np.uint8]:
@@ -99,12 +110,14 @@ def draw(context: Context, source: PictureSource) -> NDArray[np.uint8]:
         MissingInput: an object is gone.
     """
     painter = FramePainter(ProductReader(context.store))
-    return painter.paint(source.kind, capture=source.capture, prediction=source.prediction)
+    return painter.paint(
+        source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
+    )
 
 
 def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
     """Digests of what a kind of picture is drawn from, besides a prediction."""
-    if kind == "prediction":
+    if kind in ("prediction", AnnotationKind.NORMALS):
         return ()
     image, truth = (capture.background, capture.layer), (capture.truth,)
     if kind in _OF_TRUTH:

@@ -11,14 +11,18 @@ from PIL import Image
 
 from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
+from valerie.pipeline.annotation_pictures import paint_boxes, paint_normals
 from valerie.pipeline.capture import Capture
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth
 
 #: Kinds of picture that a frame has by itself, and those that show what a function made of it.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-KINDS: Final = FRAME_KINDS + FUNCTION_KINDS
+#: Kinds that a frame has if its run asked for them.
+ANNOTATION_KINDS: Final = tuple(kind.value for kind in AnnotationKind)
+KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1
 
@@ -37,19 +41,20 @@ class FramePainter:
         *,
         capture: Capture,
         prediction: str | None,
+        annotation: str | None = None,
     ) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 sRGB.
 
         Args:
             kind: one of `KINDS`.
             capture: the frame and the sensor that sees it; truth is shown as the sensor sees it.
-            prediction: digest of a finished product.
+            prediction, annotation: digests of finished products.
 
         Raises:
             UnknownName: no such kind, or it needs a prediction and there is none.
             MissingInput: an object is gone.
         """
-        known = KINDS if prediction else FRAME_KINDS
+        known = FRAME_KINDS + (FUNCTION_KINDS if prediction else ()) + (ANNOTATION_KINDS if annotation else ())
         if kind not in known:
             raise UnknownName("kind of picture", kind, known, field="kind")
         if kind == "truth":
@@ -58,9 +63,15 @@ class FramePainter:
             return _instances(capture.seen_truth(self._reader))
         if kind == "depth":
             return _depth(capture.seen_truth(self._reader).depth)
+        if kind == AnnotationKind.NORMALS and annotation is not None:
+            return capture.seen_map(paint_normals(self._reader.normals(annotation)))
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
+        if kind == AnnotationKind.BOXES and annotation is not None:
+            height, width = picture.shape[:2]
+            lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
+            return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
         if kind == "truth-overlay":
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
         if kind == "picture" or prediction is None:

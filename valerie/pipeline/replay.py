@@ -22,7 +22,7 @@ class Replayed:
     """One product of the frame, made again.
 
     Attributes:
-        kind: background, layer, truth, prediction or evaluation.
+        kind: background, layer, truth, an annotation, prediction or evaluation.
         name: which function and sensor, for predictions and evaluations.
         verdict: ``equal``, ``differs``, ``not stored`` or why it could not be made here.
     """
@@ -48,6 +48,7 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
         frame = results.frame(connection, run_id, variant, camera, time_index)
+        annotations = results.frame_annotations(connection, run_id, variant, camera, time_index)
         evaluations = results.frame_evaluations(connection, run_id, variant, camera, time_index)
     scratch = _Scratch(context)
     shared: dict[str, Any] = {
@@ -65,6 +66,7 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
         scratch.compare(render, Job(digest=digest, kind=kind, **shared), "")
         for kind, digest in (("background", frame.background), ("layer", frame.layer), ("truth", frame.truth))
     ]
+    made += [scratch.compare(render, Job(one.product, kind, **shared), "") for kind, one in annotations.items()]
     spec = run.spec
     for one in evaluations:
         name = f"{spec['functions'][one.function_index]} / {spec['sensors'][one.sensor_index]['name']}"

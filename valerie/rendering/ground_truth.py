@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import PERSON, SKY
+from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, View
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
@@ -21,6 +22,7 @@ from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.movable_geometry import PlacedMesh
+from valerie.rendering.raster.normals_pass import NormalsPass
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
@@ -51,6 +53,7 @@ class TruthPass:
         self._statics: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(_CAMERAS)
         self._work: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(1)
         self._canvas: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
+        self._normals: NormalsPass | None = None
 
     @property
     def numeric_class(self) -> str:
@@ -87,8 +90,20 @@ class TruthPass:
             finally:
                 table.release()
 
+    def normals(self, scene: Scene, view: View) -> Normals:
+        """Which way the surface in each pixel faces, in step with `truth`.
+
+        Raises:
+            UnknownName: the scene has no such camera.
+        """
+        if self._normals is None:
+            self._normals = NormalsPass(self._context)
+        return self._normals.normals(scene, view)
+
     def close(self) -> None:
         """Free what this pass holds; the context stays with who made it (the process, by default)."""
+        if self._normals is not None:
+            self._normals.close()
         if not self._context.closed:
             with self._context.current():
                 self._statics.clear()

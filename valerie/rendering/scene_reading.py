@@ -56,6 +56,17 @@ def draw_items(scene: Scene, *, movable: bool) -> tuple[DrawItem, ...]:
     return tuple(items)
 
 
+def instance_roots(scene: Scene) -> dict[int, Node]:
+    """Instance id to the topmost of its nodes, drawn or not, whose place and heading are the instance's."""
+    roots: dict[int, Node] = {}
+    for node in scene.nodes.values():
+        if node.instance_id:
+            known = roots.get(node.instance_id)
+            if known is None or node.path.count(".") < known.path.count("."):
+                roots[node.instance_id] = node
+    return roots
+
+
 def camera_of(scene: Scene, view: View) -> Camera:
     """The camera that a view names.
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON
 from valerie.rendering.base import GroundTruth, PersonTruth, View
+from valerie.rendering.scene_reading import instance_roots
 from valerie.scene.model import Camera, Node, Scene
 
 #: Raised by hand whenever a column's meaning changes.
@@ -77,13 +78,7 @@ def measure(truth: GroundTruth, scene: Scene, view: View) -> tuple[Visibility, .
 
 def person_roots(scene: Scene) -> Mapping[int, Node]:
     """Instance id of each person to its topmost node, whose place is the person's ground origin."""
-    roots: dict[int, Node] = {}
-    for node in scene.nodes.values():
-        if node.label_id == PERSON.id and node.instance_id:
-            known = roots.get(node.instance_id)
-            if known is None or node.path.count(".") < known.path.count("."):
-                roots[node.instance_id] = node
-    return roots
+    return {number: root for number, root in instance_roots(scene).items() if root.label_id == PERSON.id}
 
 
 def _absent(instance_id: int) -> Visibility:

@@ -27,6 +27,7 @@ from pydantic import (
 from valerie.errors import InvalidInput, InvalidInputs
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.sensing.settings import SensorSetting
 
 #: A number, or text with a number and a unit.
@@ -171,6 +172,7 @@ class RunSpec(Document):
         cameras: names of the asset's cameras; None takes all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
+        annotations: truth of every frame beyond labels and depth: normals, boxes.
         sensors: one picture of each frame for each of them.
         functions: names of the perception functions under test; none: frames and truth alone.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
@@ -193,6 +195,7 @@ class RunSpec(Document):
     cameras: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     resolution: Resolution = Resolution()
     renderer: Name | dict[str, Scalar] = "raster"
+    annotations: tuple[AnnotationKind, ...] = ()
     sensors: Annotated[tuple[SensorSetting, ...], Field(min_length=1, max_length=100)] = (SensorSetting(),)
     functions: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     detection_threshold: Annotated[float, Field(strict=True, gt=0, le=1)] = 0.5
@@ -219,6 +222,7 @@ class RunSpec(Document):
                 ("cameras", list(self.cameras or ())),
                 ("sensors", [sensor.name for sensor in self.sensors]),
                 ("functions", list(self.functions)),
+                ("annotations", [kind.value for kind in self.annotations]),
             )
             for i, name in enumerate(names)
             if name in names[:i]
@@ -257,6 +261,8 @@ class RunSpec(Document):
         """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""
         document = self.model_dump(mode="json")
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
+        if not self.annotations:
+            del document["annotations"]  # specs of before there were any keep their digest
         return digest("run-spec", document)
 
     def to_yaml(self) -> str:

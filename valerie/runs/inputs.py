@@ -5,6 +5,7 @@ Per frame (variant, camera): ::
     background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
+    annotation   truth
     prediction   background, layer, sensor response, function; truth, where the sensor needs depth
     evaluation   prediction, truth
 
@@ -22,6 +23,7 @@ from typing import Any, Final, NamedTuple
 
 from valerie.parameters.assignment import DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.sensors import response, sensor_values
 from valerie.runs.states import ProductKind
@@ -30,6 +32,8 @@ from valerie.sensing.sensor import REVISION as SENSING_REVISION
 
 #: Raised by hand whenever equal predictions and truths give other counts.
 EVALUATION_REVISION: Final = 1
+#: Raised by hand whenever an annotation of equal truth differs.
+ANNOTATION_REVISIONS: Final = {AnnotationKind.NORMALS: 1, AnnotationKind.BOXES: 1}
 #: Raised by hand whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
 
@@ -53,6 +57,20 @@ class EvaluationDigests(NamedTuple):
     distorted: bool = False
 
 
+class AnnotationDigest(NamedTuple):
+    """One annotation of a frame.
+
+    Attributes:
+        kind: a kind of product.
+        product: its digest.
+        inputs: digests of the products that it is made from, three at most.
+    """
+
+    kind: ProductKind
+    product: str
+    inputs: tuple[str, ...]
+
+
 class FrameDigests(NamedTuple):
     """All products of one frame."""
 
@@ -60,6 +78,7 @@ class FrameDigests(NamedTuple):
     layer: str
     truth: str
     evaluations: tuple[EvaluationDigests, ...]
+    annotations: tuple[AnnotationDigest, ...] = ()
 
 
 class ProductInputs:
@@ -98,6 +117,9 @@ class ProductInputs:
             for name in spec.functions
         ]
         self._evaluation = _prefix(ProductKind.EVALUATION, EVALUATION_REVISION)
+        self._annotations = [
+            (ProductKind(kind), _prefix(ProductKind(kind), ANNOTATION_REVISIONS[kind])) for kind in spec.annotations
+        ]
         # Most variants of a run share the light, and so the background.
         self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
 
@@ -118,7 +140,10 @@ class ProductInputs:
                 prediction = prefix.digest(background, layer, document, *depth)
                 scores = self._evaluation.digest(prediction, truth)
                 evaluations.append(EvaluationDigests(sensor_index, function_index, prediction, scores, *asks))
-        return FrameDigests(background, layer, truth, tuple(evaluations))
+        annotations = tuple(
+            AnnotationDigest(kind, prefix.digest(truth), (truth,)) for kind, prefix in self._annotations
+        )
+        return FrameDigests(background, layer, truth, tuple(evaluations), annotations)
 
     def _hash_background(self, camera_index: int, inputs: bytes) -> str:
         return self._background[camera_index].digest(inputs)

@@ -22,7 +22,7 @@ from valerie.parameters.definitions import Value
 from valerie.runs.costs import Basis, CostKey, CostTable
 from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.resolution import ResolvedRun
-from valerie.runs.states import ProductKind
+from valerie.runs.states import ProductKind, Stage
 from valerie.scene.conditions import sun_by_time
 from valerie.scene.legality import rejection_reason
 
@@ -92,7 +92,7 @@ class Plan(BaseModel):
         rejected: reason to number of variants.
         frames: accepted variants × cameras.
         evaluations: frames × sensors × functions.
-        renders: backgrounds, layers and truths that must still be rendered.
+        renders: backgrounds, layers, truths and annotations that must still be rendered.
         inferences: predictions that must still be made.
         products: by kind and maker.
         cpu_seconds: of all that must still be made, on one core.
@@ -173,7 +173,6 @@ def plan(
         )
     if size and not accepted:
         warnings.append("every variant is rejected: the run would make no frame")
-    rendered = (ProductKind.BACKGROUND, ProductKind.LAYER, ProductKind.TRUTH)
     return Plan(
         name=resolved.spec.name,
         asset=resolved.manifest.name,
@@ -184,7 +183,7 @@ def plan(
         cameras=resolved.cameras,
         frames=frames,
         evaluations=frames * len(resolved.spec.sensors) * len(resolved.spec.functions),
-        renders=sum(product.to_make for product in products if product.kind in rendered),
+        renders=sum(product.to_make for product in products if product.kind.stage is Stage.RENDER),
         inferences=sum(product.to_make for product in products if product.kind is ProductKind.PREDICTION),
         products=tuple(products),
         cpu_seconds=round(sum(product.cpu_seconds for product in products), 3),
@@ -215,6 +214,7 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
             (ProductKind.BACKGROUND, spec.engine): bytearray(),
             (ProductKind.LAYER, spec.engine): bytearray(),
             (ProductKind.TRUTH, ""): bytearray(),
+            **{(ProductKind(kind), ""): bytearray() for kind in spec.annotations},
             **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
             (ProductKind.EVALUATION, ""): bytearray(),
         },
@@ -235,6 +235,8 @@ def _note(seen: _Seen, resolved: ResolvedRun, frame: FrameDigests) -> None:
     digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(frame.background)
     digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(frame.layer)
     digests[ProductKind.TRUTH, ""] += bytes.fromhex(frame.truth)
+    for annotation in frame.annotations:
+        digests[annotation.kind, ""] += bytes.fromhex(annotation.product)
     for one in frame.evaluations:
         digests[ProductKind.PREDICTION, spec.functions[one.function_index]] += bytes.fromhex(one.prediction)
         digests[ProductKind.EVALUATION, ""] += bytes.fromhex(one.scores)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Final
 
+from valerie.rendering.annotations.kinds import AnnotationKind
+
 
 class RunState(StrEnum):
     """Where a run is in its life."""
@@ -65,6 +67,9 @@ class ProductKind(StrEnum):
     LAYER = "layer"
     #: Class, instance and depth maps, amodal masks, visibility.
     TRUTH = "truth"
+    #: Annotations (`valerie.rendering.annotations.kinds`), each under its own word.
+    NORMALS = AnnotationKind.NORMALS.value
+    BOXES = AnnotationKind.BOXES.value
     #: A function's map of train ids.
     PREDICTION = "prediction"
     #: Confusion counts of a prediction against a truth.

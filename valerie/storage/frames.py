@@ -27,6 +27,7 @@ _META: Final = "valerie"
 _DTYPES: Final[dict[str, np.dtype[Any]]] = {
     "U8": np.dtype(np.uint8),
     "U16": np.dtype("<u2"),
+    "I16": np.dtype("<i2"),
     "I64": np.dtype("<i8"),
     "F16": np.dtype("<f2"),
     "F32": np.dtype("<f4"),
@@ -38,7 +39,7 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any])
 
     Args:
         kind: what it is, checked by `unpack`.
-        arrays: uint8, uint16, int64, float16 or float32, any shape.
+        arrays: uint8, uint16, int16, int64, float16 or float32, any shape.
         meta: JSON values.
     """
     # One metadata entry: safetensors writes several in the random order of a hash table, and equal input would differ.

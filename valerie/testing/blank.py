@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, instance_id
 from valerie.perception.base import FunctionCard
+from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, View
 from valerie.scene.model import Scene
 
@@ -63,6 +64,10 @@ class BlankTruthPass:
         class_map[inside], instance_map[inside], amodal[inside] = PERSON.id, person, True
         depth = np.full((view.height, view.width), 10.0, np.float32)
         return GroundTruth(class_map, instance_map, depth, (PersonTruth(person, amodal, int(amodal.sum())),))
+
+    def normals(self, scene: Scene, view: View) -> Normals:  # noqa: ARG002
+        """See `valerie.rendering.ground_truth.TruthPass`: everything faces up."""
+        return Normals.of(np.broadcast_to(np.array([0.0, 0.0, 1.0]), (view.height, view.width, 3)))
 
 
 class BlankFunction:

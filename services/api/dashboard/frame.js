@@ -3,8 +3,10 @@ import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
 import { count, fixed, percent, short, value, words } from "./format.js";
 
-const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth" };
+const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
+const OPTIONAL = new Set(["normals", "boxes"]); // there only if the run asked for them
+const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // covers the picture
 const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
 
 let labels = null;
@@ -17,12 +19,13 @@ export async function frameView({ main, key, parameters, signal }) {
   const run = await get(`/v1/runs/${frame.run_id}`, { signal });
   labels ??= await get("/v1/labels", { signal });
 
+  const offered = Object.keys(VIEWS).filter((name) => !OPTIONAL.has(name) || frame.images[name]);
   const panes = h("div", { class: "panes" });
   const legend = h("div", {});
   const slider = h("input", { type: "range", min: 0, max: 100, value: SETTINGS.opacity, id: "opacity", on: { input: () => { SETTINGS.opacity = Number(slider.value); update(); } } });
   const slide = h("label", { class: "inline", for: "opacity" }, "Overlay", slider);
-  const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, Object.entries(VIEWS).map(([name, text]) =>
-    h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, text)));
+  const views = h("div", { class: "segments", role: "group", "aria-label": "What is shown" }, offered.map((name) =>
+    h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, VIEWS[name])));
   const boxes = toggle("Boxes", "boxes", () => update());
   const near = toggle("Zoom to person", "near", () => update());
   const step = (text, target, label) => (target
@@ -42,11 +45,12 @@ export async function frameView({ main, key, parameters, signal }) {
 
   const shownPanes = new Map();
   const update = () => {
+    if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // kept from a frame of another run
     const { view } = SETTINGS;
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
     history.replaceState(null, "", `#/frames/${key}?${parts}`);
     for (const button of views.children) button.setAttribute("aria-pressed", String(button.dataset.view === view));
-    slide.hidden = view === "picture" || view === "instances" || view === "depth";
+    slide.hidden = view === "picture" || WHOLE.has(view);
     const wanted = OF_FUNCTION.has(view) && frame.evaluations.length
       ? frame.evaluations.map((one) => ({ key: `${one.function} ${one.sensor}`, evaluation: one }))
       : [{ key: "frame", evaluation: null }];
@@ -123,7 +127,7 @@ function pane(frame, evaluation) {
     const over = view === "picture" ? null : images[view];
     above.hidden = !over;
     if (over) load(above, over, mine);
-    above.style.setProperty("opacity", view === "instances" || view === "depth" ? "1" : String(opacity / 100));
+    above.style.setProperty("opacity", WHOLE.has(view) ? "1" : String(opacity / 100));
     element.setAttribute("aria-label", `${VIEWS[view]}${evaluation ? ` of ${evaluation.function}` : ""}`);
     rectangles.replaceChildren(...(boxes ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
     const zoom = near ? zoomOf(frame) : null;

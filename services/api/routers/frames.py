@@ -92,6 +92,7 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
         resolved = resolve_stored(runs.get(connection, run_id), context.settings)
         row = results.frame(connection, *place)
         states = [results.product(connection, digest).state for digest in (row.background, row.layer, row.truth)]
+        annotations = results.frame_annotations(connection, *place)
         persons = results.person_views(connection, row.truth)
         evaluations = results.frame_evaluations(connection, *place)
         scores = results.person_scores(connection, [one.scores for one in evaluations])
@@ -116,7 +117,8 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
                 for one in persons
             ],
             "evaluations": [_evaluation(frame_id, one, resolved, scores[one.scores]) for one in evaluations],
-            "images": {kind: _address(frame_id, kind=kind) for kind in FRAME_KINDS},
+            "annotations": {kind: one.product for kind, one in annotations.items()},
+            "images": {kind: _address(frame_id, kind=kind) for kind in (*FRAME_KINDS, *annotations)},
             "previous": None if before is None else _id(run_id, before),
             "next": None if after is None else _id(run_id, after),
         }
@@ -164,7 +166,7 @@ def image(
     summary="The stored object of a product",
 )
 def artifact(
-    kind: Literal["background", "layer", "truth", "prediction"],
+    kind: Literal["background", "layer", "truth", "normals", "boxes", "prediction"],
     digest: Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs")],
     context: ContextDependency,
     conditions: ConditionsDependency,

@@ -31,6 +31,20 @@ def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
     return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
 
 
+def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, pins: dict[str, Any]) -> None:
+    without, asked = frame(street, pins, {}), frame(street, pins, {}, annotations=["normals", "boxes"])
+    assert without.annotations == ()
+    assert changed(without, asked) == set()
+    assert [(one.kind, one.inputs) for one in asked.annotations] == [
+        ("normals", (asked.truth,)),
+        ("boxes", (asked.truth,)),
+    ]
+    darker = frame(street, pins, {"scene.sun-1.azimuth": 100.0}, annotations=["boxes"])
+    assert darker.annotations == asked.annotations[1:]
+    moved = frame(street, pins, {X: 4.0}, annotations=["boxes"])
+    assert moved.annotations[0].product != darker.annotations[0].product
+
+
 MADE = {"prediction", "evaluation"}
 
 

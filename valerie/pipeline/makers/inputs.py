@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from valerie.errors import CorruptArtifact, NotFound
 from valerie.pipeline.stages import MissingInput
+from valerie.rendering.annotations.boxes import Boxes
+from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.storage import codecs
+from valerie.storage.annotations import decode_boxes, decode_normals
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -37,6 +40,14 @@ class ProductReader:
     def truth(self, digest: str) -> GroundTruth:
         """Ground truth of a frame."""
         return self._read("truth", digest, codecs.decode_truth)
+
+    def normals(self, digest: str) -> Normals:
+        """Normals of a frame."""
+        return self._read("normals", digest, decode_normals)
+
+    def boxes(self, digest: str) -> Boxes:
+        """Boxes of a frame's instances."""
+        return self._read("boxes", digest, decode_boxes)
 
     def prediction(self, digest: str) -> NDArray[np.uint8]:
         """(H, W) uint8 train ids."""

@@ -1,22 +1,27 @@
-"""Makes backgrounds, movable layers and ground truth with the engines of this process."""
+"""Makes backgrounds, movable layers, ground truth and annotations with the engines of this process."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, Final
 
 from valerie import plugins
 from valerie.db.products import Finished, Job
 from valerie.errors import TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.pipeline.context import Context
+from valerie.pipeline.makers.annotations import annotate
+from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
+
+_ANNOTATIONS: Final = frozenset(AnnotationKind)
 
 
 class RenderMaker:
@@ -25,6 +30,7 @@ class RenderMaker:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._runs = RunCache(context)
+        self._reader = ProductReader(context.store)
         self._engines: dict[tuple[str, bytes], Renderer] = {}
         self._truth: Any = None
 
@@ -43,6 +49,10 @@ class RenderMaker:
             truth = self._truth_pass(run.pins["truth"]["numeric_class"]).truth(scene, view)
             views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
             data = codecs.encode_truth(truth)
+        elif job.kind in _ANNOTATIONS:
+            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            kind = AnnotationKind(job.kind)
+            data = annotate(kind, scene, view, truth=job.truth, reader=self._reader, truth_pass=truth_pass)
         else:
             engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
             elsewhere = _cpu_seconds_elsewhere(engine)

@@ -1,0 +1,112 @@
+"""Annotations through the whole pipeline, on the blank engine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import Pipeline
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.errors import Conflict, RenderingError, UnknownName
+from valerie.pipeline import frames, gc, lifecycle
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.plan import plan_run
+from valerie.pipeline.replay import replay_frame
+from valerie.runs.spec import parse
+
+FRAMES = 24
+ASKED = spec(xs=4, ys=3, annotations=["normals", "boxes"])
+ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
+
+
+def test_a_run_that_asks_gets_one_product_per_frame_and_kind(pipeline: Pipeline) -> None:
+    run = pipeline.submit(ASKED)
+    assert pipeline.run(run) == "completed"
+    assert pipeline.made() == {**ALL, "normals": FRAMES, "boxes": FRAMES}
+    assert pipeline.row(run).progress["stages"]["render"] | {"rate_per_s": 0} == {
+        "done": FRAMES, "total": FRAMES, "failed": 0, "running": 0, "rate_per_s": 0, "eta_s": 0.0,
+    }  # fmt: skip
+
+
+def test_asking_afterwards_makes_the_annotations_and_nothing_else(pipeline: Pipeline) -> None:
+    pipeline.run(pipeline.submit(spec(xs=4, ys=3)))
+    assert pipeline.made() == ALL
+    before = plan_run(pipeline.context, parse(ASKED))
+    assert (before.renders, before.inferences) == (2 * FRAMES, 0)
+    pipeline.run(pipeline.submit(ASKED))
+    assert pipeline.made() == {"normals": FRAMES, "boxes": FRAMES}
+
+
+def test_another_sun_keeps_them(pipeline: Pipeline) -> None:
+    pipeline.run(pipeline.submit(ASKED))
+    pipeline.made()
+    pipeline.run(pipeline.submit({**ASKED, "constants": {"sun-1.azimuth": 77.0}}))
+    assert not {"normals", "boxes", "truth"} & pipeline.made().keys()
+
+
+def test_they_are_replayed_byte_for_byte(pipeline: Pipeline) -> None:
+    run = pipeline.submit(ASKED)
+    pipeline.run(run)
+    replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, run, 0, 1)}
+    assert replayed["normals"] == replayed["boxes"] == "equal"
+    assert set(replayed.values()) == {"equal"}
+
+
+def test_they_are_read_back_and_shown(pipeline: Pipeline) -> None:
+    run = pipeline.submit(ASKED)
+    pipeline.run(run)
+    with reading(pipeline.context.engine) as connection:
+        links = results.frame_annotations(connection, run, 0, 0)
+    reader = ProductReader(pipeline.context.store)
+    assert reader.normals(links["normals"].product).octahedral.shape == (36, 64, 2)
+    boxes = reader.boxes(links["boxes"].product)
+    assert boxes.pixel_areas[boxes.instances.tolist().index(24001)] == 16 * 36  # the blank truth's square
+    normals = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="normals"))
+    assert np.unique(normals.reshape(-1, 3), axis=0).tolist() == [[128, 128, 255]]
+    drawn = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="boxes"))
+    picture = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="picture"))
+    assert 0 < (drawn != picture).any(axis=2).sum() < picture[..., 0].size
+
+
+def test_a_run_that_did_not_ask_has_no_such_picture(pipeline: Pipeline) -> None:
+    run = pipeline.submit()
+    pipeline.run(run)
+    with pytest.raises(UnknownName, match="normals"):
+        frames.find(pipeline.context, run, 0, 0, kind="normals")
+
+
+def test_a_picture_of_what_is_not_made_yet_is_a_conflict(pipeline: Pipeline) -> None:
+    run = pipeline.submit(ASKED)
+    pipeline.step()
+    with pytest.raises(Conflict, match="not there yet"):
+        frames.find(pipeline.context, run, 0, 0, kind="normals")
+
+
+def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: Pipeline) -> None:
+    def refuse(job: object) -> None:
+        if job.kind == "boxes" and (job.variant_index, job.camera_index) == (0, 0):  # type: ignore[attr-defined]
+            raise RenderingError("no boxes today")
+
+    pipeline.makers["render"].before = refuse
+    run = pipeline.submit(ASKED)
+    assert pipeline.run(run) == "completed-with-failures"
+    stages = pipeline.row(run).progress["stages"]
+    assert (stages["render"]["done"], stages["render"]["failed"]) == (FRAMES - 1, 1)
+    assert stages["eval"]["done"] == FRAMES
+    with reading(pipeline.context.engine) as connection:
+        (failure,) = results.failures(connection, run)
+    assert (failure["kind"], failure["variant_index"]) == ("boxes", 0)
+    pipeline.makers["render"].before = lambda _: None
+    lifecycle.retry(pipeline.context, run)
+    assert pipeline.run(run) == "completed"
+
+
+def test_what_nobody_links_any_more_is_freed(pipeline: Pipeline) -> None:
+    run = pipeline.submit(ASKED)
+    pipeline.run(run)
+    assert gc.collect(pipeline.context).products == 0
+    lifecycle.delete(pipeline.context, run)
+    assert gc.collect(pipeline.context).products == sum(ALL.values()) + 2 * FRAMES
+    assert not pipeline.products()

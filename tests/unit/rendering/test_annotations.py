@@ -1,0 +1,190 @@
+"""Normals and boxes against what can be calculated by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from valerie.rendering.annotations.boxes import EDGES, Boxes, measure_boxes
+from valerie.rendering.annotations.normals import NOTHING, Normals
+from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.scene.asset import load_asset
+from valerie.scene.model import Scene
+from valerie.scene.transforms import camera_transform
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+
+VIEW = View("camera-1", 320, 180)
+PERSON, CAR = 24001, 26001
+
+
+def empty_truth(view: View) -> GroundTruth:
+    shape = (view.height, view.width)
+    return GroundTruth(np.zeros(shape, np.uint8), np.zeros(shape, np.uint16), np.full(shape, np.inf, np.float32), ())
+
+
+def boxes_of(scene: Scene, view: View = VIEW) -> Boxes:
+    return measure_boxes(scene, view, empty_truth(view))
+
+
+def row_of(boxes: Boxes, instance: int) -> int:
+    return boxes.instances.tolist().index(instance)
+
+
+class TestOctahedralMap:
+    @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3).filter(lambda v: math.hypot(*v) > 0.01))
+    def test_a_vector_comes_back_within_four_thousandths_of_a_degree(self, vector: list[float]) -> None:
+        unit = np.array(vector) / math.hypot(*vector)
+        back = Normals.of(unit.reshape(1, 1, 3)).vectors()[0, 0].astype(np.float64)
+        assert np.rad2deg(np.linalg.norm(back - unit)) < 0.004
+
+    def test_no_surface_is_told_apart_from_every_direction(self) -> None:
+        normals = Normals.of(np.array([[[0, 0, 0], [0, 0, -1], [-1, 0, 0]]], np.float64))
+        assert normals.defined.tolist() == [[False, True, True]]
+        assert normals.octahedral[0, 0].tolist() == [NOTHING, NOTHING]
+        np.testing.assert_allclose(normals.vectors()[0], [[0, 0, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-6)
+
+
+@pytest.mark.gl
+class TestNormals:
+    def test_they_are_the_directions_of_the_planes_that_depth_shows(self, truth_pass: TruthPass) -> None:
+        scene = apply({"scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2}, simple_asset())
+        truth, normals = truth_pass.truth(scene, VIEW), truth_pass.normals(scene, VIEW)
+        found, there = planes(truth, scene, VIEW)
+        assert there.mean() > 0.4
+        cosine = (found * normals.vectors()).sum(axis=2)[there]
+        assert np.quantile(cosine, 0.002) > 0.9999
+
+    def test_they_are_in_step_with_depth_also_where_leaves_are_cut_out(self, truth_pass: TruthPass) -> None:
+        scene = apply({"scene.person-1.pos.y": 12.0}, load_asset("urban-street"))
+        truth, normals = truth_pass.truth(scene, VIEW), truth_pass.normals(scene, VIEW)
+        assert np.array_equal(normals.defined, np.isfinite(truth.depth))
+        lengths = np.linalg.norm(normals.vectors()[normals.defined], axis=1)
+        np.testing.assert_allclose(lengths, 1.0, atol=1e-6)
+
+    def test_a_frame_in_between_leaves_no_trace(self, truth_pass: TruthPass) -> None:
+        scene = simple_asset().base
+        first = truth_pass.normals(scene, VIEW)
+        truth_pass.normals(apply({"scene.person-1.pos.x": -1.0}, simple_asset()), VIEW)
+        assert np.array_equal(truth_pass.normals(scene, VIEW).octahedral, first.octahedral)
+
+
+def planes(truth: GroundTruth, scene: Scene, view: View) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(H, W, 3) normals from depth alone, and (H, W) where a pixel and all its neighbours lie in one plane."""
+    camera = scene.cameras[view.camera]
+    focal = camera.focal_length_px(view.width)
+    x, y = np.meshgrid(np.arange(view.width) + 0.5 - view.width / 2, view.height / 2 - np.arange(view.height) - 0.5)
+    depth = np.where(np.isfinite(truth.depth), truth.depth, 1e6).astype(np.float64)
+    seen = np.stack([x / focal * depth, y / focal * depth, -depth], axis=2)
+    points = seen @ camera.transform[:3, :3].T
+    right, left = np.roll(points, -1, axis=1), np.roll(points, 1, axis=1)
+    up, down = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+    normal = np.cross(right - left, up - down)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    flat = np.isfinite(truth.depth)
+    for other in (right, left, up, down):
+        flat &= np.abs(((other - points) * normal).sum(axis=2)) < 2e-4 * depth
+    flat[[0, -1]] = flat[:, [0, -1]] = False
+    return normal, flat
+
+
+class TestBoxes:
+    def test_a_person_of_known_size_stands_in_a_box_of_that_size(self) -> None:
+        boxes = boxes_of(simple_asset().base)
+        i = row_of(boxes, PERSON)
+        np.testing.assert_allclose(boxes.centres[i], (0.0, 10.0, 0.9), atol=1e-6)
+        np.testing.assert_allclose(boxes.sizes[i], (0.5, 0.4, 1.8), atol=1e-6)
+        assert boxes.headings_deg[i] == pytest.approx(180.0)
+
+    @pytest.mark.parametrize("heading", [0.0, 37.0, 90.0, 200.0, 359.0])
+    def test_a_turned_box_keeps_its_size_and_tells_its_heading(self, heading: float) -> None:
+        boxes = boxes_of(apply({"scene.person-1.heading": heading}, simple_asset()))
+        i = row_of(boxes, PERSON)
+        np.testing.assert_allclose(boxes.sizes[i], (0.5, 0.4, 1.8), atol=1e-5)
+        assert boxes.headings_deg[i] == pytest.approx(heading, abs=1e-4)
+        # The front is where the heading points: counter-clockwise from +y.
+        ahead = boxes.corners[i][[2, 3, 6, 7]].mean(axis=0) - boxes.centres[i]
+        turn = math.radians(heading)
+        np.testing.assert_allclose(ahead, (-0.2 * math.sin(turn), 0.2 * math.cos(turn), 0.0), atol=1e-5)
+
+    def test_before_the_camera_places_and_headings_are_relative_to_it(self) -> None:
+        base = simple_asset().base
+        camera = replace(base.cameras["camera-1"], transform=camera_transform((2.0, 10.0, 0.9), 90.0, 0.0, 0.0))
+        boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
+        i = row_of(boxes, PERSON)
+        # Looking along −x from (2, 10, 0.9): the person's middle lies 2 m ahead, and its heading of 180° is 90° to the left.
+        np.testing.assert_allclose(boxes.camera_centres[i], (0.0, 0.0, -2.0), atol=1e-6)
+        assert boxes.camera_headings_deg[i] == pytest.approx(90.0)
+
+    def test_the_projection_of_a_box_is_what_the_pin_hole_formula_gives(self) -> None:
+        base = simple_asset().base
+        camera = replace(base.cameras["camera-1"], transform=camera_transform((0.0, 0.0, 0.9), 0.0, 0.0, 0.0))
+        boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
+        focal = camera.focal_length_mm / 36.0 * VIEW.width
+        i = row_of(boxes, PERSON)
+        # The nearest face stands 9.8 m before the camera: 0.5 m wide up to 1.5 m, and as deep below the axis as 0.9 m.
+        left, top, right, bottom = boxes.projected_boxes[i]
+        assert (left, right) == pytest.approx((160 - focal * 0.25 / 9.8, 160 + focal * 0.25 / 9.8))
+        assert bottom == pytest.approx(90 + focal * 0.9 / 9.8)
+        assert 90 - focal * 0.9 / 9.8 < top < 90 - focal * 0.9 / 10.2
+        np.testing.assert_allclose(
+            boxes.projected_corners[i].max(axis=0), (160 + focal * 0.25 / 9.8, 90 + focal * 0.9 / 9.8), rtol=1e-5
+        )
+
+    def test_what_is_behind_the_camera_is_projected_nowhere(self) -> None:
+        base = simple_asset().base
+        camera = replace(base.cameras["camera-1"], transform=camera_transform((0.0, 20.0, 1.5), 0.0, 0.0, 0.0))
+        boxes = boxes_of(replace(base, cameras={"camera-1": camera}))
+        i = row_of(boxes, PERSON)
+        assert np.isnan(boxes.projected_boxes[i]).all()
+        assert np.isnan(boxes.projected_corners[i]).all()
+        assert boxes.camera_centres[i][2] > 0
+
+    def test_an_instance_that_reaches_behind_the_camera_is_bounded_by_what_is_before_it(self) -> None:
+        base = simple_asset().base
+        car = base.world_transform("scene.car-1")[:3, 3]
+        camera = replace(base.cameras["camera-1"], transform=camera_transform((*car[:2], 0.7), 0.0, 0.0, 0.0))
+        box = boxes_of(replace(base, cameras={"camera-1": camera})).projected_boxes
+        left, top, right, bottom = box[row_of(boxes_of(base), CAR)]
+        # From within, it fills the picture.
+        assert left < 0
+        assert top < 0
+        assert right > VIEW.width
+        assert bottom > VIEW.height
+
+    @pytest.mark.gl
+    def test_visible_pixels_lie_within_the_projection(self, truth_pass: TruthPass) -> None:
+        scene = apply({"scene.person-1.pos.x": 2.0, "scene.person-1.pos.y": 12.0}, simple_asset())
+        truth = truth_pass.truth(scene, VIEW)
+        boxes = measure_boxes(scene, VIEW, truth)
+        for i, instance in enumerate(boxes.instances.tolist()):
+            mask = truth.instance_map == instance
+            assert boxes.pixel_areas[i] == mask.sum()
+            if mask.any():
+                rows, columns = np.nonzero(mask)
+                x0, y0, x1, y1 = boxes.visible_boxes[i].tolist()
+                assert (x0, y0, x1, y1) == (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+                left, top, right, bottom = boxes.projected_boxes[i].tolist()
+                assert left < x0 + 1
+                assert top < y0 + 1
+                assert right > x1 - 1
+                assert bottom > y1 - 1
+        # Alone within the image, the projection is as tight as the amodal mask.
+        (person,) = truth.persons
+        rows, columns = np.nonzero(person.amodal)
+        whole = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+        np.testing.assert_allclose(boxes.projected_boxes[row_of(boxes, PERSON)], whole, atol=1.0)
+
+    def test_a_person_who_is_absent_has_no_box(self) -> None:
+        assert boxes_of(simple_asset().base).instances.tolist() == [PERSON, CAR]
+
+    def test_edges_join_corners_that_differ_in_one_direction_only(self) -> None:
+        boxes = boxes_of(apply({"scene.person-1.heading": 0.0}, simple_asset()))
+        corners = boxes.corners[row_of(boxes, PERSON)]
+        assert len(set(EDGES)) == 12
+        assert all((np.abs(corners[a] - corners[b]) > 1e-6).sum() == 1 for a, b in EDGES)

@@ -1,0 +1,52 @@
+"""Annotations go to bytes and come back bit for bit."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from valerie.errors import CorruptArtifact
+from valerie.rendering.annotations.boxes import Boxes, measure_boxes
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.annotations.normals import Normals
+from valerie.rendering.base import GroundTruth, View
+from valerie.storage import frames
+from valerie.storage.annotations import decode_boxes, decode_normals, encode_annotation
+from valerie.testing.assets import simple_asset
+
+
+def some_boxes() -> Boxes:
+    shape = (9, 16)
+    truth = GroundTruth(np.zeros(shape, np.uint8), np.zeros(shape, np.uint16), np.ones(shape, np.float32), ())
+    return measure_boxes(simple_asset().base, View("camera-1", 16, 9), truth)
+
+
+def test_normals_come_back_as_they_were() -> None:
+    octahedral = np.random.default_rng(1).integers(-32768, 32768, (5, 7, 2)).astype(np.int16)
+    back = decode_normals(encode_annotation(AnnotationKind.NORMALS, Normals(octahedral)))
+    assert np.array_equal(back.octahedral, octahedral)
+
+
+def test_boxes_come_back_as_they_were() -> None:
+    boxes = some_boxes()
+    back = decode_boxes(encode_annotation(AnnotationKind.BOXES, boxes))
+    assert len(back.instances) == 2
+    for one in fields(boxes):
+        assert getattr(back, one.name).tobytes() == getattr(boxes, one.name).tobytes()
+
+
+def test_boxes_of_different_lengths_are_refused() -> None:
+    arrays = {one.name: getattr(some_boxes(), one.name) for one in fields(Boxes)}
+    arrays["sizes"] = arrays["sizes"][:1]
+    with pytest.raises(CorruptArtifact, match="sizes is not"):
+        decode_boxes(frames.pack("boxes", arrays, {}), key="products/boxes/x")
+
+
+def test_one_kind_is_not_taken_for_another() -> None:
+    with pytest.raises(CorruptArtifact, match="'boxes' where 'normals' was expected"):
+        decode_normals(encode_annotation(AnnotationKind.BOXES, some_boxes()))
+
+
+def test_normals_of_another_shape_are_refused() -> None:
+    with pytest.raises(CorruptArtifact, match="int16"):
+        decode_normals(frames.pack("normals", {"octahedral": np.zeros((4, 4, 3), np.int16)}, {}))

@@ -1,0 +1,45 @@
+"""Annotations as pictures for people."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from valerie.rendering.annotations.boxes import EDGES, Boxes
+from valerie.rendering.annotations.normals import Normals
+
+#: Edges at the back and at the sides of a box, and those at its front, towards its heading.
+_REST, _FRONT = (86, 180, 233), (240, 228, 66)
+_EDGES_IN_FRONT: Final = 4
+
+
+def paint_normals(normals: Normals) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8: x, y and z of the world from −1…1 as red, green and blue; black where there is no surface."""
+    painted: NDArray[np.uint8] = np.rint((normals.vectors() + 1.0) * 127.5).astype(np.uint8)
+    painted[~normals.defined] = 0
+    return painted
+
+
+def paint_boxes(boxes: Boxes, width: int, height: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """The edges of the boxes of all instances that are visible: (H, W, 3) uint8 colours, and (H, W) bool where they are."""
+    canvas = Image.new("RGB", (width, height))
+    draw = ImageDraw.Draw(canvas)
+    # The farther ones first, so that the nearer stay in front.
+    nearest_last = np.argsort(boxes.camera_centres[:, 2])
+    for i in nearest_last.tolist():
+        if not boxes.pixel_areas[i]:
+            continue
+        corners = boxes.projected_corners[i]
+        for k, (a, b) in enumerate(EDGES):
+            line = (*corners[a].tolist(), *corners[b].tolist())
+            # A corner just before the camera's plane lies far outside of the image.
+            if np.isfinite(line).all() and np.abs(line).max() < 8 * max(width, height):
+                draw.line(
+                    line, fill=_FRONT if k >= len(EDGES) - _EDGES_IN_FRONT else _REST, width=max(1, height // 500)
+                )
+    painted = np.asarray(canvas, np.uint8)
+    drawn: NDArray[np.bool_] = painted.max(axis=2) > 0
+    return painted, drawn

@@ -1,0 +1,14 @@
+"""Which annotations there are; needs no graphics library."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class AnnotationKind(StrEnum):
+    """Truth of a frame that is made only when a spec asks for it; each is a product of its own."""
+
+    #: The direction of the surface in every pixel.
+    NORMALS = "normals"
+    #: Place, size and heading of every instance in the world and before the camera, and its rectangles in the image.
+    BOXES = "boxes"

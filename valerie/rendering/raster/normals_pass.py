@@ -1,0 +1,96 @@
+"""The normals pass: which way the surface in each pixel faces, in step with the truth pass."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import moderngl
+import numpy as np
+
+from valerie.rendering.annotations.normals import Normals
+from valerie.rendering.base import Rectangle, View
+from valerie.rendering.raster.bounds import covered_rectangle
+from valerie.rendering.raster.cache import LeastRecentlyUsed
+from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
+from valerie.rendering.raster.context import GraphicsContext
+from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.scenes import Prepared
+from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
+from valerie.rendering.scene_reading import camera_key, camera_of
+from valerie.scene.model import Camera, Scene
+
+_CAMERAS: Final = 2
+
+
+class NormalsPass:
+    """Draws normals with the truth pass's vertex shader and matrices; statics are kept per camera.
+
+    Args:
+        context: current in every call but the first.
+    """
+
+    def __init__(self, context: GraphicsContext) -> None:
+        self._context = context
+        self._surfaces = SurfaceDrawer(context, "normals.frag")
+        with context.current() as gl:
+            self._nothing = ScreenPass(gl, context.program("screen.vert", "normals_fill.frag"))
+            self._copy = ScreenPass(gl, context.program("screen.vert", "normals_fill.frag", FROM_STATICS=1))
+        self._statics: LeastRecentlyUsed[Target] = LeastRecentlyUsed(_CAMERAS)
+        self._work: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
+
+    def normals(self, scene: Scene, view: View) -> Normals:
+        """The normals of a scene seen by a camera.
+
+        Raises:
+            UnknownName: the scene has no such camera.
+        """
+        camera = camera_of(scene, view)
+        with self._context.current() as gl:
+            prepared = self._context.scenes.prepare(scene)
+            table = table_texture(gl, prepared.table())
+            everything = Rectangle(0, 0, view.width, view.height)
+            try:
+                statics = self._statics.get(
+                    (prepared.statics.key, *camera_key(camera, view)),
+                    lambda: self._draw_statics(prepared, camera, view, table),
+                )
+                work = self._work.get((view.width, view.height), lambda: _target(gl, view))
+                assert statics.depth is not None
+                sources = {"from_normals": statics.colors[0], "from_depth": statics.depth}
+                self._copy.run(work, one_span(gl_rectangle(everything, view)), sources, {}, writes_depth=True)
+                rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], camera, view)
+                if not rectangle.empty:
+                    work.use(gl_rectangle(rectangle, view))
+                    values = _camera_values(camera, view)
+                    self._surfaces.movables(prepared.placed, prepared.statics.textures, table, values)
+                data = work.framebuffer.read(components=2, dtype="i2", alignment=1)
+            finally:
+                table.release()
+        pixels = np.frombuffer(data, np.int16).reshape(view.height, view.width, 2)
+        return Normals(np.ascontiguousarray(pixels[::-1]))
+
+    def close(self) -> None:
+        """Free what this pass holds."""
+        if not self._context.closed:
+            with self._context.current():
+                self._statics.clear()
+                self._work.clear()
+                self._nothing.release()
+                self._copy.release()
+
+    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> Target:
+        target = _target(self._context.gl, view)
+        everything = one_span((0, 0, view.width, view.height))
+        self._nothing.run(target, everything, {}, {}, writes_depth=True)
+        target.use()
+        self._surfaces.statics(prepared.statics, table, _camera_values(camera, view))
+        return target
+
+
+def _target(gl: moderngl.Context, view: View) -> Target:
+    return Target(gl, (view.width, view.height), ((2, "i2"),), depth=True)
+
+
+def _camera_values(camera: Camera, view: View) -> dict[str, object]:
+    matrix = view_from_world(camera)
+    return {"clip_from_world": clip_from_view(camera, view.width, view.height) @ matrix, "depth_row": -matrix[2]}

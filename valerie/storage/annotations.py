@@ -1,0 +1,68 @@
+"""Annotations to bytes and back; the envelope is that of `valerie.storage.frames`."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import CorruptArtifact
+from valerie.rendering.annotations.boxes import Boxes
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.annotations.normals import Normals
+from valerie.storage import frames
+
+Annotation = Normals | Boxes
+
+#: Array of boxes to its type and what follows the number of instances in its shape.
+_BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
+    "instances": (np.int64, ()),
+    "centres": (np.float32, (3,)),
+    "sizes": (np.float32, (3,)),
+    "headings_deg": (np.float32, ()),
+    "camera_centres": (np.float32, (3,)),
+    "camera_headings_deg": (np.float32, ()),
+    "pixel_areas": (np.int64, ()),
+    "visible_boxes": (np.int64, (4,)),
+    "projected_boxes": (np.float32, (4,)),
+    "corners": (np.float32, (8, 3)),
+    "projected_corners": (np.float32, (8, 2)),
+}
+
+
+def encode_annotation(kind: AnnotationKind, annotation: Annotation) -> bytes:
+    """The arrays of an annotation, under the names of its fields."""
+    arrays = {one.name: getattr(annotation, one.name) for one in fields(annotation)}
+    return frames.pack(kind.value, arrays, {})
+
+
+def decode_normals(data: bytes, *, key: str = "") -> Normals:
+    """The inverse of `encode_annotation`.
+
+    Raises:
+        CorruptArtifact: not whole, consistent normals.
+    """
+    arrays, _ = frames.unpack(AnnotationKind.NORMALS.value, data, key=key)
+    found = arrays.get("octahedral")
+    if found is None or found.dtype != np.int16 or found.ndim != 3 or found.shape[2] != 2:
+        raise CorruptArtifact(f"{key or 'artifact'}: the normals are not (height, width, 2) int16")
+    return Normals(found)
+
+
+def decode_boxes(data: bytes, *, key: str = "") -> Boxes:
+    """The inverse of `encode_annotation`.
+
+    Raises:
+        CorruptArtifact: not whole, consistent boxes.
+    """
+    arrays, _ = frames.unpack(AnnotationKind.BOXES.value, data, key=key)
+    count = len(arrays.get("instances", ()))
+    checked: dict[str, NDArray[Any]] = {}
+    for name, (dtype, rest) in _BOXES.items():
+        array = arrays.get(name)
+        if array is None or array.dtype != dtype or array.shape != (count, *rest):
+            raise CorruptArtifact(f"{key or 'artifact'}: {name} is not {(count, *rest)} {np.dtype(dtype)}")
+        checked[name] = array
+    return Boxes(**checked)
