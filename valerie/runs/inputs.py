@@ -21,11 +21,13 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
-from valerie.parameters.assignment import DigestPrefix, canonical_json
+import orjson
+
+from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.resolution import ResolvedRun
-from valerie.runs.sensors import response, sensor_values
+from valerie.runs.sensors import Response, response, sensor_values
 from valerie.runs.states import ProductKind
 from valerie.scene.variation import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
@@ -122,31 +124,38 @@ class ProductInputs:
         ]
         # Most variants of a run share the light, and so the background.
         self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
+        self._responses = lru_cache(maxsize=1024)(self._respond)
 
     def frame(self, assignment: Mapping[str, Value], camera_index: int) -> FrameDigests:
         """The products of the frame that ``resolved.cameras[camera_index]`` takes of a variant (path to value)."""
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
-        background = self._background_digest(camera_index, canonical_json(inputs.background))
+        background = self._background_digest(camera_index, inputs.background)
         layer = self._layer.digest(background, inputs.layer)
         truth = self._truth[camera_index].digest(inputs.geometry)
         evaluations = []
         # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
         sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
-        for sensor_index, setting in enumerate(self._sensors):
-            document, *asks = response(setting, sensor, self._seed)
-            needs_depth, _ = asks
+        for sensor_index, (document, needs_depth, distorted) in enumerate(self._responses(canonical_json(sensor))):
             for function_index, prefix in enumerate(self._predictions):
                 depth = (truth,) if needs_depth else ()
                 prediction = prefix.digest(background, layer, document, *depth)
                 scores = self._evaluation.digest(prediction, truth)
-                evaluations.append(EvaluationDigests(sensor_index, function_index, prediction, scores, *asks))
+                evaluations.append(
+                    EvaluationDigests(sensor_index, function_index, prediction, scores, needs_depth, distorted)
+                )
         annotations = tuple(
             AnnotationDigest(kind, prefix.digest(truth), (truth,)) for kind, prefix in self._annotations
         )
         return FrameDigests(background, layer, truth, tuple(evaluations), annotations)
 
-    def _hash_background(self, camera_index: int, inputs: bytes) -> str:
-        return self._background[camera_index].digest(inputs)
+    def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
+        # As bytes, not as JSON: the digests of all backgrounds so far.
+        return self._background[camera_index].digest(bytes(inputs))
+
+    def _respond(self, sensor: bytes) -> list[Response]:
+        """What a prediction depends on behind each sensor of the run; ``sensor`` is the variant's, as canonical JSON."""
+        values = orjson.loads(sensor)
+        return [response(setting, values, self._seed) for setting in self._sensors]
 
 
 def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+from valerie.parameters.assignment import CanonicalJson, canonical_json
 from valerie.parameters.definitions import Affects, ParameterType, Value
 from valerie.scene.asset import SceneAsset
 from valerie.scene.attributes import ABSENT, Attribute, Target, resolve
@@ -24,7 +25,7 @@ from valerie.scene.transforms import Pose
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What of a variant each product of one camera's frame depends on; path to canonical value.
+    """What of a variant each product of one camera's frame depends on: path to canonical value, ready to be hashed.
 
     Attributes:
         geometry: of the truth: poses, characters, the camera's pose and focal length.
@@ -33,9 +34,9 @@ class Inputs:
         sensor: of the picture: ``sensor.*``.
     """
 
-    geometry: dict[str, Value]
-    background: dict[str, Value]
-    layer: dict[str, Value]
+    geometry: CanonicalJson
+    background: CanonicalJson
+    layer: CanonicalJson
     sensor: dict[str, Value]
 
 
@@ -83,12 +84,23 @@ def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> I
     except KeyError:
         manifest.require_camera(camera)
         raise
+    # Most values are defaults, whose text is there already.
+    defaults, keys, texts = prepared.defaults, prepared.keys, prepared.texts
+    said = {
+        path: texts[path] if value is defaults[path] else keys[path] + canonical_json(value)
+        for path, value in values.items()
+    }
     return Inputs(
-        geometry={path: values[path] for path in paths.geometry if path in values},
-        background={path: values[path] for path in paths.background if path in values},
-        layer={path: values[path] for path in paths.layer if path in values},
+        geometry=_object(said, paths.geometry),
+        background=_object(said, paths.background),
+        layer=_object(said, paths.layer),
         sensor={path: values[path] for path in prepared.sensor if path in values},
     )
+
+
+def _object(said: Mapping[str, bytes], paths: tuple[str, ...]) -> CanonicalJson:
+    """The canonical JSON of an object; ``paths`` are sorted."""
+    return CanonicalJson(b"{%b}" % b",".join([said[path] for path in paths if path in said]))
 
 
 def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
@@ -144,6 +156,8 @@ _Switches = tuple[tuple[str, dict[Value, tuple[str, ...]]], ...]
 
 @dataclass(frozen=True, slots=True)
 class _CameraPaths:
+    """Inputs of one camera's products, each sorted."""
+
     geometry: tuple[str, ...]
     background: tuple[str, ...]
     layer: tuple[str, ...]
@@ -155,6 +169,8 @@ class _Prepared:
 
     Attributes:
         defaults: every declared path and its default.
+        keys: every declared path as the key of a JSON object, with its colon.
+        texts: the same with the default.
         complete_defaults: the same without what hidden nodes make irrelevant.
         attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
         switches: for parameters that hide something: path, and per value the paths that become irrelevant.
@@ -162,6 +178,8 @@ class _Prepared:
     """
 
     defaults: dict[str, Value]
+    keys: dict[str, bytes]
+    texts: dict[str, bytes]
     complete_defaults: dict[str, Value]
     attributes: dict[str, tuple[str, Attribute]]
     switches: _Switches
@@ -177,8 +195,11 @@ def _prepare(manifest: Manifest) -> _Prepared:
     switches = tuple(_switches(manifest, attributes))
     clock = tuple(path for path in CLOCK_PATHS if path in defaults)
     by_angles = {path: value for path, value in defaults.items() if path not in clock}
+    keys = {path: canonical_json(path) + b":" for path in defaults}
     return _Prepared(
         defaults=defaults,
+        keys=keys,
+        texts={path: keys[path] + canonical_json(value) for path, value in defaults.items()},
         complete_defaults=_without_hidden(by_angles, switches),
         attributes=attributes,
         switches=switches,
@@ -191,7 +212,7 @@ def _prepare(manifest: Manifest) -> _Prepared:
 def _camera_paths(manifest: Manifest, camera: str, attributes: Mapping[str, tuple[str, Attribute]]) -> _CameraPaths:
     layer = [
         path
-        for path, (thing, attribute) in attributes.items()
+        for path, (thing, attribute) in sorted(attributes.items())
         if attribute.target is not Target.SENSOR
         and (attribute.target is not Target.CAMERA or thing == f"{ROOT}.{camera}")
     ]

@@ -1,11 +1,13 @@
 """From assignments to scenes and to the inputs of products, on the small asset of boxes."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.assignment import canonical_json, digest
 from valerie.parameters.definitions import Value
 from valerie.scene.variation import apply, complete, split
 from valerie.testing.assets import simple_asset
@@ -133,7 +135,7 @@ def test_a_path_that_nothing_declares_lists_near_matches() -> None:
 def test_truth_depends_on_geometry_and_its_own_camera_alone() -> None:
     inputs = split({"scene.sun-1.azimuth": 20, f"{PERSON}.cloth.metallic": 1}, ASSET.manifest, "camera-1")
     assert inputs.geometry == split({}, ASSET.manifest, "camera-1").geometry
-    assert set(inputs.geometry) == {
+    assert set(json.loads(inputs.geometry)) == {
         *(f"{PERSON}.{name}" for name in ("pos.x", "pos.y", "heading", "character")),
         "scene.person-2.character",
         "scene.camera-1.pos.x",
@@ -143,11 +145,12 @@ def test_truth_depends_on_geometry_and_its_own_camera_alone() -> None:
 def test_the_background_does_not_depend_on_what_moves() -> None:
     moved = {f"{PERSON}.pos.x": 4, f"{PERSON}.character": "absent", "scene.person-2.character": "red-coat"}
     assert split(moved, ASSET.manifest, "camera-2").background == split({}, ASSET.manifest, "camera-2").background
-    assert split({"scene.sun-1.azimuth": 1}, ASSET.manifest, "camera-2").background["scene.sun-1.azimuth"] == 1
+    turned = split({"scene.sun-1.azimuth": 1}, ASSET.manifest, "camera-2").background
+    assert json.loads(turned)["scene.sun-1.azimuth"] == 1
 
 
 def test_the_layer_depends_on_everything_but_the_sensor_and_the_other_camera() -> None:
-    layer = split({}, ASSET.manifest, "camera-2").layer
+    layer = json.loads(split({}, ASSET.manifest, "camera-2").layer)
     assert "scene.camera-2.focal_length_mm" in layer
     assert "scene.camera-1.pos.x" not in layer
     assert not any(path.startswith("sensor.") for path in layer)
@@ -173,6 +176,18 @@ def test_a_full_turn_is_no_turn() -> None:
     assert split({f"{PERSON}.heading": 360}, manifest, "camera-1") == split(
         {f"{PERSON}.heading": 0}, manifest, "camera-1"
     )
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {f"{PERSON}.pos.x": 2.5, f"{PERSON}.pos.y": 3}, {f"{PERSON}.character": "absent"}]
+)
+def test_inputs_are_the_canonical_json_of_the_complete_assignment(given: dict[str, Value]) -> None:
+    values = complete(given, ASSET.manifest)
+    inputs = split(given, ASSET.manifest, "camera-1")
+    for part in (inputs.geometry, inputs.background, inputs.layer):
+        paths = json.loads(part).keys()
+        assert part == canonical_json({path: values[path] for path in paths})
+        assert digest(part) == digest({path: values[path] for path in paths})
 
 
 def test_an_unknown_camera_lists_near_matches() -> None:
