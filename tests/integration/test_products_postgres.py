@@ -76,11 +76,9 @@ def test_a_failure_is_passed_on_and_counted(engine: Engine) -> None:
         products.fail(connection, digest("l"), owner=None, error={"message": "no"}, now=1.0)
         totals = {kind: rest for kind, *rest in products.totals(connection)}
         costs = products.recorded_costs(connection)
-    assert totals == {
+    assert {kind: rest for kind, rest in totals.items() if rest != [0, 0, 0.0]} == {
         "background": [1, 0, 0.5],
         "layer": [0, 1, 0.0],
-        "truth": [0, 0, 0.0],
         "prediction": [0, 1, 0.0],
-        "evaluation": [0, 0, 0.0],
     }
     assert [(cost.kind, cost.cpu_seconds) for cost in costs] == [("background", 0.5)]

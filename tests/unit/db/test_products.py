@@ -12,7 +12,7 @@ from valerie.db import products, runs
 from valerie.db.engine import reading, writing
 from valerie.db.models import Product
 from valerie.db.products import Finished
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import BROUGHT_ROUTE, ProductKind
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rows import digest, product, write_run
@@ -271,7 +271,7 @@ class TestTotals:
                 products.insert_ignoring(connection, Product, [row])
             totals = products.totals(connection)
             rows = connection.execute(select(Product.kind, Product.state, Product.cpu_seconds)).all()
-        scanned = {kind: [0, 0, 0.0] for kind in ("background", "layer", "truth", "prediction", "evaluation")}
+        scanned = {kind.value: [0, 0, 0.0] for kind in ProductKind}
         for kind, state, seconds in rows:
             scanned[kind][0] += state == "done"
             scanned[kind][1] += state == "failed"
