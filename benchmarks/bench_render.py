@@ -99,6 +99,8 @@ def measure_raster(count: int) -> dict[str, Any]:
     engine, truth_pass = plugins.create_renderer("raster"), plugins.create_truth_pass("")
     cold: list[float] = []
     warm: list[float] = []
+    statics: GroundTruth | None = None
+    statics_digest = ""
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as folder:
         out = Writer(folder)
         # Shaders are compiled and meshes uploaded once per process.
@@ -117,13 +119,17 @@ def measure_raster(count: int) -> dict[str, Any]:
                     background = engine.background(scene, view)
                     out.put("background", codecs.encode_image(background))
                 layer = engine.layer(scene, view)
-                truth = truth_pass.truth(scene, view)
+                seen, truth = truth_pass.parts(scene, view)
+                if seen is not statics:
+                    statics = seen
+                    statics_digest = codecs.statics_digest(statics)
+                    out.put("statics", codecs.encode_truth(statics))
                 out.put("layer", codecs.encode_layer(layer))
-                out.put("truth", codecs.encode_truth(truth))
+                out.put("truth", codecs.encode_truth_layer(truth, statics_digest))
                 (warm if i else cold).append(time.process_time() - started)
                 if i == 0:
                     out.put("whole image", codecs.encode_image(layer.over(background)))
-                    out.put("whole truth", codecs.encode_truth(truth))
+                    out.put("whole truth", codecs.encode_truth(truth.over(seen)))
         sizes = {kind: float(np.mean(values)) for kind, values in out.bytes.items()}
         return {
             "numeric_class": engine.numeric_class,
@@ -209,7 +215,7 @@ class StockPyrender:
                 node.mesh.is_visible = other == instance
             alone, _ = self._renderer.render(target, flags=flags.SEG, seg_node_map=colors)
             amodal = alone.any(axis=2)
-            persons.append(PersonTruth(instance, amodal, int(amodal.sum())))
+            persons.append(PersonTruth.of(instance, amodal, int(amodal.sum())))
         for node in nodes:
             node.mesh.is_visible = True
         linear = ((rgb / np.float32(255)) ** np.float32(2.2)).astype(np.float16)

@@ -80,13 +80,16 @@ def measure_rendering(samples: Samples) -> None:
         for y in PLACES_M:
             scene = apply({"scene.person-1.pos.y": y}, asset)
             with timed(samples, "truth", "", view) as done:
-                truth = truth_pass.truth(scene, view)
+                statics, layer = truth_pass.parts(scene, view)
+                truth = layer.over(statics)
                 measure(truth, scene, view)
-                data = codecs.encode_truth(truth)
+                data = codecs.encode_truth_layer(layer, "0" * 32)
                 done(data)
             predicted = np.where(truth.class_map == 23, 10, 0).astype(np.uint8)
             with timed(samples, "evaluation", "", view) as done:
-                truth = codecs.decode_truth(data)
+                stored = codecs.decode_stored_truth(data)
+                assert isinstance(stored, codecs.StoredTruthLayer)
+                truth = stored.layer.over(statics)
                 counts = confusion_matrix(to_train_ids(truth.class_map), predicted)
                 person_counts(truth, predicted)
                 done(codecs.encode_counts(counts))

@@ -121,7 +121,7 @@ class Street:
             classes,
             instances,
             depth,
-            tuple(PersonTruth(instance_id(PERSON, p.number), p.mask, p.padded_pixels) for p in persons),
+            tuple(PersonTruth.of(instance_id(PERSON, p.number), p.mask, p.padded_pixels) for p in persons),
         )
 
     def persons(self) -> list[Person]:

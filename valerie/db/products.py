@@ -300,7 +300,10 @@ def renew(connection: Connection, digests: Sequence[str], *, owner: str, until: 
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A product whose artifact is stored, with the rows that say what it holds."""
+    """A product whose artifact is stored, with the rows that say what it holds.
+
+    ``part``: what it shares with others of its kind and is stored apart (the statics of a truth).
+    """
 
     digest: str
     bytes: int
@@ -309,6 +312,23 @@ class Finished:
     person_views: tuple[dict[str, Any], ...] = ()
     score: dict[str, Any] | None = None
     person_scores: tuple[dict[str, Any], ...] = ()
+    part: Part | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """An object that several products of a kind are stored over; its row keeps it from being freed while one of them lives.
+
+    Attributes:
+        digest: of its content.
+        kind: ``statics``.
+        bytes, pixels: of the object and of the image.
+    """
+
+    digest: str
+    kind: str
+    bytes: int
+    pixels: int
 
 
 def publish(connection: Connection, finished: Sequence[Finished], *, owner: str, now: float) -> None:
@@ -332,9 +352,28 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
         ),
         [{"product": f.digest, "size": f.bytes, "area": f.pixels, "cpu": f.cpu_seconds} for f in finished],
     )
+    _publish_parts(connection, finished, now)
     insert_ignoring(connection, PersonView, [row for f in finished for row in f.person_views])
     insert_ignoring(connection, Score, [f.score for f in finished if f.score is not None])
     insert_ignoring(connection, PersonScore, [row for f in finished for row in f.person_scores])
+
+
+def _publish_parts(connection: Connection, finished: Sequence[Finished], now: float) -> None:
+    """Name the part as the product's input. Nobody makes it by itself: who makes the product stores it again if it is gone."""
+    over = [(f.digest, f.part) for f in finished if f.part is not None]
+    if not over:
+        return
+    made = {"state": "done", "route": "", "cache_group": "", "attempts": 1, "cpu_seconds": 0.0, "finished_at": now}
+    parts = {part.digest: part for _, part in over}
+    rows = [
+        {"digest": one.digest, "kind": one.kind, "bytes": one.bytes, "pixels": one.pixels} for one in parts.values()
+    ]
+    insert_ignoring(connection, Product, [made | row for row in rows])
+    table = Product.__table__
+    connection.execute(
+        update(table).where(table.c.digest == bindparam("product")).values(input_a=bindparam("part")),  # type: ignore[arg-type]
+        [{"product": digest, "part": part.digest} for digest, part in over],
+    )
 
 
 def hand_back(
@@ -529,7 +568,7 @@ def recorded_costs(connection: Connection, *, sample: int = 400) -> list[Recorde
 
 
 def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
-    """(digest, kind) of products that no frame, annotation or evaluation links to, and nobody makes at present.
+    """(digest, kind) of products that nothing links to (frame, annotation, evaluation, a product over it), and nobody makes now.
 
     Until the transaction ends nobody else writes products, so that none of them is linked meanwhile (on SQLite no two
     transactions write at the same time anyway).
@@ -544,7 +583,8 @@ def unlinked(connection: Connection, *, limit: int) -> list[tuple[str, str]]:
             " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
             " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
-            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest) LIMIT :limit"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
+            " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
         ),
         {"limit": limit},
     )

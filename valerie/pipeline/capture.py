@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.base import GroundTruth, PersonTruth
 from valerie.runs.sensors import focal_length_mm, setting_of, short_document
 from valerie.runs.spec import ResolvedRun
-from valerie.scene.model import freeze
 from valerie.sensing.distortion import pixel_map, shown_within
 from valerie.sensing.sensor import REVISION, Shot, develop, focal_length_px
 from valerie.sensing.settings import SensorSetting
@@ -136,13 +135,13 @@ def distorted_truth(truth: GroundTruth, setting: SensorSetting, focal_length: fl
 
     def person(one: PersonTruth) -> PersonTruth:
         amodal = one.amodal.ravel()[index]
-        shown, seen = int(np.count_nonzero(one.amodal & within)), int(np.count_nonzero(amodal))
+        shown, seen = int(np.count_nonzero(one.mask & within[one.box.slices])), int(np.count_nonzero(amodal))
         whole = round(one.padded_pixels * seen / shown) if shown and seen else one.padded_pixels
-        return replace(one, amodal=freeze(amodal), padded_pixels=max(whole, seen))
+        return PersonTruth.of(one.instance_id, amodal, max(whole, seen))
 
     return GroundTruth(
-        class_map=freeze(truth.class_map.ravel()[index]),
-        instance_map=freeze(truth.instance_map.ravel()[index]),
-        depth=freeze(truth.depth.ravel()[index]),
+        class_map=truth.class_map.ravel()[index],
+        instance_map=truth.instance_map.ravel()[index],
+        depth=truth.depth.ravel()[index],
         persons=tuple(person(one) for one in truth.persons),
     )

@@ -39,7 +39,8 @@ def collect(context: Context, *, dry_run: bool = False) -> Freed:
         removed += len(batch)
         if not dry_run:
             context.store.delete(product_key(kind, digest) for digest, kind in batch if kind != "evaluation")
-        if dry_run or len(batch) < _BATCH:
+        # Once more after the last products: what they were stored over is free now.
+        if dry_run or not batch:
             break
     objects = size = 0
     limit = datetime.now(UTC) - _GRACE

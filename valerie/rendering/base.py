@@ -151,18 +151,39 @@ class PersonTruth:
 
     Attributes:
         instance_id: label id × 1000 + n.
-        amodal: (H, W) bool, pixels of the person rendered alone, within the image.
-        padded_pixels: amodal pixel count on a canvas padded beyond the image border (for truncation).
+        box: around the person's pixels when it is rendered alone, within the image; empty at the origin when there are none.
+        mask: (box.height, box.width) bool, read-only: which pixels of the box these are.
+        padded_pixels: their count on a canvas padded beyond the image border (for truncation).
+        size: (height, width) of the image.
     """
 
     instance_id: int
-    amodal: NDArray[np.bool_]
+    box: Rectangle
+    mask: NDArray[np.bool_]
     padded_pixels: int
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze(self.mask)
+
+    @classmethod
+    def of(cls, instance_id: int, amodal: NDArray[np.bool_], padded_pixels: int) -> Self:
+        """From a mask of the whole image, (H, W) bool."""
+        box = bounds(amodal)
+        height, width = amodal.shape
+        return cls(instance_id, box, amodal[box.slices].copy(), padded_pixels, (height, width))
+
+    @property
+    def amodal(self) -> NDArray[np.bool_]:
+        """(H, W) bool, read-only: pixels of the person rendered alone, within the image. Made anew at each call."""
+        whole = np.zeros(self.size, np.bool_)
+        whole[self.box.slices] = self.mask
+        return freeze(whole)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """Pixel-exact truth of one geometry seen by one camera; labels are point samples at pixel centres.
+    """Pixel-exact truth of one geometry seen by one camera; labels are point samples at pixel centres. Arrays are read-only.
 
     Attributes:
         class_map: (H, W) uint8 label ids; sky is 23.
@@ -175,6 +196,56 @@ class GroundTruth:
     instance_map: NDArray[np.uint16]
     depth: NDArray[np.float32]
     persons: tuple[PersonTruth, ...]
+
+    def __post_init__(self) -> None:
+        for array in (self.class_map, self.instance_map, self.depth):
+            freeze(array)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthLayer:
+    """What the movables change in the truth of the statics, as `Layer` is for images. Arrays are read-only.
+
+    Attributes:
+        rectangle: around the pixels whose class, instance or depth the movables change; empty when there are none.
+        changed: (rectangle.height, rectangle.width) bool, which pixels these are, N of them.
+        classes: (N,) uint8, instances: (N,) uint16, depths: (N,) float32, of the changed pixels in the order of rows.
+        persons: all persons of the scene, those that stand still too.
+        size: (height, width) of the image.
+    """
+
+    rectangle: Rectangle
+    changed: NDArray[np.bool_]
+    classes: NDArray[np.uint8]
+    instances: NDArray[np.uint16]
+    depths: NDArray[np.float32]
+    persons: tuple[PersonTruth, ...]
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        for array in (self.changed, self.classes, self.instances, self.depths):
+            freeze(array)
+
+    def over(self, statics: GroundTruth) -> GroundTruth:
+        """The whole truth; ``statics`` is that of the scene without its movables."""
+        if self.rectangle.empty:
+            return GroundTruth(statics.class_map, statics.instance_map, statics.depth, self.persons)
+        classes, instances, depth = statics.class_map.copy(), statics.instance_map.copy(), statics.depth.copy()
+        inside = self.rectangle.slices
+        classes[inside][self.changed] = self.classes
+        instances[inside][self.changed] = self.instances
+        depth[inside][self.changed] = self.depths
+        return GroundTruth(classes, instances, depth, self.persons)
+
+
+def bounds(mask: NDArray[np.bool_]) -> Rectangle:
+    """The smallest rectangle around all true pixels; empty at the origin when there is none."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not rows.size:
+        return Rectangle(0, 0, 0, 0)
+    y, height = int(rows[0]), int(rows[-1] - rows[0] + 1)
+    columns = np.flatnonzero(mask[y : y + height].any(axis=0))
+    return Rectangle(int(columns[0]), y, int(columns[-1] - columns[0] + 1), height)
 
 
 def require_image(pixels: NDArray[np.float16], *, engine: str) -> None:

@@ -1,12 +1,14 @@
 """The truth pass: class, instance, depth and amodal masks of one geometry, for all engines.
 
 Labels are point samples at pixel centres, drawn with the same vertex shader, matrices and rounding of depth as the raster
-engine's images. Movables are drawn over a copy of the statics, which are kept per camera.
+engine's images. Movables are drawn over a copy of the statics, which are kept per camera; what they change there is a layer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import moderngl
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, SKY
 from valerie.rendering.annotations.normals import Normals
-from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, View
+from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, TruthLayer, View, bounds
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
@@ -26,7 +28,7 @@ from valerie.rendering.raster.normals_pass import NormalsPass
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
-from valerie.scene.model import Camera, Scene, freeze
+from valerie.scene.model import Camera, Scene
 
 #: Raised by hand whenever the truth of some geometry changes; part of every truth's digest.
 REVISION: Final = 1
@@ -50,7 +52,7 @@ class TruthPass:
         with self._context.current() as gl:
             self._sky = ScreenPass(gl, self._context.program("screen.vert", "truth_fill.frag"))
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "truth_fill.frag", FROM_STATICS=1))
-        self._statics: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(_CAMERAS)
+        self._statics: LeastRecentlyUsed[_StaticLabels] = LeastRecentlyUsed(_CAMERAS)
         self._work: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(1)
         self._canvas: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
         self._normals: NormalsPass | None = None
@@ -61,34 +63,33 @@ class TruthPass:
         return self._context.numeric_class
 
     def truth(self, scene: Scene, view: View) -> GroundTruth:
-        """The truth of a scene seen by a camera; arrays are read-only.
+        """The truth of a scene seen by a camera.
 
         Raises:
             UnknownName: the scene has no such camera.
         """
-        camera = camera_of(scene, view)
-        with self._context.current() as gl:
-            prepared = self._context.scenes.prepare(scene)
-            materials = list(prepared.materials)
-            standing = [item for item in draw_items(scene, movable=False) if item.node.label_id == PERSON.id]
-            placed = self._context.scenes.place(scene, standing, prepared.statics, materials)
-            table = table_texture(gl, Prepared(scene, prepared.statics, (), tuple(materials)).table())
-            try:
-                labels = self._static_labels(prepared, camera, view, table)
-                maps = self._with_movables(prepared, labels, camera, view, table)
-                persons: dict[int, list[PlacedMesh]] = {}
-                for mesh in (*placed, *prepared.placed):
-                    if mesh.item.node.label_id == PERSON.id:
-                        persons.setdefault(mesh.item.node.instance_id, []).append(mesh)
-                return GroundTruth(
-                    *maps,
-                    tuple(
-                        self._person(number, meshes, prepared, maps[1], camera, view, table)
-                        for number, meshes in sorted(persons.items())
-                    ),
-                )
-            finally:
-                table.release()
+        statics, layer = self.parts(scene, view)
+        return layer.over(statics)
+
+    def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
+        """The truth of the scene without its movables, and what they change in it.
+
+        The first is the same object from call to call while the camera is kept. It has no masks of persons: they are all in the
+        layer.
+
+        Raises:
+            UnknownName: the scene has no such camera.
+        """
+        with self._frame(scene, view) as frame:
+            rectangle, part = self._with_movables(frame)
+            persons: dict[int, list[PlacedMesh]] = {}
+            for mesh in (*frame.standing, *frame.prepared.placed):
+                if mesh.item.node.label_id == PERSON.id:
+                    persons.setdefault(mesh.item.node.instance_id, []).append(mesh)
+            seen = _Seen(frame.statics.truth.instance_map, rectangle, part[1])
+            found = tuple(self._person(frame, number, meshes, seen) for number, meshes in sorted(persons.items()))
+            statics = frame.statics.truth
+            return statics, _layer(statics, rectangle, part, found)
 
     def normals(self, scene: Scene, view: View) -> Normals:
         """Which way the surface in each pixel faces, in step with `truth`.
@@ -112,104 +113,99 @@ class TruthPass:
                 self._sky.release()
                 self._copy.release()
 
-    def _static_labels(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> _Labels:
-        def draw() -> _Labels:
-            labels = _Labels(self._context.gl, view)
-            everything = Rectangle(0, 0, view.width, view.height)
-            self._sky.run(
-                labels.target,
-                one_span(gl_rectangle(everything, view)),
-                {},
-                {"sky_label": SKY.id, "nothing": float("inf")},
-                writes_depth=True,
-            )
-            labels.target.use()
-            self._labels.statics(prepared.statics, table, _camera_values(camera, view))
-            labels.read(everything, view)
-            return labels
+    @contextmanager
+    def _frame(self, scene: Scene, view: View) -> Iterator[_Frame]:
+        camera = camera_of(scene, view)
+        with self._context.current() as gl:
+            prepared = self._context.scenes.prepare(scene)
+            materials = list(prepared.materials)
+            people = [item for item in draw_items(scene, movable=False) if item.node.label_id == PERSON.id]
+            standing = self._context.scenes.place(scene, people, prepared.statics, materials)
+            table = table_texture(gl, Prepared(scene, prepared.statics, (), tuple(materials)).table())
+            key = (prepared.statics.key, *camera_key(camera, view))
+            try:
+                statics = self._statics.get(key, lambda: self._draw_statics(prepared, camera, view, table))
+                yield _Frame(prepared, standing, camera, view, table, statics)
+            finally:
+                table.release()
 
-        return self._statics.get((prepared.statics.key, *camera_key(camera, view)), draw)
+    def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> _StaticLabels:
+        labels = _Labels(self._context.gl, view)
+        everything = Rectangle(0, 0, view.width, view.height)
+        self._sky.run(
+            labels.target,
+            one_span(gl_rectangle(everything, view)),
+            {},
+            {"sky_label": SKY.id, "nothing": float("inf")},
+            writes_depth=True,
+        )
+        labels.target.use()
+        self._labels.statics(prepared.statics, table, _camera_values(camera, view))
+        return _StaticLabels(labels, GroundTruth(*labels.read(everything, view), ()))
 
-    def _with_movables(
-        self, prepared: Prepared, statics: _Labels, camera: Camera, view: View, table: moderngl.Texture
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]:
-        rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], camera, view)
+    def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
+        """A bound of the pixels that movables cover, and its labels with them."""
+        prepared, view = frame.prepared, frame.view
+        rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], frame.camera, view)
         if rectangle.empty:
-            return statics.maps
+            return rectangle, (np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint16), np.zeros((0, 0), np.float32))
         work = self._work.get((view.width, view.height), lambda: _Labels(self._context.gl, view))
-        area = gl_rectangle(rectangle, view)
-        assert statics.target.depth is not None
+        area, statics = gl_rectangle(rectangle, view), frame.statics.labels.target
+        assert statics.depth is not None
         sources = {
-            "from_ids": statics.target.colors[0],
-            "from_axis_depth": statics.target.colors[1],
-            "from_depth": statics.target.depth,
+            "from_ids": statics.colors[0],
+            "from_axis_depth": statics.colors[1],
+            "from_depth": statics.depth,
         }
         self._copy.run(work.target, one_span(area), sources, {}, writes_depth=True)
         work.target.use(area)
-        values = _camera_values(camera, view)
-        self._labels.movables(prepared.placed, prepared.statics.textures, table, values)
-        classes, instances, depth = statics.maps[0].copy(), statics.maps[1].copy(), statics.maps[2].copy()
-        part = work.read_part(rectangle, view)
-        classes[rectangle.slices], instances[rectangle.slices], depth[rectangle.slices] = part
-        return freeze(classes), freeze(instances), freeze(depth)
+        values = _camera_values(frame.camera, view)
+        self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)
+        return rectangle, work.read(rectangle, view)
 
-    def _person(
-        self,
-        instance_id: int,
-        meshes: Sequence[PlacedMesh],
-        prepared: Prepared,
-        instance_map: NDArray[np.uint16],
-        camera: Camera,
-        view: View,
-        table: moderngl.Texture,
-    ) -> PersonTruth:
+    def _person(self, frame: _Frame, instance_id: int, meshes: Sequence[PlacedMesh], seen: _Seen) -> PersonTruth:
         """Draw one person alone, on a canvas half an image wider on each side."""
+        camera, view = frame.camera, frame.view
         pad_x, pad_y = (view.width + 1) // 2, (view.height + 1) // 2
         canvas = View(view.camera, view.width + 2 * pad_x, view.height + 2 * pad_y)
-        amodal = np.zeros((view.height, view.width), np.bool_)
         rectangle = covered_rectangle([mesh.corners for mesh in meshes], camera, view, pad_x, pad_y)
-        padded = 0
-        if not rectangle.empty:
-            target = self._canvas.get(
-                (canvas.width, canvas.height),
-                lambda: Target(self._context.gl, (canvas.width, canvas.height), ((1, "f1"),), depth=False),
-            )
-            area = gl_rectangle(rectangle, canvas)
-            target.use(area)
-            target.clear()
-            matrix = clip_from_view(camera, view.width, view.height, pad_x, pad_y) @ view_from_world(camera)
-            self._mask.movables(meshes, prepared.statics.textures, table, {"clip_from_world": matrix})
-            data = target.framebuffer.read(viewport=area, components=1, alignment=1)
-            mask = np.frombuffer(data, np.uint8).reshape(rectangle.height, rectangle.width)[::-1] > 0
-            padded = int(np.count_nonzero(mask))
-            left, top = rectangle.x - pad_x, rectangle.y - pad_y
-            inside = Rectangle(left, top, rectangle.width, rectangle.height).clipped(view.width, view.height)
-            if not inside.empty:
-                shifted = Rectangle(inside.x - left, inside.y - top, inside.width, inside.height)
-                amodal[inside.slices] = mask[shifted.slices]
+        if rectangle.empty:
+            return PersonTruth(instance_id, rectangle, np.zeros((0, 0), np.bool_), 0, (view.height, view.width))
+        target = self._canvas.get(
+            (canvas.width, canvas.height),
+            lambda: Target(self._context.gl, (canvas.width, canvas.height), ((1, "f1"),), depth=False),
+        )
+        area = gl_rectangle(rectangle, canvas)
+        target.use(area)
+        target.clear()
+        matrix = clip_from_view(camera, view.width, view.height, pad_x, pad_y) @ view_from_world(camera)
+        self._mask.movables(meshes, frame.prepared.statics.textures, frame.table, {"clip_from_world": matrix})
+        data = target.framebuffer.read(viewport=area, components=1, alignment=1)
+        mask = np.frombuffer(data, np.uint8).reshape(rectangle.height, rectangle.width)[::-1] > 0
+        padded = int(np.count_nonzero(mask))
+        left, top = rectangle.x - pad_x, rectangle.y - pad_y
+        inside = Rectangle(left, top, rectangle.width, rectangle.height).clipped(view.width, view.height)
+        amodal = mask[Rectangle(inside.x - left, inside.y - top, inside.width, inside.height).slices]
         # What is seen belongs to the whole, also where the canvas rounds an edge to the other side of a pixel centre.
-        seen = instance_map == instance_id
-        padded += int(np.count_nonzero(seen & ~amodal))
-        return PersonTruth(instance_id, freeze(amodal | seen), padded)
+        visible = seen.instances(inside) == instance_id
+        padded += int(np.count_nonzero(visible & ~amodal))
+        amodal = amodal | visible
+        box = bounds(amodal)
+        whole = Rectangle(inside.x + box.x, inside.y + box.y, box.width, box.height) if not box.empty else box
+        return PersonTruth(instance_id, whole, amodal[box.slices].copy(), padded, (view.height, view.width))
+
+
+#: Class, instance and depth of a rectangle.
+Maps = tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]
 
 
 class _Labels:
-    """A framebuffer of ids and depths, and (for statics) its contents."""
+    """A framebuffer of ids and depths."""
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
         self.target = Target(gl, (view.width, view.height), ((2, "u2"), (1, "f4")), depth=True)
-        self.maps: tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]] = (
-            np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint16), np.zeros((0, 0), np.float32),
-        )  # fmt: skip
 
-    def read(self, rectangle: Rectangle, view: View) -> None:
-        """Fetch a rectangle and keep it."""
-        classes, instances, depth = self.read_part(rectangle, view)
-        self.maps = (freeze(classes), freeze(instances), freeze(depth))
-
-    def read_part(
-        self, rectangle: Rectangle, view: View
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]:
+    def read(self, rectangle: Rectangle, view: View) -> Maps:
         """Fetch class, instance and depth of a rectangle, first row at the top."""
         area, shape = gl_rectangle(rectangle, view), (rectangle.height, rectangle.width)
         read = self.target.framebuffer.read
@@ -225,6 +221,68 @@ class _Labels:
     def release(self) -> None:
         """Free the framebuffer."""
         self.target.release()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _StaticLabels:
+    """The statics seen by one camera: on the card, to draw movables over, and as arrays."""
+
+    labels: _Labels
+    truth: GroundTruth
+
+    def release(self) -> None:
+        """Free the framebuffer."""
+        self.labels.release()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frame:
+    """One scene seen by one camera; ``standing`` are the persons that the manifest does not move, placed to be drawn alone."""
+
+    prepared: Prepared
+    standing: tuple[PlacedMesh, ...]
+    camera: Camera
+    view: View
+    table: moderngl.Texture
+    statics: _StaticLabels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """The instance map with movables, without making all of it."""
+
+    statics: NDArray[np.uint16]
+    rectangle: Rectangle
+    part: NDArray[np.uint16]
+
+    def instances(self, where: Rectangle) -> NDArray[np.uint16]:
+        """(where.height, where.width)."""
+        found = self.statics[where.slices].copy()
+        x0, y0 = max(where.x, self.rectangle.x), max(where.y, self.rectangle.y)
+        x1 = min(where.x + where.width, self.rectangle.x + self.rectangle.width)
+        y1 = min(where.y + where.height, self.rectangle.y + self.rectangle.height)
+        if x0 < x1 and y0 < y1:
+            here, there = (
+                Rectangle(x0 - one.x, y0 - one.y, x1 - x0, y1 - y0).slices for one in (where, self.rectangle)
+            )
+            found[here] = self.part[there]
+        return found
+
+
+def _layer(statics: GroundTruth, rectangle: Rectangle, part: Maps, persons: tuple[PersonTruth, ...]) -> TruthLayer:
+    """Those pixels of a part that are not the statics'."""
+    classes, instances, depth = part
+    inside = rectangle.slices
+    changed = (classes != statics.class_map[inside]) | (instances != statics.instance_map[inside])
+    changed |= depth.view(np.uint32) != statics.depth[inside].view(np.uint32)
+    box = bounds(changed)
+    kept = changed[box.slices].copy()
+    seen = box.slices
+    where = box if box.empty else Rectangle(rectangle.x + box.x, rectangle.y + box.y, box.width, box.height)
+    height, width = statics.class_map.shape
+    return TruthLayer(
+        where, kept, classes[seen][kept], instances[seen][kept], depth[seen][kept], persons, (height, width)
+    )
 
 
 def _camera_values(camera: Camera, view: View) -> dict[str, NDArray[np.float64]]:

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from valerie.labels import PERSON
-from valerie.rendering.base import GroundTruth, PersonTruth, View
+from valerie.rendering.base import GroundTruth, PersonTruth, View, bounds
 from valerie.rendering.scene_reading import instance_roots
 from valerie.scene.model import Camera, Node, Scene
 
@@ -104,29 +103,23 @@ def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
         person: of ``truth``.
         truth: of the picture.
     """
-    visible = truth.instance_map == person.instance_id
-    area, amodal = int(np.count_nonzero(visible)), int(np.count_nonzero(person.amodal))
+    # What is seen of a person belongs to the whole, so nothing of it lies outside the box of the whole.
+    visible = truth.instance_map[person.box.slices] == person.instance_id
+    area, amodal = int(np.count_nonzero(visible)), int(np.count_nonzero(person.mask))
     reason = None
     if area == 0:
         reason = HIDDEN if amodal else OUTSIDE
+    seen = bounds(visible)
     return Visibility(
         instance_id=person.instance_id,
         pixel_area=area,
-        pixel_area_percent=100.0 * area / visible.size,
+        pixel_area_percent=100.0 * area / truth.instance_map.size,
         pixel_area_amodal=amodal,
         occlusion_rate=1.0 - area / amodal if amodal else None,
         truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
         distance_m=None,
         depth_m=None,
-        box=_box(visible),
-        amodal_box=_box(person.amodal),
+        box=None if seen.empty else (person.box.x + seen.x, person.box.y + seen.y, seen.width, seen.height),
+        amodal_box=None if person.box.empty else (person.box.x, person.box.y, person.box.width, person.box.height),
         undefined_reason=reason,
     )
-
-
-def _box(mask: NDArray[np.bool_]) -> Box | None:
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not rows.size:
-        return None
-    columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)

@@ -6,14 +6,16 @@ or forged object is a `CorruptArtifact` and never a wrong result. Decoded arrays
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from valerie.errors import CorruptArtifact
-from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle
-from valerie.scene.model import freeze
+from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer
 from valerie.storage import frames
 
 
@@ -50,18 +52,13 @@ def decode_layer(data: bytes, *, key: str = "") -> Layer:
 
 
 def encode_truth(truth: GroundTruth) -> bytes:
-    """Class map, instance map, depth, and per person the amodal mask, cropped to its box and packed to bits."""
+    """Class map, instance map, depth, and per person the amodal mask in its box, packed to bits."""
     arrays: dict[str, NDArray[Any]] = {
         "class_map": truth.class_map,
         "instance_map": truth.instance_map,
         "depth": truth.depth,
     }
-    persons = []
-    for person in truth.persons:
-        box = _bounds(person.amodal)
-        arrays[f"amodal.{person.instance_id}"] = np.packbits(person.amodal[box.slices])
-        persons.append([person.instance_id, person.padded_pixels, box.x, box.y, box.width, box.height])
-    return frames.pack("truth", arrays, {"persons": persons})
+    return frames.pack("truth", arrays, {"persons": _pack_persons(truth.persons, arrays)})
 
 
 def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
@@ -70,32 +67,70 @@ def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
     Raises:
         CorruptArtifact: not a whole, consistent truth.
     """
-    arrays, meta = frames.unpack("truth", data, key=key)
-    class_map = _array(arrays, "class_map", np.uint8, (None, None), key)
-    size = class_map.shape
-    persons: list[PersonTruth] = []
-    entries = meta.get("persons")
-    if not isinstance(entries, list):
-        raise _corrupt(key, "the persons are no list")
-    for entry in entries:
-        if not isinstance(entry, list) or len(entry) != 6 or not all(isinstance(n, int) and n >= 0 for n in entry):
-            raise _corrupt(key, f"not a person: {entry!r}")
-        if persons and entry[0] <= persons[-1].instance_id:
-            raise _corrupt(key, f"instance {entry[0]} is out of order")
-        box = _rectangle(entry[2:], key)
-        if box.x + box.width > size[1] or box.y + box.height > size[0]:
-            raise _corrupt(key, f"the mask of instance {entry[0]} leaves the image")
-        count = box.width * box.height
-        bits = _array(arrays, f"amodal.{entry[0]}", np.uint8, ((count + 7) // 8,), key)
-        amodal = np.zeros(size, np.bool_)
-        amodal[box.slices] = np.unpackbits(bits, count=count).reshape(box.height, box.width).view(np.bool_)
-        persons.append(PersonTruth(entry[0], freeze(amodal), entry[1]))
-    return GroundTruth(
-        class_map=class_map,
-        instance_map=_array(arrays, "instance_map", np.uint16, size, key),
-        depth=_array(arrays, "depth", np.float32, size, key),
-        persons=tuple(persons),
+    return _truth(*frames.unpack("truth", data, key=key), key)
+
+
+def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
+    """What movables change: rectangle, changed pixels as bits, their values, the persons' masks; and where the rest is.
+
+    Args:
+        statics: digest of the truth without movables (`statics_digest`).
+    """
+    box = layer.rectangle
+    arrays: dict[str, NDArray[Any]] = {
+        "changed": np.packbits(layer.changed),
+        "classes": layer.classes,
+        "instances": layer.instances,
+        "depths": layer.depths,
+    }
+    meta = {"statics": statics, "rectangle": [box.x, box.y, box.width, box.height], "size": list(layer.size)}
+    return frames.pack("truth-layer", arrays, meta | {"persons": _pack_persons(layer.persons, arrays)})
+
+
+@dataclass(frozen=True, slots=True)
+class StoredTruthLayer:
+    """A layer as it is stored, and the digest of the truth that it lies over."""
+
+    layer: TruthLayer
+    statics: str
+
+
+def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTruthLayer:
+    """What lies under the key of a truth: a whole one, or a layer over that of the statics.
+
+    Raises:
+        CorruptArtifact: neither, or not consistent.
+    """
+    arrays, meta = frames.unpack(("truth", "truth-layer"), data, key=key)
+    if meta["kind"] == "truth":
+        return _truth(arrays, meta, key)
+    statics, whole = meta.get("statics"), meta.get("size")
+    if not isinstance(statics, str) or not isinstance(whole, list):
+        raise _corrupt(key, "the layer does not say what it lies over")
+    image, box = _rectangle([0, 0, *whole[::-1]], key), _rectangle(meta.get("rectangle"), key)
+    size = (image.height, image.width)
+    if box != box.clipped(image.width, image.height):
+        raise _corrupt(key, f"the layer leaves the image: {box}")
+    changed = _mask(arrays, "changed", box, key)
+    count = (int(np.count_nonzero(changed)),)
+    layer = TruthLayer(
+        box,
+        changed,
+        _array(arrays, "classes", np.uint8, count, key),
+        _array(arrays, "instances", np.uint16, count, key),
+        _array(arrays, "depths", np.float32, count, key),
+        _unpack_persons(arrays, meta, size, key),
+        size,
     )
+    return StoredTruthLayer(layer, statics)
+
+
+def statics_digest(statics: GroundTruth) -> str:
+    """32 hexadecimal characters that follow from what the truth of statics holds, and from nothing else."""
+    found = hashlib.sha256(repr(statics.class_map.shape).encode())
+    for array in (statics.class_map, statics.instance_map, statics.depth):
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()[:32]
 
 
 def encode_prediction(train_ids: NDArray[np.uint8]) -> bytes:
@@ -142,19 +177,57 @@ def _array(
     return array
 
 
+def _truth(arrays: dict[str, NDArray[Any]], meta: dict[str, Any], key: str) -> GroundTruth:
+    class_map = _array(arrays, "class_map", np.uint8, (None, None), key)
+    size = class_map.shape
+    return GroundTruth(
+        class_map=class_map,
+        instance_map=_array(arrays, "instance_map", np.uint16, size, key),
+        depth=_array(arrays, "depth", np.float32, size, key),
+        persons=_unpack_persons(arrays, meta, size, key),
+    )
+
+
+def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]]) -> list[list[int]]:
+    """Put the persons' masks into ``arrays``; returns what is said of each beside: instance, padded pixels, box."""
+    for person in persons:
+        arrays[f"amodal.{person.instance_id}"] = np.packbits(person.mask)
+    return [
+        [one.instance_id, one.padded_pixels, one.box.x, one.box.y, one.box.width, one.box.height] for one in persons
+    ]
+
+
+def _unpack_persons(
+    arrays: dict[str, NDArray[Any]], meta: dict[str, Any], size: tuple[int, ...], key: str
+) -> tuple[PersonTruth, ...]:
+    persons: list[PersonTruth] = []
+    entries = meta.get("persons")
+    if not isinstance(entries, list):
+        raise _corrupt(key, "the persons are no list")
+    for entry in entries:
+        if not isinstance(entry, list) or len(entry) != 6 or not all(isinstance(n, int) and n >= 0 for n in entry):
+            raise _corrupt(key, f"not a person: {entry!r}")
+        if persons and entry[0] <= persons[-1].instance_id:
+            raise _corrupt(key, f"instance {entry[0]} is out of order")
+        box = _rectangle(entry[2:], key)
+        if box.x + box.width > size[1] or box.y + box.height > size[0]:
+            raise _corrupt(key, f"the mask of instance {entry[0]} leaves the image")
+        mask = _mask(arrays, f"amodal.{entry[0]}", box, key)
+        persons.append(PersonTruth(entry[0], box, mask, entry[1], (size[0], size[1])))
+    return tuple(persons)
+
+
+def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle, key: str) -> NDArray[np.bool_]:
+    """(box.height, box.width) from packed bits."""
+    count = box.width * box.height
+    bits = _array(arrays, name, np.uint8, ((count + 7) // 8,), key)
+    return np.unpackbits(bits, count=count).reshape(box.height, box.width).view(np.bool_)
+
+
 def _rectangle(values: object, key: str) -> Rectangle:
     if not isinstance(values, list) or len(values) != 4 or not all(isinstance(n, int) and n >= 0 for n in values):
         raise _corrupt(key, f"not a rectangle: {values!r}")
     return Rectangle(*values)
-
-
-def _bounds(mask: NDArray[np.bool_]) -> Rectangle:
-    """The smallest rectangle around all true pixels; empty at the origin when there is none."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if rows.size == 0:
-        return Rectangle(0, 0, 0, 0)
-    x, y = int(columns[0]), int(rows[0])
-    return Rectangle(x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1)
 
 
 def _corrupt(key: str, message: str) -> CorruptArtifact:

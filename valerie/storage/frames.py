@@ -50,11 +50,13 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any])
     return zstandard.ZstdCompressor(level=1, write_checksum=True, write_content_size=True).compress(raw)
 
 
-def unpack(kind: str, data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def unpack(
+    kind: str | tuple[str, ...], data: bytes, *, key: str = ""
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Arrays (read-only views) and metadata of a frame that `pack` made.
 
     Args:
-        kind: what it must be.
+        kind: what it must be; of several, ``meta["kind"]`` tells which it is.
         data: the whole stored object.
         key: where it came from, for the message.
 
@@ -66,8 +68,10 @@ def unpack(kind: str, data: bytes, *, key: str = "") -> tuple[dict[str, NDArray[
         arrays, meta = _parse(raw)
     except (ValueError, KeyError, TypeError, AttributeError, struct.error) as error:
         raise CorruptArtifact(f"{key or 'artifact'}: {error}") from error
-    if meta.get("kind") != kind:
-        raise CorruptArtifact(f"{key or 'artifact'}: holds {meta.get('kind')!r} where {kind!r} was expected")
+    kinds = (kind,) if isinstance(kind, str) else kind
+    if meta.get("kind") not in kinds:
+        expected = " or ".join(map(repr, kinds))
+        raise CorruptArtifact(f"{key or 'artifact'}: holds {meta.get('kind')!r} where {expected} was expected")
     return arrays, meta
 
 

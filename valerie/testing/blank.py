@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from valerie.labels import PERSON, instance_id
 from valerie.perception.base import FunctionCard
 from valerie.rendering.annotations.normals import Normals
-from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, View
+from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View
 from valerie.scene.model import Scene
 
 NAME: Final = "blank"
@@ -54,16 +54,29 @@ class BlankTruthPass:
     revision: ClassVar[int] = 1
     numeric_class = NUMERIC_CLASS
 
-    def truth(self, scene: Scene, view: View) -> GroundTruth:  # noqa: ARG002
+    def truth(self, scene: Scene, view: View) -> GroundTruth:
         """See `valerie.rendering.ground_truth.TruthPass`."""
-        class_map = np.full((view.height, view.width), 7, np.uint8)
-        instance_map = np.zeros((view.height, view.width), np.uint16)
-        amodal = np.zeros((view.height, view.width), np.bool_)
-        person = instance_id(PERSON, 1)
-        inside = _square(view).slices
-        class_map[inside], instance_map[inside], amodal[inside] = PERSON.id, person, True
-        depth = np.full((view.height, view.width), 10.0, np.float32)
-        return GroundTruth(class_map, instance_map, depth, (PersonTruth(person, amodal, int(amodal.sum())),))
+        statics, layer = self.parts(scene, view)
+        return layer.over(statics)
+
+    def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:  # noqa: ARG002
+        """See `valerie.rendering.ground_truth.TruthPass`."""
+        square, size, number = _square(view), (view.height, view.width), instance_id(PERSON, 1)
+        count = square.width * square.height
+        mask = np.ones((square.height, square.width), np.bool_)
+        statics = GroundTruth(
+            np.full(size, 7, np.uint8), np.zeros(size, np.uint16), np.full(size, 10.0, np.float32), ()
+        )
+        layer = TruthLayer(
+            square,
+            mask,
+            np.full(count, PERSON.id, np.uint8),
+            np.full(count, number, np.uint16),
+            np.full(count, 10.0, np.float32),
+            (PersonTruth(number, square, mask, count, size),),
+            size,
+        )
+        return statics, layer
 
     def normals(self, scene: Scene, view: View) -> Normals:  # noqa: ARG002
         """See `valerie.rendering.ground_truth.TruthPass`: everything faces up."""

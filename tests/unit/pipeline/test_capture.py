@@ -26,7 +26,7 @@ def board() -> GroundTruth:
         class_map=np.where(dark, np.uint8(24), np.uint8(7)),
         instance_map=np.where(dark & amodal, np.uint16(PERSON), np.uint16(0)),
         depth=np.where(dark, np.float32(10.0), np.float32(30.0)),
-        persons=(PersonTruth(PERSON, amodal, 2 * int(amodal.sum())),),
+        persons=(PersonTruth.of(PERSON, amodal, 2 * int(amodal.sum())),),
     )
 
 
@@ -80,7 +80,7 @@ def test_who_is_out_of_the_picture_is_truncated_altogether() -> None:
     amodal = np.zeros((HEIGHT, WIDTH), np.bool_)
     amodal[0:4, 0:4] = True
     corner = GroundTruth(
-        truth.class_map, np.zeros_like(truth.instance_map), truth.depth, (PersonTruth(PERSON, amodal, 16),)
+        truth.class_map, np.zeros_like(truth.instance_map), truth.depth, (PersonTruth.of(PERSON, amodal, 16),)
     )
     seen = distorted_truth(corner, SensorSetting.model_validate({"distortion": {"k1": 0.6}}), 50.0)
     found = measure_pixels(seen.persons[0], seen)

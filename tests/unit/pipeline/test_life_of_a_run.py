@@ -14,11 +14,15 @@ from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
 from valerie.pipeline import feeding, gc, lifecycle
 from valerie.pipeline.control import ControlLoop
+from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.replay import replay_frame
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_table
 from valerie.runs.spec import parse
+from valerie.storage import codecs
+from valerie.storage.frames import intact
+from valerie.storage.keys import product_key
 
 FRAMES = 24
 ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
@@ -69,6 +73,17 @@ class TestAnUndisturbedRun:
         run = pipeline.submit()
         pipeline.run(run)
         assert [one.verdict for one in replay_frame(pipeline.context, run, 0, 1)] == ["equal"] * 5
+
+    def test_a_truth_that_was_stored_whole_is_read_and_replayed(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit(spec(xs=2, ys=1))
+        pipeline.run(run)
+        with reading(pipeline.context.engine) as connection:
+            truth = results.frame(connection, run, 0, 0, 0).truth
+        whole = ProductReader(pipeline.context.store).truth(truth)
+        pipeline.context.store.put(product_key("truth", truth), codecs.encode_truth(whole), replace=True)
+        read = ProductReader(pipeline.context.store).truth(truth)
+        assert codecs.encode_truth(read) == codecs.encode_truth(whole)
+        assert replay_frame(pipeline.context, run, 0, 0)[2].verdict == "equal"
 
 
 class TestReuse:
@@ -172,6 +187,23 @@ class TestFailures:
         assert pipeline.run(pipeline.submit()) == "completed"
         assert pipeline.made() == {**ALL, "layer": FRAMES + 1}
 
+    @pytest.mark.parametrize("damage", ["lost", "broken"])
+    def test_the_statics_of_a_truth_are_stored_again(self, pipeline: Pipeline, damage: str) -> None:
+        run = pipeline.submit(spec(xs=2, ys=1))
+        found: list[str] = []
+
+        def harm(job: Any) -> None:
+            if not found and job.kind == "evaluation":
+                found.extend(info.key for info in pipeline.context.store.list("products/statics"))
+                pipeline.context.store.delete(found)
+                if damage == "broken":
+                    pipeline.context.store.put(found[0], b"nothing of it", replace=True)
+
+        pipeline.makers["eval"].before = harm
+        assert pipeline.run(run) == "completed"
+        assert len(found) == 1
+        assert intact(pipeline.context.store.get(found[0]))
+
     def test_a_damaged_object_is_made_again(self, pipeline: Pipeline) -> None:
         spoilt: list[str] = []
 
@@ -248,8 +280,9 @@ class TestSteering:
         lifecycle.delete(pipeline.context, first)
         assert gc.collect(pipeline.context, dry_run=True).products == 4 * 8
         assert gc.collect(pipeline.context).products == 4 * 8
-        assert len(pipeline.products()) == 2 + 4 * 16
-        assert len(list(pipeline.context.store.list("products"))) == 2 + 3 * 16
+        # Two backgrounds and the statics' truth, which is the same for both cameras of the testing engine.
+        assert len(pipeline.products()) == 2 + 1 + 4 * 16
+        assert len(list(pipeline.context.store.list("products"))) == 2 + 1 + 3 * 16
         assert len(rows(pipeline, second)) == 2 * 16
         with reading(pipeline.context.engine) as connection, pytest.raises(NotFound):
             runs.get(connection, first)

@@ -21,7 +21,7 @@ def truth_with(visible: tuple[slice, slice] | None, amodal: tuple[slice, slice] 
     if amodal is not None:
         mask[amodal] = True
     classes = np.where(instances > 0, 24, 7).astype(np.uint8)
-    persons = (PersonTruth(24001, mask, padded),)
+    persons = (PersonTruth.of(24001, mask, padded),)
     return GroundTruth(classes, instances, np.ones((10, 20), np.float32), persons)
 
 

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from valerie.errors import CorruptArtifact
-from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle
+from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer
 from valerie.storage import codecs, frames
 
 sides = st.integers(1, 12)
@@ -31,7 +31,7 @@ def truths(draw: st.DrawFn) -> GroundTruth:
         class_map=draw(hnp.arrays(np.uint8, shape)),
         instance_map=draw(hnp.arrays(np.uint16, shape)),
         depth=draw(hnp.arrays(np.float32, shape)),
-        persons=tuple(PersonTruth(i, draw(hnp.arrays(np.bool_, shape)), draw(st.integers(0, 10**9))) for i in ids),
+        persons=tuple(PersonTruth.of(i, draw(hnp.arrays(np.bool_, shape)), draw(st.integers(0, 10**9))) for i in ids),
     )
 
 
@@ -65,6 +65,89 @@ def test_a_truth_comes_back_bit_for_bit_with_every_mask(truth: GroundTruth) -> N
         _same(one.amodal, other.amodal)
 
 
+@st.composite
+def truth_layers(draw: st.DrawFn) -> tuple[GroundTruth, TruthLayer]:
+    statics = draw(truths())
+    height, width = statics.class_map.shape
+    x, y = draw(st.integers(0, width - 1)), draw(st.integers(0, height - 1))
+    box = Rectangle(x, y, draw(st.integers(0, width - x)), draw(st.integers(0, height - y)))
+    changed = draw(hnp.arrays(np.bool_, (box.height, box.width)))
+    count = int(changed.sum())
+    return statics, TruthLayer(
+        box,
+        changed,
+        draw(hnp.arrays(np.uint8, count)),
+        draw(hnp.arrays(np.uint16, count)),
+        draw(hnp.arrays(np.uint32, count)).view(np.float32),  # every bit pattern, NaN too
+        statics.persons,
+        (height, width),
+    )
+
+
+@given(found=truth_layers())
+@settings(deadline=None)
+def test_a_stored_layer_over_its_statics_is_the_layer_over_its_statics(found: tuple[GroundTruth, TruthLayer]) -> None:
+    statics, layer = found
+    stored = codecs.decode_stored_truth(codecs.encode_truth_layer(layer, "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"))
+    assert isinstance(stored, codecs.StoredTruthLayer)
+    assert stored.statics == "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"
+    one, other = stored.layer.over(statics), layer.over(statics)
+    for name in ("class_map", "instance_map", "depth"):
+        _same(getattr(one, name), getattr(other, name))
+    for mine, theirs in zip(one.persons, other.persons, strict=True):
+        assert (mine.instance_id, mine.padded_pixels) == (theirs.instance_id, theirs.padded_pixels)
+        _same(mine.amodal, theirs.amodal)
+
+
+def test_a_layer_changes_its_pixels_and_no_others() -> None:
+    statics = GroundTruth(np.zeros((4, 5), np.uint8), np.zeros((4, 5), np.uint16), np.ones((4, 5), np.float32), ())
+    changed = np.array([[True, False], [False, True]])
+    layer = TruthLayer(
+        Rectangle(2, 1, 2, 2), changed, np.array([24, 26], np.uint8), np.array([24_001, 0], np.uint16),
+        np.array([3.0, np.inf], np.float32), (), (4, 5),
+    )  # fmt: skip
+    whole = layer.over(statics)
+    assert whole.class_map.tolist() == [[0] * 5, [0, 0, 24, 0, 0], [0, 0, 0, 26, 0], [0] * 5]
+    assert (whole.instance_map[1, 2], whole.instance_map.sum()) == (24_001, 24_001)
+    assert (whole.depth[1, 2], whole.depth[2, 3], (whole.depth == 1).sum()) == (3.0, np.inf, 18)
+    assert not statics.class_map.any()
+    assert not whole.depth.flags.writeable
+
+
+def test_the_digest_of_statics_follows_from_every_map_and_the_shape() -> None:
+    maps = (np.zeros((4, 6), np.uint8), np.zeros((4, 6), np.uint16), np.ones((4, 6), np.float32))
+    digests = {codecs.statics_digest(GroundTruth(*maps, ()))}
+    for i in range(3):
+        other = [array.copy() for array in maps]
+        other[i][3, 5] = 7
+        digests.add(codecs.statics_digest(GroundTruth(*other, ())))
+    digests.add(codecs.statics_digest(GroundTruth(*(array.reshape(6, 4) for array in maps), ())))
+    assert len(digests) == 5
+    assert codecs.statics_digest(GroundTruth(*maps, ())) in digests
+
+
+@pytest.mark.parametrize(
+    "meta",
+    [
+        {"rectangle": [4, 1, 2, 2]},  # leaves the image to the right
+        {"rectangle": [2, 1, 1, 2]},  # fewer pixels than values
+        {"size": [4]},
+        {"size": None},
+        {"statics": 7},
+    ],
+)
+def test_an_impossible_truth_layer_is_refused(meta: dict[str, object]) -> None:
+    given_meta = {"statics": "a", "rectangle": [2, 1, 2, 2], "size": [4, 5], "persons": []} | meta
+    arrays = {
+        "changed": np.packbits(np.ones((2, 2), np.bool_)),
+        "classes": np.zeros(4, np.uint8),
+        "instances": np.zeros(4, np.uint16),
+        "depths": np.zeros(4, np.float32),
+    }
+    with pytest.raises(CorruptArtifact):
+        codecs.decode_stored_truth(frames.pack("truth-layer", arrays, given_meta))
+
+
 def test_the_depth_of_the_sky_stays_infinite() -> None:
     shape = (2, 3)
     truth = GroundTruth(
@@ -75,7 +158,7 @@ def test_the_depth_of_the_sky_stays_infinite() -> None:
 
 def test_decoded_truth_is_read_only() -> None:
     shape = (2, 3)
-    person = PersonTruth(24_001, np.ones(shape, np.bool_), 6)
+    person = PersonTruth.of(24_001, np.ones(shape, np.bool_), 6)
     truth = GroundTruth(np.zeros(shape, np.uint8), np.zeros(shape, np.uint16), np.ones(shape, np.float32), (person,))
     decoded = codecs.decode_truth(codecs.encode_truth(truth))
     arrays = (decoded.class_map, decoded.instance_map, decoded.depth, decoded.persons[0].amodal)
@@ -88,7 +171,7 @@ def test_a_person_costs_what_its_box_needs_not_what_the_image_needs() -> None:
     mask = np.zeros(shape, np.bool_)
     mask[500:540, 300:320] = noise
     bare = GroundTruth(np.zeros(shape, np.uint8), np.zeros(shape, np.uint16), np.ones(shape, np.float32), ())
-    with_person = GroundTruth(bare.class_map, bare.instance_map, bare.depth, (PersonTruth(24_001, mask, 400),))
+    with_person = GroundTruth(bare.class_map, bare.instance_map, bare.depth, (PersonTruth.of(24_001, mask, 400),))
     assert len(codecs.encode_truth(with_person)) - len(codecs.encode_truth(bare)) < 300
 
 

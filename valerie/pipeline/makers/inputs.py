@@ -19,12 +19,13 @@ from valerie.storage.annotations import decode_boxes, decode_normals
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
-_KEPT_BACKGROUNDS = 3
+#: Backgrounds kept, and truths of statics.
+_KEPT = 3
 Decoded = TypeVar("Decoded")
 
 
 class ProductReader:
-    """Readers see whole frames: background and layer are put together here, and nowhere else.
+    """Readers see whole frames: background and layer, statics and truth layer are put together here, and nowhere else.
 
     Each method raises `MissingInput` when an object is gone or damaged.
     """
@@ -32,6 +33,7 @@ class ProductReader:
     def __init__(self, store: ArtifactStore) -> None:
         self._store = store
         self._backgrounds: OrderedDict[str, LinearImage] = OrderedDict()
+        self._statics: OrderedDict[str, GroundTruth] = OrderedDict()
 
     def frame(self, background: str, layer: str) -> LinearImage:
         """The linear image of a frame."""
@@ -39,7 +41,13 @@ class ProductReader:
 
     def truth(self, digest: str) -> GroundTruth:
         """Ground truth of a frame."""
-        return self._read("truth", digest, codecs.decode_truth)
+        stored = self._read("truth", digest, codecs.decode_stored_truth)
+        if isinstance(stored, GroundTruth):
+            return stored
+        statics = self._kept_statics(stored.statics, of=digest)
+        if statics.class_map.shape != stored.layer.size:
+            raise MissingInput("truth", digest)
+        return stored.layer.over(statics)
 
     def normals(self, digest: str) -> Normals:
         """Normals of a frame."""
@@ -54,15 +62,26 @@ class ProductReader:
         return self._read("prediction", digest, codecs.decode_prediction)
 
     def _background(self, digest: str) -> LinearImage:
-        if digest not in self._backgrounds:
-            self._backgrounds[digest] = self._read("background", digest, codecs.decode_image)
-            while len(self._backgrounds) > _KEPT_BACKGROUNDS:
-                self._backgrounds.popitem(last=False)
-        self._backgrounds.move_to_end(digest)
-        return self._backgrounds[digest]
+        return _kept(self._backgrounds, digest, lambda: self._read("background", digest, codecs.decode_image))
+
+    def _kept_statics(self, digest: str, *, of: str) -> GroundTruth:
+        try:
+            return _kept(self._statics, digest, lambda: self._read("statics", digest, codecs.decode_truth))
+        except MissingInput as error:
+            # Who makes the truth again stores its statics again.
+            raise MissingInput("truth", of) from error
 
     def _read(self, kind: str, digest: str, decode: Callable[[bytes], Decoded]) -> Decoded:
         try:
             return decode(self._store.get(product_key(kind, digest)))
         except (NotFound, CorruptArtifact) as error:
             raise MissingInput(kind, digest) from error
+
+
+def _kept(cache: OrderedDict[str, Decoded], digest: str, read: Callable[[], Decoded]) -> Decoded:
+    if digest not in cache:
+        cache[digest] = read()
+        while len(cache) > _KEPT:
+            cache.popitem(last=False)
+    cache.move_to_end(digest)
+    return cache[digest]

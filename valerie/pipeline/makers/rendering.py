@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import Any, Final
 
 from valerie import plugins
-from valerie.db.products import Finished, Job
+from valerie.db.products import Finished, Job, Part
 from valerie.errors import TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.pipeline.context import Context
@@ -15,11 +16,15 @@ from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.rendering.base import Renderer, View
+from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
+from valerie.storage.store import ArtifactStore
+
+#: Truths of statics whose digests are kept: as many as the truth pass keeps.
+_KEPT_STATICS: Final = 4
 
 _ANNOTATIONS: Final = frozenset(AnnotationKind)
 
@@ -33,6 +38,7 @@ class RenderMaker:
         self._reader = ProductReader(context.store)
         self._engines: dict[tuple[str, bytes], Renderer] = {}
         self._truth: Any = None
+        self._statics = _Statics(context.store)
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
@@ -43,12 +49,16 @@ class RenderMaker:
         resolution = resolved.spec.resolution
         view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
         views: tuple[dict[str, Any], ...] = ()
+        part: Part | None = None
         if job.kind == "truth":
             from valerie.rendering.visibility import measure
 
-            truth = self._truth_pass(run.pins["truth"]["numeric_class"]).truth(scene, view)
+            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            statics, layer = truth_pass.parts(scene, view)
+            truth = layer.over(statics)
             views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
-            data = codecs.encode_truth(truth)
+            part = self._statics.stored(statics, again=job.attempts > 1)
+            data = codecs.encode_truth_layer(layer, part.digest)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
             kind = AnnotationKind(job.kind)
@@ -67,6 +77,7 @@ class RenderMaker:
             pixels=view.width * view.height,
             cpu_seconds=time.process_time() - started + _cpu_seconds_elsewhere(engine) - elsewhere,
             person_views=views,
+            part=part,
         )
 
     def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
@@ -83,6 +94,29 @@ class RenderMaker:
             self._truth = plugins.create_truth_pass(numeric_class)
         _require_class("truth", self._truth.numeric_class, numeric_class)
         return self._truth
+
+
+class _Statics:
+    """Stores the truths of statics that truths are stored over, each once."""
+
+    def __init__(self, store: ArtifactStore) -> None:
+        self._store = store
+        self._known: deque[tuple[GroundTruth, str]] = deque(maxlen=_KEPT_STATICS)
+
+    def stored(self, statics: GroundTruth, *, again: bool) -> Part:
+        """Its part, whose object is in the store now.
+
+        Args:
+            again: the truth is not made for the first time; a damaged object is replaced.
+        """
+        digest = next((digest for one, digest in self._known if one is statics), None)
+        if digest is None:
+            digest = codecs.statics_digest(statics)
+            self._known.append((statics, digest))
+        key = product_key("statics", digest)
+        if again or not self._store.exists(key):
+            self._store.put(key, codecs.encode_truth(statics))
+        return Part(digest, "statics", self._store.head(key).size, statics.class_map.size)
 
 
 def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
