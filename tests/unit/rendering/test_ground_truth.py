@@ -179,13 +179,9 @@ def test_ids_depth_and_amodal_masks_are_those_from_scratch_bit_for_bit(
 def test_the_layer_holds_the_changed_pixels_alone_and_the_statics_nothing_that_moves(truth_pass: TruthPass) -> None:
     asset = simple_asset()
     scene = apply({"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": -2.5}, asset)
-    statics, layer, whole = (
-        truth_pass.statics(scene, VIEW),
-        truth_pass.layer(scene, VIEW),
-        truth_pass.truth(scene, VIEW),
-    )
+    (statics, layer), whole = truth_pass.parts(scene, VIEW), truth_pass.truth(scene, VIEW)
     assert not np.isin(statics.instance_map, [24001, 24002]).any()
-    assert truth_pass.statics(apply({"scene.person-1.pos.x": 3.0}, asset), VIEW) is statics
+    assert truth_pass.parts(apply({"scene.person-1.pos.x": 3.0}, asset), VIEW)[0] is statics
     differs = (whole.instance_map != statics.instance_map) | (whole.depth != statics.depth)
     rows, columns = np.nonzero(differs)
     box = layer.rectangle
