@@ -115,8 +115,9 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
     else:
         from valerie.scene.asset_files import read_manifest, read_scene
 
-        manifest, asset_digest, files = read_manifest(_asset_folder(name, arguments, asset_dir))
-        scene = read_scene(manifest, files)
+        folder = _asset_folder(name, arguments, asset_dir)
+        manifest, asset_digest, files = read_manifest(folder)
+        scene = read_scene(manifest, files, folder)
     require_declared(scene, manifest)
     return SceneAsset(manifest, asset_digest, scene)
 

@@ -8,16 +8,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, InvalidInputs
 from valerie.loading import load_document
 from valerie.parameters.assignment import digest
+from valerie.scene.gltf_files import MAX_FILE_BYTES, Resources, external_uris
 from valerie.scene.manifest import Manifest, parse_manifest
 from valerie.scene.model import Scene
 
 MANIFEST_FILE: Final = "manifest.yaml"
 MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
-#: Largest glTF file that is opened.
-MAX_FILE_BYTES: Final = 1024**3
 
 
 def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
@@ -37,25 +36,64 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         raise InvalidInput(error.message, field=place, value=error.value, limit=error.limit) from None
     data.setdefault("name", folder.resolve().name)
     manifest = parse_manifest(data, source=MANIFEST_FILE)
-    if not manifest.files:
+    if not manifest.all_files:
         raise InvalidInput("an asset has at least one glTF file", field=f"{MANIFEST_FILE}.files")
-    files = {
-        name: _inside(folder, name, limit=MAX_FILE_BYTES, field=f"{MANIFEST_FILE}.files.{index}")
-        for index, name in enumerate(manifest.files)
-    }
-    hashes = {name: _file_digest(file) for name, file in files.items()}
-    return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes), files
+    files: dict[str, Path] = {}
+    hashes: dict[str, str] = {}
+    problems: list[InvalidInput] = []
+    for name in manifest.all_files:
+        try:
+            files[name] = _inside(folder, name, limit=MAX_FILE_BYTES, field=f"{MANIFEST_FILE}.files")
+        except InvalidInput as problem:
+            problems.append(problem)
+            continue
+        hashes[name] = _file_digest(files[name])
+        found, missing = _references(files[name], folder, name)
+        problems += missing
+        hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in found.items()}
+    if problems:
+        raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
+    document = manifest.model_dump(mode="json")
+    for later in ("placed_files", "placed_cameras"):  # assets without them keep the digest that they had before
+        if not document[later]:
+            del document[later]
+    return manifest, digest("asset-files", document, hashes), files
 
 
-def read_scene(manifest: Manifest, files: Mapping[str, Path]) -> Scene:
+def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:
     """Read the glTF files of an asset into one scene, labelled as the manifest says.
+
+    Args:
+        manifest: of the asset.
+        files: glTF files by name (`read_manifest`).
+        folder: of the asset, which nothing that a file refers to lies outside of.
 
     Raises:
         InvalidInput: a file is broken, or two files contradict each other.
     """
     from valerie.scene.gltf import merge, read_gltf
 
-    return merge({name: read_gltf(path) for name, path in files.items()}, manifest)
+    return merge({name: read_gltf(path, folder) for name, path in files.items()}, manifest)
+
+
+def _references(path: Path, folder: Path, name: str) -> tuple[Mapping[str, Path], list[InvalidInput]]:
+    """Files that a glTF file refers to, and what is wrong with them; its JSON is read again only when the file changed."""
+    state = path.stat()
+    uris = _uris(path, name, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+    resources = Resources(path, folder)
+    found: dict[str, Path] = {}
+    problems = []
+    for field, uri in uris:
+        try:
+            found[uri] = resources.find(uri, field=field)
+        except InvalidInput as problem:
+            problems.append(problem)
+    return found, problems
+
+
+@lru_cache(maxsize=256)
+def _uris(path: Path, name: str, *_state: int) -> tuple[tuple[str, str], ...]:
+    return external_uris(path, name)
 
 
 def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:

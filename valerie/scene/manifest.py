@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
 
@@ -18,13 +18,10 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
 from valerie.scene.attributes import resolve
 from valerie.scene.naming import ROOT, is_node_name
+from valerie.scene.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.solar import ANGLES, CLOCK_PATHS
 
-#: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
-MAX_COORDINATE_M: Final = 10_000.0
-
-Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
 Point = tuple[Coordinate, Coordinate]
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
 AssetName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
@@ -72,7 +69,9 @@ class Manifest(_Document):
 
     Attributes:
         name: how specs call the asset.
-        files: glTF files of a user's asset, relative to the manifest; empty for generated assets.
+        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; empty for
+            generated assets.
+        placed_files: glTF files of a user's asset that are named and placed here.
         bearing_deg: compass bearing of +y, clockwise from north.
         extent: x0, y0, x1, y1 in metres: where a person may be at all.
         parameters: what may vary, with type, range, unit and default.
@@ -82,7 +81,8 @@ class Manifest(_Document):
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.
         person_radius_m: the circle that a standing person needs.
-        cameras: camera names, e.g. ``camera-1``.
+        cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
+        placed_cameras: cameras that are in no file.
         node_classes: class by path, for nodes whose names do not tell.
 
     Raises:
@@ -94,6 +94,7 @@ class Manifest(_Document):
     title: str = ""
     description: str = ""
     files: tuple[str, ...] = ()
+    placed_files: tuple[PlacedFile, ...] = ()
     bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
     extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     parameters: tuple[ParameterDefinition, ...] = ()
@@ -104,6 +105,7 @@ class Manifest(_Document):
     grounded: tuple[str, ...] = ()
     person_radius_m: float = Field(default=0.3, ge=0, le=5, allow_inf_nan=False)
     cameras: tuple[str, ...] = Field(min_length=1)
+    placed_cameras: tuple[PlacedCamera, ...] = ()
     node_classes: dict[str, str] = Field(default_factory=dict)
 
     def __hash__(self) -> int:
@@ -124,6 +126,9 @@ class Manifest(_Document):
         filled = dict(given)
         if "persons" in filled:
             filled.setdefault("grounded", filled["persons"])
+        placed = filled.get("placed_cameras")
+        if placed and isinstance(placed, list | tuple) and "cameras" not in filled:
+            filled["cameras"] = [camera.get("name") for camera in placed if isinstance(camera, dict)]
         cameras, parameters = filled.get("cameras"), filled.get("parameters")
         if isinstance(cameras, list | tuple) and isinstance(parameters, list | tuple):
             filled["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
@@ -133,8 +138,7 @@ class Manifest(_Document):
     @classmethod
     def _plain_files(cls, files: tuple[str, ...]) -> tuple[str, ...]:
         for index, file in enumerate(files):
-            if not file.lower().endswith((".glb", ".gltf")):
-                raise InvalidInput("not a glTF file", field=f"files.{index}", value=file, limit=".glb or .gltf")
+            require_gltf_name(file, field=f"files.{index}")
         return files
 
     @model_validator(mode="after")
@@ -157,6 +161,10 @@ class Manifest(_Document):
                 )
         for field in ("cameras", "movable", "persons", "grounded", "files"):
             _check_distinct(field, getattr(self, field))
+        _check_distinct("placed_files", [placed.node for placed in self.placed_files])
+        _check_distinct("placed_cameras", [placed.name for placed in self.placed_cameras])
+        for index, placed in enumerate(self.placed_cameras):
+            self.require_camera(placed.name, field=f"placed_cameras.{index}")
         _check_distinct("parameters", [p.name for p in self.parameters])
         _check_distinct("parameters", [p.path for p in self.parameters])
         paths = {definition.path for definition in self.parameters}
@@ -185,6 +193,11 @@ class Manifest(_Document):
                     "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
                 )
         return self
+
+    @property
+    def all_files(self) -> tuple[str, ...]:
+        """Every file once, in the order in which they are named."""
+        return tuple(dict.fromkeys((*self.files, *(placed.file for placed in self.placed_files))))
 
     @cached_property
     def by_path(self) -> Mapping[str, ParameterDefinition]:

@@ -13,6 +13,7 @@ import trimesh
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf import EXTRAS_KEY, load_gltf, read_gltf, save_gltf
+from valerie.scene.gltf.meshes import unrolled
 from valerie.scene.model import Environment, Material, Scene
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
@@ -191,21 +192,98 @@ def test_a_file_that_says_it_is_shorter_than_its_chunks_is_refused(written: Path
         load_gltf(written)
 
 
-@pytest.mark.parametrize("uri", ["street.bin", "../secret.bin", "/etc/passwd", "http://127.0.0.1/x", "file:///x"])
-def test_an_external_buffer_is_refused(written: Path, uri: str) -> None:
-    document, _ = chunks_of(written)
-    document["buffers"] = [{"byteLength": 4, "uri": uri}]
-    target = written.with_suffix(".gltf")
+def beside(path: Path, document: dict[str, Any], binary: bytes) -> Path:
+    """A .gltf with its buffer and its image in files beside it, as other programs export."""
+    view = document["bufferViews"][document["images"][0].pop("bufferView")]
+    start = view.get("byteOffset", 0)
+    folder = path.parent / "textures"
+    folder.mkdir()
+    (folder / "the paving.png").write_bytes(binary[start : start + view["byteLength"]])
+    document["images"][0]["uri"] = "textures/the%20paving.png"
+    (path.parent / "street.bin").write_bytes(binary)
+    document["buffers"] = [{"byteLength": len(binary), "uri": "street.bin"}]
+    target = path.with_suffix(".gltf")
     target.write_text(json.dumps(document))
-    with pytest.raises(InvalidInput, match="external URIs are refused"):
+    return target
+
+
+def test_buffers_and_images_beside_the_file_are_read(written: Path) -> None:
+    assert_same_scene(load_gltf(beside(written, *chunks_of(written))), simple_asset().base)
+
+
+@pytest.mark.parametrize(
+    ("uri", "message"),
+    [
+        ("street.bin", "there is no such file"),
+        ("textures", "there is no such file"),
+        ("../secret.bin", "outside the asset's folder"),
+        ("..%2Fsecret.bin", "outside the asset's folder"),
+        ("link.bin", "outside the asset's folder"),
+        ("/etc/passwd", "only files beside this one"),
+        ("http://127.0.0.1/x", "only files beside this one"),
+        ("file:///x", "only files beside this one"),
+        ("C:\\\\x", "only files beside this one"),
+        ("data:text/plain,abcd", "not a data URI"),
+        ("", "only files beside this one"),
+    ],
+)
+def test_a_buffer_that_is_elsewhere_or_missing_is_refused(tmp_path: Path, uri: str, message: str) -> None:
+    folder = tmp_path / "asset"
+    (folder / "textures").mkdir(parents=True)
+    save_gltf(simple_asset().base, folder / "simple.glb")
+    (tmp_path / "secret.bin").write_bytes(b"abcd")
+    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
+    document, _ = chunks_of(folder / "simple.glb")
+    document["buffers"] = [{"byteLength": 4, "uri": uri}]
+    target = folder / "simple.gltf"
+    target.write_text(json.dumps(document))
+    with pytest.raises(InvalidInput, match=message):
         load_gltf(target)
 
 
-def test_an_external_image_is_refused(written: Path) -> None:
+def test_an_image_that_is_missing_is_named(written: Path) -> None:
     document, binary = chunks_of(written)
     document["images"][0] = {"uri": "paving.png"}
-    with pytest.raises(InvalidInput, match=r"images\.0\.uri"):
+    with pytest.raises(InvalidInput, match=r"images\.0\.uri: there is no such file; got paving.png"):
         load_gltf(embedded(written, document, binary))
+
+
+@pytest.mark.parametrize("mode", [5, 6])
+def test_a_strip_or_fan_is_the_same_surface_as_its_triangles(mode: int) -> None:
+    # A regular hexagon, counter-clockwise: as a fan around its first corner, and as a strip from side to side.
+    angles = np.arange(6) * math.pi / 3
+    corners = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    indices = np.array([0, 1, 2, 3, 4, 5] if mode == 6 else [0, 1, 5, 2, 4, 3], np.uint32)
+    faces = unrolled(indices, fan=mode == 6)
+    sides = corners[faces[:, 1:]] - corners[faces[:, :1]]
+    areas = (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    assert len(faces) == 4
+    assert (areas > 0).all()  # all turn the same way
+    assert areas.sum() == pytest.approx(1.5 * math.sqrt(3))
+
+
+def test_lines_are_left_out_and_noted(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["meshes"][0]["primitives"][0]["mode"] = 1
+    part = read_gltf(embedded(written, document, binary))
+    assert "lines and points are ignored" in part.notes
+
+
+def test_extensions_that_are_not_read_are_named(written: Path) -> None:
+    document, binary = chunks_of(written)
+    document["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_sheen", "EXT_other"]
+    assert any(
+        "EXT_other, KHR_materials_sheen" in note for note in read_gltf(embedded(written, document, binary)).notes
+    )
+
+
+def test_nodes_without_name_are_noted_in_one_line(written: Path) -> None:
+    document, binary = chunks_of(written)
+    for node in document["nodes"]:
+        node.pop("name", None)
+    notes = [note for note in read_gltf(embedded(written, document, binary)).notes if "without a name" in note]
+    assert len(notes) == 1
+    assert "node_0, node_1" in notes[0]
 
 
 #: Ways to break a good document.
@@ -221,7 +299,6 @@ BREAKS: dict[str, Any] = {
     "no such accessor": lambda d: d["meshes"][0]["primitives"][0]["attributes"].update(POSITION=10**6),
     "no such camera": lambda d: next(n for n in d["nodes"] if "camera" in n).update(camera=7),
     "no such image": lambda d: d["textures"][0].update(source=5),
-    "lines": lambda d: d["meshes"][0]["primitives"][0].update(mode=1),
     "circle of nodes": lambda d: d["nodes"][0].update(children=[0]),
     "two parents": lambda d: [node.update(children=[3]) for node in d["nodes"][:2]],
     "child out of range": lambda d: d["nodes"][0].update(children=[10**6]),

@@ -21,7 +21,6 @@ EMISSIVE_STRENGTH: Final = "KHR_materials_emissive_strength"
 SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH})
 
 #: Checked before anything of that size is allocated.
-MAX_FILE_BYTES: Final = 1024**3
 MAX_NODES: Final = 100_000
 MAX_DEPTH: Final = 64
 MAX_VERTICES: Final = 30_000_000

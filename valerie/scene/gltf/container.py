@@ -1,11 +1,8 @@
-"""Opening a glTF file: header, chunks, JSON and buffers, checked before they are trusted."""
+"""A glTF document and its buffers, checked before they are trusted."""
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
-import struct
 import warnings
 from pathlib import Path
 from typing import Any, Final
@@ -15,10 +12,8 @@ import pygltflib
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.scene.gltf.common import MAX_FILE_BYTES, MAX_NODES, MAX_VERTICES, SUPPORTED_EXTENSIONS
-
-_JSON_CHUNK: Final = 0x4E4F534A
-_BINARY_CHUNK: Final = 0x004E4942
+from valerie.scene.gltf.common import MAX_NODES, MAX_VERTICES, SUPPORTED_EXTENSIONS
+from valerie.scene.gltf_files import Resources, open_document
 
 _COMPONENTS: Final[dict[int, np.dtype[Any]]] = {
     pygltflib.BYTE: np.dtype("<i1"),
@@ -39,13 +34,18 @@ class Container:
         name: file name, for messages.
     """
 
-    def __init__(self, document: pygltflib.GLTF2, buffers: list[bytes], name: str) -> None:
-        self.document, self.name, self._buffers = document, name, buffers
+    def __init__(self, document: pygltflib.GLTF2, binary: bytes | None, name: str, resources: Resources) -> None:
+        self.document, self.name, self._resources = document, name, resources
+        self._buffers = _buffers(document, binary, name, resources)
 
     def view(self, index: int) -> bytes:
         """The bytes of a buffer view."""
         data, start, length, _ = self._view(index)
         return data[start : start + length]
+
+    def resource(self, uri: str, *, field: str) -> bytes:
+        """The bytes that a URI of this file stands for."""
+        return self._resources.read(uri, field=field)
 
     def _view(self, index: int) -> tuple[bytes, int, int, int | None]:
         view = _item(self.document.bufferViews, index, f"{self.name}: bufferViews")
@@ -95,83 +95,42 @@ class Container:
         return copied[:, 0] if width == 1 else copied
 
 
-def open_container(path: Path) -> Container:
-    """Read a .glb, or a .gltf whose buffers are embedded.
+def open_container(path: Path, root: Path | None = None) -> Container:
+    """Read a .glb or .gltf with the files that it refers to.
+
+    Args:
+        path: of the file.
+        root: folder that no reference may lead out of; the file's own if not given.
 
     Raises:
-        InvalidInput: too large, truncated, not glTF 2.0, requires an unknown extension, or refers to other files.
+        InvalidInput: too large, truncated, not glTF 2.0, requires an unknown extension, or a file is missing or outside.
     """
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise InvalidInput("the file is too large", field=path.name, value=f"{size} bytes", limit=MAX_FILE_BYTES)
-    raw = path.read_bytes()
-    text, binary = _chunks(raw, path.name) if path.suffix.lower() == ".glb" else (raw, None)
-    document = _parse(text, path.name)
-    return Container(document, _buffers(document, binary, path.name), path.name)
+    plain, binary = open_document(path)
+    return Container(_parse(plain, path.name), binary, path.name, Resources(path, root))
 
 
-def _chunks(raw: bytes, name: str) -> tuple[bytes, bytes | None]:
-    """JSON and binary chunk of a .glb (glTF 2.0, section 4.4)."""
-    if len(raw) < 20 or raw[:4] != b"glTF":
-        raise InvalidInput("not a binary glTF file", field=name, value=f"{len(raw)} bytes", limit="starts with glTF")
-    version, length = struct.unpack_from("<II", raw, 4)
-    if version != 2:
-        raise InvalidInput("another version of glTF", field=name, value=version, limit=2)
-    if length > len(raw):
-        raise InvalidInput(
-            "the file is truncated", field=name, value=f"{len(raw)} bytes", limit=f"its header promises {length}"
-        )
-    chunks: dict[int, bytes] = {}
-    position = 12
-    while position + 8 <= length:
-        size, kind = struct.unpack_from("<II", raw, position)
-        position += 8
-        if position + size > length:
+def _parse(plain: dict[str, Any], name: str) -> pygltflib.GLTF2:
+    try:
+        unsupported = sorted(set(plain.get("extensionsRequired") or ()) - SUPPORTED_EXTENSIONS)
+        if unsupported:
             raise InvalidInput(
-                "the file is truncated inside a chunk",
-                field=name,
-                value=f"{length - position} bytes",
-                limit=f"the chunk promises {size}",
+                "the file requires extensions that are not read; export without them",
+                field=f"{name}: extensionsRequired",
+                value=", ".join(map(str, unsupported)),
+                limit=", ".join(sorted(SUPPORTED_EXTENSIONS)),
             )
-        chunks.setdefault(kind, raw[position : position + size])
-        position += size
-    if _JSON_CHUNK not in chunks:
-        raise InvalidInput("no JSON chunk", field=name)
-    return chunks[_JSON_CHUNK], chunks.get(_BINARY_CHUNK)
-
-
-def _parse(text: bytes, name: str) -> pygltflib.GLTF2:
-    try:
-        plain = json.loads(text.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"not readable as JSON: {error}", field=name) from None
-    version = plain.get("asset", {}).get("version") if isinstance(plain, dict) else None
-    if not isinstance(version, str) or not version.startswith("2."):
-        raise InvalidInput("not glTF 2.0", field=f"{name}: asset.version", value=version)
-    unsupported = sorted(set(plain.get("extensionsRequired", [])) - SUPPORTED_EXTENSIONS)
-    if unsupported:
-        raise InvalidInput(
-            "the file requires extensions that are not read; export without them",
-            field=f"{name}: extensionsRequired",
-            value=", ".join(map(str, unsupported)),
-            limit=", ".join(sorted(SUPPORTED_EXTENSIONS)),
-        )
-    if len(plain.get("nodes", [])) > MAX_NODES:
-        raise InvalidInput("too many nodes", field=f"{name}: nodes", value=len(plain["nodes"]), limit=MAX_NODES)
-    try:
+        if len(plain.get("nodes") or ()) > MAX_NODES:
+            raise InvalidInput("too many nodes", field=f"{name}: nodes", value=len(plain["nodes"]), limit=MAX_NODES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the library warns of nulls that the format allows
-            document = pygltflib.GLTF2.gltf_from_json(text.decode("utf-8"))
+            document = pygltflib.GLTF2.gltf_from_json(json.dumps(plain))
     except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidInput(f"the JSON is not glTF: {error}", field=name) from None
     assert isinstance(document, pygltflib.GLTF2)
     return document
 
 
-def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str) -> list[bytes]:
-    for index, image in enumerate(document.images):
-        if image.uri is not None and not image.uri.startswith("data:"):
-            _refuse_uri(image.uri, f"{name}: images.{index}.uri")
+def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str, resources: Resources) -> list[bytes]:
     buffers = []
     for index, buffer in enumerate(document.buffers):
         field = f"{name}: buffers.{index}"
@@ -180,7 +139,7 @@ def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str) -> list
                 raise InvalidInput("the buffer has no data", field=field)
             data = binary
         else:
-            data = decode_data_uri(buffer.uri, f"{field}.uri")
+            data = resources.read(buffer.uri, field=f"{field}.uri")
         if len(data) < int(buffer.byteLength):
             raise InvalidInput(
                 "the file is truncated: the buffer is shorter than it says",
@@ -190,23 +149,6 @@ def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str) -> list
             )
         buffers.append(data)
     return buffers
-
-
-def decode_data_uri(uri: str, field: str) -> bytes:
-    """The bytes of a ``data:…;base64,…`` URI; any other URI is refused, since assets are self-contained."""
-    head, comma, body = uri.partition(",")
-    if not head.startswith("data:") or not comma or not head.endswith(";base64"):
-        _refuse_uri(uri, field)
-    try:
-        return base64.b64decode(body, validate=True)
-    except binascii.Error:
-        raise InvalidInput("not valid base64", field=field) from None
-
-
-def _refuse_uri(uri: str, field: str) -> None:
-    raise InvalidInput(
-        "external URIs are refused; embed the data", field=field, value=uri[:80], limit="data:…;base64,…"
-    )
 
 
 def _item(items: list[Any], index: Any, field: str) -> Any:

@@ -18,10 +18,16 @@ from valerie.scene.model import Material, Mesh
 
 #: What a primitive without a material is drawn with.
 DEFAULT_MATERIAL = "default"
+#: What a primitive can be that has no surface.
+_LINES_AND_POINTS = (pygltflib.POINTS, pygltflib.LINES, pygltflib.LINE_LOOP, pygltflib.LINE_STRIP)
 
 
 class MeshReader:
-    """Reads each glTF mesh and accessor once, so that what nodes share in the file is shared in the scene."""
+    """Reads each glTF mesh and accessor once, so that what nodes share in the file is shared in the scene.
+
+    Attributes:
+        without_normals: names of meshes whose normals were computed.
+    """
 
     def __init__(self, container: Container, textures: TextureReader, notes: list[str]) -> None:
         self._container, self._document = container, container.document
@@ -31,6 +37,7 @@ class MeshReader:
         self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
         self._vertices = 0
         self._needs_default = False
+        self.without_normals: list[str] = []
 
     def read(self, index: int) -> tuple[Mesh, ...]:
         """The primitives of a glTF mesh."""
@@ -39,9 +46,11 @@ class MeshReader:
             if not 0 <= index < len(self._document.meshes):
                 raise InvalidInput("no such mesh", field=field)
             primitives = self._document.meshes[index].primitives
-            self._meshes[index] = tuple(
-                self._primitive(primitive, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
+            name = self._document.meshes[index].name or f"meshes.{index}"
+            read = (
+                self._primitive(primitive, name, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
             )
+            self._meshes[index] = tuple(mesh for mesh in read if mesh is not None)
         return self._meshes[index]
 
     def all_materials(self) -> dict[str, Material]:
@@ -60,20 +69,23 @@ class MeshReader:
             found.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
         return found
 
-    def _primitive(self, given: pygltflib.Primitive, field: str) -> Mesh:
-        if given.mode not in (None, pygltflib.TRIANGLES):
-            raise InvalidInput("only triangles are read; export as triangles", field=f"{field}.mode", value=given.mode)
+    def _primitive(self, given: pygltflib.Primitive, name: str, field: str) -> Mesh | None:
+        if given.mode in _LINES_AND_POINTS:
+            self._notes.append("lines and points are ignored")
+            return None
         if given.targets:
             self._notes.append("morph targets are ignored")
         attributes = given.attributes
+        if attributes.COLOR_0 is not None:
+            self._notes.append("colours of vertices are ignored")
         if attributes.POSITION is None:
             raise InvalidInput("a mesh without positions", field=field)
         positions = self._vectors(attributes.POSITION)
         count = len(positions)
-        faces = self._faces(given.indices, count, field)
+        faces = self._faces(given.indices, given.mode, count, field)
         uvs = self._uvs(attributes.TEXCOORD_0, count, field)
         if attributes.NORMAL is None:
-            self._notes.append("meshes without normals are shaded flat")
+            self.without_normals.append(name)
             corners = faces.reshape(-1)
             positions, uvs = positions[corners], uvs[corners]
             faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
@@ -129,7 +141,7 @@ class MeshReader:
             raise InvalidInput("texture coordinates and positions differ in number", field=field, limit=count)
         return self._arrays[key]
 
-    def _faces(self, accessor: int | None, count: int, field: str) -> NDArray[np.uint32]:
+    def _faces(self, accessor: int | None, mode: int | None, count: int, field: str) -> NDArray[np.uint32]:
         if accessor is None:
             indices: NDArray[Any] = np.arange(count, dtype=np.uint32)
         else:
@@ -137,9 +149,25 @@ class MeshReader:
             if key not in self._arrays:
                 self._arrays[key] = self._container.array(accessor, kind="SCALAR").astype(np.uint32)
             indices = self._arrays[key]
-        if len(indices) % 3 or (len(indices) and int(indices.max()) >= count):
-            raise InvalidInput("not triangles of the mesh's vertices", field=field, value=f"{len(indices)} indices")
+        if len(indices) and int(indices.max()) >= count:
+            raise InvalidInput("an index of no vertex", field=field, value=int(indices.max()), limit=count - 1)
+        if mode in (pygltflib.TRIANGLE_STRIP, pygltflib.TRIANGLE_FAN):
+            return unrolled(indices, fan=mode == pygltflib.TRIANGLE_FAN)
+        if len(indices) % 3:
+            raise InvalidInput("no whole triangles", field=field, value=f"{len(indices)} indices", limit="3 each")
         return indices.reshape(-1, 3)
+
+
+def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
+    """(F, 3) triangles of a strip or fan of F + 2 vertices, all turning the same way (glTF 2.0, section 3.7.2.1)."""
+    number = max(len(indices) - 2, 0)
+    steps = np.arange(number)
+    if fan:
+        corners = np.stack([steps + 1, steps + 2, np.zeros_like(steps)], axis=1)
+    else:
+        odd = steps % 2
+        corners = np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)
+    return indices[corners].astype(np.uint32)
 
 
 def flat_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:

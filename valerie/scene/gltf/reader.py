@@ -14,6 +14,7 @@ from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import (
     LIGHTS,
     MAX_DEPTH,
+    SUPPORTED_EXTENSIONS,
     FilePart,
     own_extras,
     transform_from_y_up,
@@ -26,16 +27,22 @@ from valerie.scene.gltf.textures import TextureReader
 from valerie.scene.model import Camera, Environment, Matrix, Node, Sun
 from valerie.scene.naming import ROOT, node_name
 
-_IGNORED = {"KHR_texture_transform": "texture transforms", "KHR_materials_transmission": "transmission"}
+#: Longest list of names in a note.
+_FIRST = 5
 
 
-def read_gltf(path: Path) -> FilePart:
-    """Read a .glb or a self-contained .gltf.
+def read_gltf(path: Path, root: Path | None = None) -> FilePart:
+    """Read a .glb or .gltf, with the buffers and images that lie beside it.
+
+    Args:
+        path: of the file.
+        root: folder that no reference may lead out of; the file's own if not given.
 
     Raises:
-        InvalidInput: the file is broken, truncated, too large, refers to other files, or uses what cannot be read.
+        InvalidInput: the file is broken, truncated, too large, refers to files that are not there or outside of ``root``,
+            or uses what cannot be read.
     """
-    container = open_container(path)
+    container = open_container(path, root)
     try:
         return _Reader(container).read()
     except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
@@ -46,11 +53,13 @@ def read_gltf(path: Path) -> FilePart:
 class _Reader:
     def __init__(self, container: Container) -> None:
         self._container, self._document = container, container.document
-        self._notes = [f"{what} are ignored" for key, what in _IGNORED.items() if key in _used(container.document)]
+        self._notes = _unread(container.document)
         self._textures = TextureReader(container)
         self._meshes = MeshReader(container, self._textures, self._notes)
         self._paths: dict[int, str] = {}
         self._worlds: dict[int, Matrix] = {}
+        self._unnamed: list[str] = []
+        self._renamed: list[str] = []
 
     def read(self) -> FilePart:
         document = self._document
@@ -68,7 +77,8 @@ class _Reader:
             light = self._light(given)
             if given.camera is not None:
                 camera = self._camera(given, path, self._worlds[index])
-                cameras[camera.name] = camera
+                if camera is not None:
+                    cameras[camera.name] = camera
             if light is not None and sun is None:
                 sun = self._sun(light, self._worlds[index], environment or Environment())
             if given.mesh is None and not given.children and (given.camera is not None or light is not None):
@@ -85,6 +95,7 @@ class _Reader:
                 )
             )
         materials = self._meshes.all_materials()
+        self._note_lists()
         return FilePart(
             nodes=tuple(nodes),
             materials=materials,
@@ -142,17 +153,30 @@ class _Reader:
         given = self._document.nodes[index]
         name = node_name(given.name, index)
         if not given.name:
-            self._notes.append(f"node {index} has no name; it is called {name}")
+            self._unnamed.append(name)
         elif name != given.name:
-            self._notes.append(f"node {given.name!r} is called {name}")
+            self._renamed.append(f"{given.name!r} → {name}")
         local = _local_matrix(given, f"{self._container.name}: nodes.{index}")
         self._paths[index] = f"{ROOT if parent is None else self._paths[parent]}.{name}"
         self._worlds[index] = local if parent is None else self._worlds[parent] @ local
 
-    def _camera(self, given: pygltflib.Node, path: str, world: Matrix) -> Camera:
+    def _note_lists(self) -> None:
+        if self._unnamed:
+            self._notes.append(f"nodes without a name are called {_listed(self._unnamed)}")
+        if self._renamed:
+            self._notes.append(f"nodes are renamed, so that names can stand in paths: {_listed(self._renamed)}")
+
+        flat = list(dict.fromkeys(self._meshes.without_normals))
+        if flat:
+            self._notes.append(
+                f"meshes without normals: they are computed per face, so that it looks faceted: {_listed(flat)}"
+            )
+
+    def _camera(self, given: pygltflib.Node, path: str, world: Matrix) -> Camera | None:
         camera = self._document.cameras[given.camera]
         if camera.perspective is None:
-            raise InvalidInput("only perspective cameras are read", field=path, value=camera.type)
+            self._notes.append(f"camera {path} is ignored: only perspective cameras are read, it is {camera.type}")
+            return None
         own = own_extras(camera.extras)
         sensor = float(own.get("sensor_width_mm", 36.0))
         lens = camera.perspective
@@ -201,8 +225,15 @@ class _Reader:
         return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]), **weather)
 
 
-def _used(document: pygltflib.GLTF2) -> set[str]:
-    return set(document.extensionsUsed or ())
+def _unread(document: pygltflib.GLTF2) -> list[str]:
+    """What extensions add and this project leaves out."""
+    used = sorted({str(name) for name in document.extensionsUsed or ()} - SUPPORTED_EXTENSIONS)
+    return [f"extensions are not read, what they add is missing: {_listed(used)}"] if used else []
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _FIRST
+    return ", ".join(names[:_FIRST]) + (f" and {more} more" if more > 0 else "")
 
 
 def _local_matrix(node: pygltflib.Node, field: str) -> Matrix:

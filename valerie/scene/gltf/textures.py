@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import MAX_TEXELS
-from valerie.scene.gltf.container import Container, decode_data_uri
+from valerie.scene.gltf.container import Container
 from valerie.scene.gltf.images import decode_image
 from valerie.scene.model import Texture
 
@@ -47,7 +47,7 @@ class TextureReader:
             if image.bufferView is not None:
                 data = self._container.view(image.bufferView)
             else:
-                data = decode_data_uri(image.uri or "", f"{field}.uri")
+                data = self._container.resource(image.uri or "", field=f"{field}.uri")
             texels = decode_image(data, field=field)
             texels.setflags(write=False)
             self._texels += texels.shape[0] * texels.shape[1]
