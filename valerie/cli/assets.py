@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from valerie.cli.shell import Json, command_name, console, say, settings_of
+from valerie.cli.shell import Exit, Json, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -79,22 +79,36 @@ def show(
 
 
 @app.command()
-def check(asset: Asset, arguments: Argument = None) -> None:
-    """Read a whole asset and say what it holds, or what is wrong with it."""
-    folder = Path(asset) if "/" in asset else settings_of().asset_dir / asset
-    if (folder / "manifest.yaml").is_file():
-        from valerie.scene.check import asset_problems
+def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> None:
+    """Read a whole asset and say what it holds, and everything that is wrong with it or looks so.
 
-        for problem in asset_problems(folder):  # all of them, also what does not keep the asset from being used
-            say(problem)
-    loaded = _load(asset, arguments)
-    nodes = loaded.base.nodes.values()
-    triangles = sum(len(mesh.faces) for node in nodes if node.visible for mesh in node.meshes)
-    typer.echo(
-        f"{loaded.name}: {len(loaded.base.nodes):,} nodes, {triangles:,} visible triangles, "
-        f"{len(loaded.base.materials):,} materials, {len(loaded.base.cameras)} cameras, "
-        f"{len(loaded.manifest.parameters)} parameters; digest {loaded.digest}"
-    )
+    Exits with 2 when a run with the asset would be refused or fail.
+    """
+    from valerie.scene.asset_files import MANIFEST_FILE
+    from valerie.scene.checks import Severity, asset_findings, scene_findings
+
+    folder = Path(asset) if "/" in asset else settings_of().asset_dir / asset
+    if (folder / MANIFEST_FILE).is_file():
+        findings = asset_findings(folder)
+        loaded = None
+    else:
+        loaded = _load(asset, arguments)
+        findings = list(scene_findings(loaded))
+    bad = any(finding.severity is Severity.ERROR for finding in findings)
+    summary = {} if bad else _summary(loaded or _load(asset, arguments))
+    if as_json:
+        document = {"ok": not bad, **summary, "findings": [finding.document() for finding in findings]}
+        typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
+    else:
+        for finding in findings:
+            say(str(finding))
+        if summary:
+            typer.echo(
+                "{name}: {nodes:,} nodes, {triangles:,} visible triangles, {materials:,} materials, {cameras} cameras, "
+                "{parameters} parameters; digest {digest}".format(**summary)
+            )
+    if bad:
+        raise typer.Exit(Exit.INVALID_INPUT)
 
 
 @app.command()
@@ -138,6 +152,19 @@ def _load(asset: str, arguments: list[str] | None) -> SceneAsset:
 
     reference, folder = _reference(asset, arguments)
     return load_asset(reference, asset_dir=folder)
+
+
+def _summary(asset: SceneAsset) -> dict[str, Any]:
+    nodes = asset.base.nodes.values()
+    return {
+        "name": asset.name,
+        "digest": asset.digest,
+        "nodes": len(nodes),
+        "triangles": sum(len(mesh.faces) for node in nodes if node.visible for mesh in node.meshes),
+        "materials": len(asset.base.materials),
+        "cameras": len(asset.base.cameras),
+        "parameters": len(asset.manifest.parameters),
+    }
 
 
 def _row(entry: PathEntry) -> dict[str, Any]:

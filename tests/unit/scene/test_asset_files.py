@@ -1,16 +1,21 @@
 """Users' assets in folders: read, labelled, digested; and everything that must be refused."""
 
+import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from valerie.errors import InvalidInput, UnknownName
+from valerie.parameters.assignment import digest
 from valerie.scene.asset import asset_manifest, asset_names, load_asset
 from valerie.scene.asset_files import MANIFEST_FILE
 from valerie.scene.gltf import save_gltf
+from valerie.scene.gltf.images import encode_png
 from valerie.scene.model import Scene
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
@@ -150,3 +155,94 @@ def test_cloth_that_two_persons_share_cannot_vary_for_one(folder: Path) -> None:
     save_gltf(Scene(nodes, base.materials, base.textures, base.cameras, base.sun), folder / "simple.glb")
     with pytest.raises(InvalidInput, match="one of its own"):
         load_asset(str(folder))
+
+
+def test_a_texture_beside_the_file_belongs_to_the_digest(folder: Path) -> None:
+    (folder / "textures").mkdir()
+    (folder / "textures" / "bark.png").write_bytes(encode_png(np.zeros((2, 2, 3), np.uint8)))
+    document = {"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "images": [{"uri": "textures/bark.png"}]}
+    (folder / "tree.gltf").write_text(json.dumps(document))
+    write_manifest(folder, files=["simple.glb", "tree.gltf"])
+    _, before = asset_manifest(str(folder))
+    (folder / "textures" / "bark.png").write_bytes(encode_png(np.ones((2, 2, 3), np.uint8)))
+    assert asset_manifest(str(folder))[1] != before
+
+
+def test_an_asset_that_places_nothing_keeps_the_digest_of_earlier_versions(folder: Path) -> None:
+    manifest, found = asset_manifest(str(folder))
+    document = manifest.model_dump(mode="json", exclude={"placed_files", "placed_cameras"})
+    hashes = {"simple.glb": hashlib.sha256((folder / "simple.glb").read_bytes()).hexdigest()}
+    assert found == digest("asset-files", document, hashes)
+
+
+def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera(folder: Path) -> None:
+    placed = {
+        "file": "simple.glb",
+        "node": "static-9",
+        "position": [3.0, 20.0, 0.5],
+        "heading_deg": 90.0,
+        "turn_deg": 180.0,
+        "scale": 0.5,
+    }
+    fixed = {"persons": [], "movable": [], "grounded": [], "obstacles": [], "parameters": []}
+    cameras = {"cameras": ["front"], "placed_cameras": [{"name": "front", "position": [0, 1, 2], "yaw_deg": 90.0}]}
+    write_manifest(folder, files=[], placed_files=[placed], **fixed, **cameras)
+    scene = load_asset(str(folder)).base
+    assert set(scene.cameras) == {"front"}
+    np.testing.assert_allclose(-scene.cameras["front"].transform[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)
+    node = scene.nodes["scene.static-9.car-1"]
+    assert node.label_id == scene.nodes["scene.static-9"].label_id != simple_asset().base.nodes["scene.car-1"].label_id
+    # 180° within the node and 90° of the node are 270°: x goes to −y, y to x.
+    x, y, z = (0.5 * simple_asset().base.world_transform("scene.car-1"))[:3, 3]
+    np.testing.assert_allclose(scene.world_transform(node.path)[:3, 3], [3.0 + y, 20.0 - x, 0.5 + z])
+
+
+def test_one_file_placed_twice_has_materials_of_its_own_each_time(folder: Path) -> None:
+    base = simple_asset().base
+    save_gltf(Scene(base.nodes, base.materials, base.textures, base.cameras, base.sun), folder / "model.glb")
+    placed = [{"file": "model.glb", "node": f"static-{n}", "position": [40.0 * n, 0, 0]} for n in (1, 2)]
+    write_manifest(folder, placed_files=placed)
+    scene = load_asset(str(folder)).base
+    first, second = (scene.nodes[f"scene.static-{n}.road-1"].meshes[0] for n in (1, 2))
+    assert (first.material, second.material) == ("static-1/paving", "static-2/paving")
+    assert first.positions is second.positions
+    assert scene.materials[first.material].base_color_texture == "model/paving"
+
+
+def test_a_placed_camera_that_a_file_has_too_is_refused(folder: Path) -> None:
+    write_manifest(folder, placed_cameras=[{"name": "camera-1", "position": [0, 0, 1.5]}])
+    with pytest.raises(InvalidInput, match="a camera of this name is in a file"):
+        load_asset(str(folder))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"placed_files": [{"file": "simple.obj", "node": "car-9"}]}, "not a glTF file"),
+        ({"placed_files": [{"file": "simple.glb", "node": "car 9"}]}, "not a node name"),
+        ({"placed_files": [{"file": "simple.glb", "node": "car-9", "scale": 0}]}, "placed_files.0.scale"),
+        (
+            {"placed_files": [{"file": "simple.glb", "node": "car-9"}, {"file": "simple.glb", "node": "car-9"}]},
+            "named twice",
+        ),
+        ({"placed_cameras": [{"name": "camera-7", "position": [0, 0, 1]}]}, "camera-7"),
+    ],
+)
+def test_what_cannot_be_placed_is_refused(folder: Path, change: dict[str, Any], message: str) -> None:
+    write_manifest(folder, **change)
+    with pytest.raises(InvalidInput, match=message):
+        asset_manifest(str(folder))
+
+
+def test_stems_that_are_equal_do_not_mix_materials(folder: Path) -> None:
+    base = simple_asset().base
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        nodes = {f"scene.building-{name}": replace(base.nodes["scene.building-1"], path=f"scene.building-{name}")}
+        paint = {key: replace(m, roughness=0.25 if name == "a" else 0.75) for key, m in base.materials.items()}
+        save_gltf(Scene(nodes, paint, base.textures, {}, base.sun), folder / name / "house.glb")
+    classes = {f"scene.building-{name}": "building" for name in "ab"}
+    write_manifest(folder, files=["simple.glb", "a/house.glb", "b/house.glb"], node_classes=classes)
+    scene = load_asset(str(folder)).base
+    rough = {n: scene.materials[scene.nodes[f"scene.building-{n}"].meshes[0].material].roughness for n in "ab"}
+    assert rough == {"a": 0.25, "b": 0.75}

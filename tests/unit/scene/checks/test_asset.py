@@ -1,0 +1,209 @@
+"""What the check of an asset tells its author, before a run."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from valerie.scene.asset import load_asset
+from valerie.scene.asset_files import MANIFEST_FILE
+from valerie.scene.checks import Finding, Severity, asset_findings, scene_findings, shapes
+from valerie.scene.gltf import save_gltf
+from valerie.scene.model import Scene
+from valerie.testing.assets import simple_asset
+
+BASE = simple_asset().base
+
+
+def written(folder: Path, nodes: dict[str, Any] | None = None, **changes: Any) -> Path:
+    scene = Scene(nodes or BASE.nodes, BASE.materials, BASE.textures, BASE.cameras, BASE.sun)
+    save_gltf(scene, folder / "simple.glb")
+    document = {**simple_asset().manifest.model_dump(mode="json"), "files": ["simple.glb"], **changes}
+    (folder / MANIFEST_FILE).write_text(yaml.safe_dump(document))
+    return folder
+
+
+def renamed(old: str, new: str) -> dict[str, Any]:
+    return {path.replace(old, new): replace(node, path=path.replace(old, new)) for path, node in BASE.nodes.items()}
+
+
+def only(findings: list[Finding], code: str) -> Finding:
+    (found,) = [finding for finding in findings if finding.code == code]
+    return found
+
+
+def test_a_good_asset_has_no_findings(tmp_path: Path) -> None:
+    assert asset_findings(written(tmp_path)) == []
+
+
+def test_the_test_asset_itself_has_no_findings() -> None:
+    assert list(scene_findings(simple_asset())) == []
+
+
+def test_an_unknown_class_is_an_error_and_named(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, renamed("building-1", "house-1"))), "no-class")
+    assert (found.severity, found.where) == (Severity.ERROR, "scene.house-1")
+    assert "'house' is no known class" in found.message
+
+
+def test_a_plain_name_without_class_is_named(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, renamed("building-1", "Cube"))), "no-class")
+    assert (found.where, found.value, found.limit) == ("scene.Cube", "Cube", "as building-3")
+
+
+def test_no_person_is_an_error(tmp_path: Path) -> None:
+    nodes = {path: node for path, node in BASE.nodes.items() if "person" not in path}
+    findings = asset_findings(written(tmp_path, nodes, persons=[], movable=[], grounded=[], parameters=[]))
+    assert only(findings, "no-person").severity is Severity.ERROR
+
+
+def test_nobody_under_test_is_an_error(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, persons=[])), "no-person")
+    assert "nobody is under test" in found.message
+
+
+def test_a_person_that_is_a_building_is_an_error(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, persons=["scene.person-1", "scene.building-1"])), "no-person")
+    assert (found.where, found.value, found.limit) == ("scene.building-1", "building", "person")
+
+
+def test_a_person_that_varies_without_being_movable_is_suspected(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, movable=["scene.person-2", "scene.car-1"])), "not-movable")
+    assert found.where == "scene.person-1"
+
+
+def test_a_mesh_in_centimetres_is_suspected_with_its_height(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    for path in ("scene.person-1", "scene.car-1"):
+        nodes[path] = replace(nodes[path], transform=nodes[path].transform @ np.diag([100.0, 100.0, 100.0, 1.0]))
+    sizes = {f.where: f for f in asset_findings(written(tmp_path, nodes)) if f.code == "size"}
+    assert (sizes["scene.person-1"].value, sizes["scene.person-1"].limit) == ("180 m", "0.4…2.6 m")
+    assert sizes["scene.car-1"].value == "120 m"
+
+
+def test_an_origin_at_the_hips_is_suspected(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    for path in [path for path in nodes if path.startswith("scene.person-1.")]:
+        lowered = nodes[path].transform.copy()
+        lowered[2, 3] -= 0.9
+        nodes[path] = replace(nodes[path], transform=lowered)
+    found = only(asset_findings(written(tmp_path, nodes)), "origin")
+    assert (found.where, found.value) == ("scene.person-1", "lowest point at -0.90 m")
+
+
+def test_an_origin_beside_the_body_is_suspected(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    for path in [path for path in nodes if path.startswith("scene.person-1.")]:
+        moved = nodes[path].transform.copy()
+        moved[0, 3] += 2.0
+        nodes[path] = replace(nodes[path], transform=moved)
+    assert only(asset_findings(written(tmp_path, nodes)), "origin").value == "2.00 m aside"
+
+
+def test_a_mirrored_node_is_suspected(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    nodes["scene.building-1"] = replace(nodes["scene.building-1"], transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    assert only(asset_findings(written(tmp_path, nodes)), "mirrored").where == "scene.building-1"
+
+
+def test_a_huge_mesh_is_suspected_with_its_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shapes, "MAX_MESH_TRIANGLES", 11)
+    found = [f for f in asset_findings(written(tmp_path)) if f.code == "huge-mesh"]
+    assert {(f.value, f.limit) for f in found} == {("12 triangles", "11")}
+
+
+def test_a_texture_without_coordinates_is_suspected(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    road = nodes["scene.road-1"]
+    bare = replace(road.meshes[0], uvs=np.zeros_like(road.meshes[0].uvs))
+    nodes["scene.road-1"] = replace(road, meshes=(bare,))
+    found = only(asset_findings(written(tmp_path, nodes)), "no-texture-coordinates")
+    assert "paving" in found.message
+
+
+def test_a_scene_in_another_unit_than_its_extent_is_suspected(tmp_path: Path) -> None:
+    found = only(asset_findings(written(tmp_path, extent=[3000, 3000, 4000, 4000])), "extent")
+    assert found.limit == "(3000, 3000) to (4000, 4000) m"
+
+
+def test_a_file_without_sun_is_noted(tmp_path: Path) -> None:
+    placed = {"file": "simple.glb", "node": "static-1"}
+    findings = asset_findings(
+        written(
+            tmp_path,
+            files=[],
+            placed_files=[placed],
+            persons=[],
+            movable=[],
+            grounded=[],
+            parameters=[],
+            obstacles=[],
+            cameras=["camera-1"],
+            placed_cameras=[{"name": "camera-1", "position": [0, -5, 1.5]}],
+        )
+    )
+    assert only(findings, "no-light").severity is Severity.NOTE
+
+
+def test_a_person_in_a_wall_by_default_is_suspected(tmp_path: Path) -> None:
+    wall = {"path": "scene.building-1", "polygon": [[-1, 9], [1, 9], [1, 11], [-1, 11]]}
+    (found,) = asset_findings(written(tmp_path, obstacles=[wall]))
+    assert "person-1 stands inside building-1" in found.message
+
+
+def test_a_footprint_that_crosses_itself_is_an_error(tmp_path: Path) -> None:
+    crossed = {"path": "scene.building-1", "polygon": [[-9, 9], [-7, 11], [-7, 9], [-9, 11]]}
+    assert only(asset_findings(written(tmp_path, obstacles=[crossed])), "outline").where == "obstacles.0"
+
+
+def test_what_the_manifest_declares_and_the_scene_lacks_is_an_error(tmp_path: Path) -> None:
+    findings = asset_findings(written(tmp_path, cameras=["camera-1", "camera-2", "camera-3"]))
+    assert "camera-3" in only(findings, "declared").message
+
+
+def test_overlapping_instance_ids_name_both_nodes(tmp_path: Path) -> None:
+    nodes = {**BASE.nodes, "scene.static-1": replace(BASE.nodes["scene.car-1"], path="scene.static-1", meshes=())}
+    nodes["scene.car-01"] = replace(BASE.nodes["scene.car-1"], path="scene.car-01")
+    found = only(asset_findings(written(tmp_path, nodes)), "scene")
+    assert "scene.car-1 and scene.car-01 are the same car (instance id 26001)" in found.message
+
+
+def test_a_broken_file_is_reported_and_not_raised(tmp_path: Path) -> None:
+    written(tmp_path)
+    (tmp_path / "simple.glb").write_bytes((tmp_path / "simple.glb").read_bytes()[:5000])
+    found = only(asset_findings(tmp_path), "file")
+    assert found.where == "simple.glb"
+    assert "truncated" in found.message
+
+
+def test_a_broken_manifest_is_reported_field_by_field(tmp_path: Path) -> None:
+    findings = asset_findings(written(tmp_path, bearing_deg="north", person_radius_m=-1))
+    assert {f.where for f in findings} == {"manifest.yaml.bearing_deg", "manifest.yaml.person_radius_m"}
+
+
+def test_every_missing_texture_is_listed(tmp_path: Path) -> None:
+    textures = [{"uri": f"textures/{name}.png"} for name in ("bark", "leaves")]
+    document = {"asset": {"version": "2.0"}, "scenes": [{"nodes": []}], "images": textures}
+    folder = written(tmp_path, files=["simple.glb", "tree.gltf"])
+    (folder / "tree.gltf").write_text(json.dumps(document))
+    findings = asset_findings(folder)
+    assert [(f.where, f.message, f.value) for f in findings] == [
+        ("tree.gltf: images.0.uri", "there is no such file", "textures/bark.png"),
+        ("tree.gltf: images.1.uri", "there is no such file", "textures/leaves.png"),
+    ]
+
+
+def test_a_finding_says_severity_place_value_and_limit() -> None:
+    found = Finding(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
+    assert str(found) == "warning: scene.person-1: too high; got 18 m; limit: 0.4…2.6 m"
+    assert found.document()["value"] == "18 m"
+
+
+def test_a_folder_with_findings_that_are_no_errors_still_loads(tmp_path: Path) -> None:
+    folder = written(tmp_path, extent=[3000, 3000, 4000, 4000])
+    assert all(f.severity is not Severity.ERROR for f in asset_findings(folder))
+    assert load_asset(str(folder)).manifest.extent[0] == 3000

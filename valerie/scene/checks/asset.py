@@ -1,0 +1,113 @@
+"""A user's asset from its folder to a list of findings: everything at once, nothing raised."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import shapely
+
+from valerie.errors import InvalidInput, ValerieError
+from valerie.scene.asset import SceneAsset
+from valerie.scene.asset_files import read_manifest
+from valerie.scene.checks.findings import Finding, Severity, from_error
+from valerie.scene.checks.names import name_findings
+from valerie.scene.checks.shapes import shape_findings
+from valerie.scene.checks.views import view_findings
+from valerie.scene.legality import rejection_reason
+from valerie.scene.manifest import Manifest
+from valerie.scene.objects import require_declared, unclassified
+from valerie.scene.variation import apply
+
+
+def asset_findings(folder: Path) -> list[Finding]:
+    """Check a user's asset; an empty list means that nothing was found.
+
+    Errors keep runs from using the asset; while there are some in the manifest or in files, the scene is not looked at.
+
+    Args:
+        folder: with ``manifest.yaml`` and the files that it lists.
+    """
+    from valerie.scene.gltf import FilePart, merge, read_gltf
+
+    try:
+        manifest, asset_digest, files = read_manifest(folder)
+    except InvalidInput as error:
+        return list(from_error(error, "manifest"))
+    findings: list[Finding] = []
+    parts: dict[str, FilePart] = {}
+    for name, path in files.items():
+        try:
+            parts[name] = read_gltf(path, folder)
+        except InvalidInput as error:
+            findings += from_error(error, "file", file=name)
+        else:
+            findings += [Finding(Severity.NOTE, "reading", name, note) for note in parts[name].notes]
+    if len(parts) < len(files):
+        return findings
+    if not any(part.sun for name, part in parts.items() if name in manifest.files):
+        findings.append(
+            Finding(
+                Severity.NOTE,
+                "no-light",
+                "scene.sun-1",
+                "no file has a directional light: the sun of a late morning shines",
+            )
+        )
+    try:
+        scene = merge(parts, manifest)
+    except InvalidInput as error:
+        return [*findings, *from_error(error, "scene")]
+    asset = SceneAsset(manifest, asset_digest, scene)
+    return [*findings, *scene_findings(asset)]
+
+
+def scene_findings(asset: SceneAsset) -> Iterator[Finding]:
+    """Check what a loaded asset holds and declares, wherever it comes from."""
+    yield from name_findings(asset.base, asset.manifest)
+    yield from _outline_findings(asset.manifest)
+    try:
+        scene = apply({}, asset)
+    except InvalidInput as error:
+        yield from from_error(error, "declared")
+        return
+    try:
+        require_declared(asset.base, asset.manifest)
+    except InvalidInput as error:
+        if error.field != "node_classes" or not unclassified(asset.base):  # each such node was named above
+            yield from from_error(error, "declared")
+    yield from shape_findings(scene, asset.manifest)
+    yield from view_findings(scene, asset)
+
+
+def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
+    for index, obstacle in enumerate(manifest.obstacles):
+        if not shapely.Polygon(obstacle.polygon).is_valid:
+            yield Finding(
+                Severity.ERROR,
+                "outline",
+                f"obstacles.{index}",
+                f"the footprint of {obstacle.path} crosses itself: give its corners in order",
+            )
+    try:
+        reason = rejection_reason(_camera_defaults(manifest), manifest)
+    except ValerieError as error:
+        yield Finding(Severity.ERROR, "outline", "obstacles", str(error))
+        return
+    if reason:
+        yield Finding(
+            Severity.WARNING,
+            "rejected-default",
+            "parameters",
+            f"with every parameter at its default, {reason}: such a variant is rejected",
+        )
+
+
+def _camera_defaults(manifest: Manifest) -> Mapping[str, float]:
+    """Cameras are judged where all their coordinates are given."""
+    return {
+        path: float(manifest.by_path[path].default)
+        for camera in manifest.cameras
+        for path in (f"scene.{camera}.pos.{axis}" for axis in "xyz")
+        if path in manifest.by_path
+    }

@@ -1,0 +1,175 @@
+"""Shapes: sizes that hint at a wrong unit, origins that are not on the ground, meshes too fine, textures nobody sees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import BY_ID
+from valerie.scene.checks.findings import Finding, Severity
+from valerie.scene.manifest import Manifest
+from valerie.scene.model import Mesh, Node, Scene
+
+#: A mesh above this slows every engine down without being seen.
+MAX_MESH_TRIANGLES: Final = 1_000_000
+#: Objects of these classes have about this height; others hint at a wrong unit (centimetres, inches).
+HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
+    "person": (0.4, 2.6),
+    "rider": (0.4, 2.6),
+    "car": (0.8, 3.5),
+    "truck": (1.2, 5.0),
+    "bus": (1.8, 5.0),
+    "motorcycle": (0.6, 2.6),
+    "bicycle": (0.5, 2.6),
+}
+#: How far a person's lowest point may be from its origin, metres.
+_FEET_M: Final = 0.15
+#: How far a person's middle may be from its origin over the ground, metres.
+_ASIDE_M: Final = 0.5
+
+
+def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
+    """What the geometry of a scene, every parameter at its default, suggests."""
+    for path, node in scene.nodes.items():
+        if node.visible:
+            for mesh in node.meshes:
+                yield from _mesh_findings(path, mesh, scene)
+        determinant = float(np.linalg.det(node.transform[:3, :3]))
+        if determinant <= 0.0:
+            yield Finding(
+                Severity.WARNING,
+                "mirrored",
+                path,
+                "mirrored or flat: its surfaces face inwards; apply the scale before exporting",
+                f"determinant {determinant:.3g}",
+                "above 0",
+            )
+    boxes = object_boxes(scene)
+    yield from _sizes(scene, boxes)
+    yield from _origins(scene, manifest, boxes)
+    yield from _extent(manifest, boxes)
+
+
+def object_boxes(scene: Scene) -> dict[str, NDArray[np.float64]]:
+    """Path of each shown object to its box in the world, metres: (2, 3), lowest and highest corner.
+
+    The object is the topmost node of its instance, or of its class where there are no instances.
+    """
+    boxes: dict[str, NDArray[np.float64]] = {}
+    for path, node in scene.nodes.items():
+        if not node.visible or not node.label_id or not node.meshes:
+            continue
+        owner, world = object_of(scene, node), scene.world_transform(path)
+        for mesh in node.meshes:
+            if not len(mesh.positions):
+                continue
+            points = world_points(mesh, world)
+            low, high = points.min(axis=0), points.max(axis=0)
+            known = boxes.get(owner)
+            boxes[owner] = np.stack(
+                [low, high] if known is None else [np.minimum(low, known[0]), np.maximum(high, known[1])]
+            )
+    return boxes
+
+
+def object_of(scene: Scene, node: Node) -> str:
+    """Path of the topmost node of the same object."""
+    owner = node
+    while True:
+        parent = scene.nodes.get(owner.parent)
+        if parent is None or (parent.label_id, parent.instance_id) != (node.label_id, node.instance_id):
+            return owner.path
+        owner = parent
+
+
+def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, 3) positions in the world, metres."""
+    moved: NDArray[np.float64] = mesh.positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
+    return moved
+
+
+def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
+    if len(mesh.faces) > MAX_MESH_TRIANGLES:
+        yield Finding(
+            Severity.WARNING,
+            "huge-mesh",
+            path,
+            "a mesh of very many triangles: every engine becomes slow; simplify it",
+            f"{len(mesh.faces):,} triangles",
+            f"{MAX_MESH_TRIANGLES:,}",
+        )
+    material = scene.materials.get(mesh.material)
+    if material is None or not len(mesh.uvs):
+        return
+    texture = material.base_color_texture or material.normal_texture
+    if texture is not None and not np.ptp(mesh.uvs, axis=0).any():
+        yield Finding(
+            Severity.WARNING,
+            "no-texture-coordinates",
+            path,
+            f"material {mesh.material} has the texture {texture}, but the mesh has no texture coordinates: it has one colour",
+        )
+
+
+def _sizes(scene: Scene, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+    for owner, box in boxes.items():
+        kind = BY_ID[scene.nodes[owner].label_id].node_class
+        height = float(box[1, 2] - box[0, 2])
+        smallest, largest = HEIGHTS_M.get(kind, (0.0, np.inf))
+        if not smallest <= height <= largest:
+            yield Finding(
+                Severity.WARNING,
+                "size",
+                owner,
+                f"unlike a {kind} in height: is the unit the metre? placed_files can scale",
+                f"{height:.3g} m",
+                f"{smallest:g}…{largest:g} m",
+            )
+
+
+def _origins(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+    for path in manifest.persons:
+        box = boxes.get(path)
+        if box is None:
+            continue
+        origin = scene.world_transform(path)[:3, 3]
+        below = float(box[0, 2] - origin[2])
+        aside = float(np.linalg.norm(box.mean(axis=0)[:2] - origin[:2]))
+        if abs(below) > _FEET_M:
+            yield Finding(
+                Severity.WARNING,
+                "origin",
+                path,
+                "its origin belongs on the ground between the feet: it stands in or above the ground",
+                f"lowest point at {below:+.2f} m",
+                f"±{_FEET_M} m",
+            )
+        if aside > _ASIDE_M:
+            yield Finding(
+                Severity.WARNING,
+                "origin",
+                path,
+                "its origin belongs below its middle: it turns about it, and its distance is measured to it",
+                f"{aside:.2f} m aside",
+                f"{_ASIDE_M} m",
+            )
+
+
+def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+    if not boxes:
+        return
+    corners = np.stack(list(boxes.values()))
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    x0, y0, x1, y1 = manifest.extent
+    if high[0] < x0 or low[0] > x1 or high[1] < y0 or low[1] > y1:
+        yield Finding(
+            Severity.WARNING,
+            "extent",
+            "extent",
+            "nothing of the scene lies within it: is the unit the metre?",
+            f"scene from ({low[0]:.3g}, {low[1]:.3g}) to ({high[0]:.3g}, {high[1]:.3g}) m",
+            f"({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) m",
+        )
