@@ -299,10 +299,10 @@ def _card(found: dict[str, Any]) -> None:
         "kind": found.get("kind"),
         "architecture": found["architecture"],
         "engine": None if found["engine"] in ("", "none") else f"{found['engine']} {found['precision']}",
-        "input": _input(document.get("input")),
+        "input": _input(document.get("input")) if document.get("payload") else None,
         "predicts": ", ".join(found.get("classes") or ()),
         "void": ", ".join(found.get("unmapped") or ()),
-        "checked": _check(found.get("check")),
+        "tried out": _check(found.get("check")),
         "offered as": ", ".join(found["numeric_classes"]),
         "problem": found.get("problem"),
     }
@@ -318,7 +318,8 @@ def _card(found: dict[str, Any]) -> None:
 def _input(part: dict[str, Any] | None) -> str:
     if not part:
         return ""
-    size = "the frame's size" if part["size"] is None else "{} × {}".format(*part["size"])
+    own = "the frame's size" if part["multiple_of"] == 1 else f"multiples of {part['multiple_of']}"
+    size = own if part["size"] is None else "{} × {}".format(*part["size"])
     mean, std = (", ".join(f"{value:g}" for value in part[name]) for name in ("mean", "std"))
     return f"{part['mode']} to {size}, {part['channel_order'].upper()} × {part['scale']}, mean {mean}, std {std}"
 
@@ -327,6 +328,6 @@ def _check(check: dict[str, Any] | None) -> str:
     if not check:
         return ""
     if "skipped" in check:
-        return f"not tried out here: {check['skipped']}"
+        return f"not here: {check['skipped']}"
     width, height = check["picture"]
     return f"runs: {check['numeric_class']}, {check['cpu_seconds']:g} CPU seconds for {width} × {height}"

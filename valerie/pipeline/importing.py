@@ -110,7 +110,9 @@ def import_function(brought: Brought, folder: Path, settings: Settings) -> Impor
         }
         return _tried(entries, brought.path, folder, settings, convert="program")
     if suffix in _RUNS_CODE:
-        switch = "; its operator can allow it with VALERIE_IMPORT_PROGRAMS" if suffix in _PROGRAMS else ""
+        switch = (
+            "; who operates this deployment can allow it with VALERIE_IMPORT_PROGRAMS" if suffix in _PROGRAMS else ""
+        )
         raise InvalidInput(
             f"{_RUNS_CODE[suffix]} runs code when it is loaded and is not accepted; export the network as ONNX{switch}",
             field="payload",

@@ -96,9 +96,9 @@ def test_training_against_a_weakness_says_what_is_missing(
     begin = ["train", "--from", run_id, "--data-dir", str(folder / "data")]
     for more, match in (
         ([], "--where"),
-        (["--where", "pacc < 1"], "--out"),
         (["--where", "pacc < 1", "--out", str(tmp_path / "x.onnx")], "not the name of a function file"),
-        (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "weights are at hand"),
+        (["--where", "pacc < 1", "--out", str(tmp_path / "x.safetensors")], "fresh streets"),
+        (["--where", "pacc < 1"], "fresh streets"),
     ):
         found = invoke.invoke(app, [*begin, *more]).exception
         assert isinstance(found, InvalidInput)
