@@ -61,6 +61,7 @@ FRAME: Final[dict[str, Any]] = {
     "variant_index": 5,
     "camera": "camera-1",
     "time_index": 0,
+    "time_s": 0.0,
     **_DIGESTS,
     "state": "done",
 }
@@ -126,6 +127,7 @@ EVALUATIONS: Final[dict[str, Any]] = {
             "variant_index": 5,
             "frame_id": f"{_RUN_ID}.5.0.0",
             "camera": "camera-1",
+            "time_s": 0.0,
             "character": "yellow-shirt",
             "sensor": "default",
             "function": "deeplabv3plus-small",

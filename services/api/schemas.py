@@ -102,6 +102,7 @@ class FrameRead(Read):
     variant_index: int
     camera: str
     time_index: int
+    time_s: float = Field(description="when the frame is taken; 0 in a run without time")
     background: str
     layer: str
     truth: str
@@ -164,7 +165,7 @@ class FrameDetail(FrameRead):
     run_id: str
     width: int
     height: int
-    assignment: dict[str, Any]
+    assignment: dict[str, Any] = Field(description="of the variant, and where things that move are at the frame's time")
     annotations: dict[str, str] = Field(description="kind to product of the annotations that the run asked for")
     persons: list[PersonRead]
     evaluations: list[FrameEvaluation]
@@ -182,6 +183,7 @@ class EvaluationRow(BaseModel):
     variant_index: int
     frame_id: str
     camera: str
+    time_s: float | None = Field(description="when the frame is taken, seconds")
     character: str | None
     sensor: str
     function: str

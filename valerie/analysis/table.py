@@ -31,6 +31,7 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("variant_index", pa.int64(), False, "index of the variant in the run's parameter space"),
     ("frame_id", pa.string(), False, "(variant, camera, time)"),
     ("camera", _NAME, False, "name of the camera"),
+    ("time_s", pa.float64(), True, "when the frame is taken, seconds; 0 in a run without time"),
     ("character", _NAME, True, "which pedestrian it is: the person's CATEGORICAL parameter"),
     ("sensor", _NAME, False, "name of the sensor setting"),
     ("function", _NAME, False, "name of the function under test"),

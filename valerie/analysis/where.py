@@ -18,7 +18,7 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType, V
 
 #: Columns that no function is needed for: they are known as soon as the truth is.
 METADATA: Final = (
-    "run_id", "variant_index", "frame_id", "camera", "character", "sensor", "instance_id", "pixel_area",
+    "run_id", "variant_index", "frame_id", "camera", "time_s", "character", "sensor", "instance_id", "pixel_area",
     "pixel_area_percent", "pixel_area_amodal", "occlusion_rate", "truncation_rate", "distance_m", "depth_m",
     "sun_azimuth_deg", "sun_elevation_deg", "road_friction", "undefined_reason",
 )  # fmt: skip

@@ -57,9 +57,11 @@ def show(
     reference, folder = _reference(asset, arguments)
     manifest, digest = asset_manifest(reference, asset_dir=folder)
     if declared:
+        from valerie.scene.traverse import trajectory_parameters
+
         rows = [
             {**parameter.model_dump(mode="json"), "declared": True, "value": parameter.default}
-            for parameter in manifest.parameters
+            for parameter in (*manifest.parameters, *trajectory_parameters(manifest))
         ]
     else:
         from valerie.scene.traverse import traverse
@@ -74,7 +76,11 @@ def show(
     out.print(Text.assemble((manifest.title, "bold"), f"  {manifest.name}, digest {digest}"))
     out.print(f"{manifest.description}\n" if manifest.description else "")
     out.print(f"cameras: {', '.join(manifest.cameras)}; persons: {', '.join(manifest.persons)}")
-    out.print(f"movable: {', '.join(manifest.movable)}\n")
+    out.print(f"movable: {', '.join(manifest.movable)}")
+    for one in manifest.trajectories:
+        ends = f"{one.keyframes[0]['time']:g}…{one.keyframes[-1]['time']:g} s"
+        out.print(f"trajectory of {one.name}: {len(one.keyframes)} keyframes, {ends}, {', '.join(one.channels)}")
+    out.print()
     out.print(_table(rows))
 
 

@@ -177,7 +177,10 @@ def _show(plan: Plan) -> None:
     table.add_column(justify="right")
     table.add_column()
     table.add_row("variants", f"{plan.variants:,}", f"{about}{rejected:,} rejected" if rejected else "")
-    table.add_row("frames", f"{about}{plan.frames:,}", f"{len(plan.cameras)} cameras: {', '.join(plan.cameras)}")
+    moments = f", {plan.moments:,} moments each" if plan.moments > 1 else ""
+    table.add_row(
+        "frames", f"{about}{plan.frames:,}", f"{len(plan.cameras)} cameras: {', '.join(plan.cameras)}{moments}"
+    )
     table.add_row("evaluations", f"{about}{plan.evaluations:,}", "frames × sensors × functions")
     out.print(table)
     for reason, count in sorted(plan.rejected.items(), key=lambda item: -item[1])[:8]:

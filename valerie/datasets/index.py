@@ -24,6 +24,7 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, str], ...]] = (
     ("variant_index", pa.int64(), "of the run's parameter space"),
     ("camera", pa.string(), "its name"),
     ("time_index", pa.int32(), "in the frame's sequence"),
+    ("time_s", pa.float64(), "when the frame is taken, seconds"),
     ("sensor", pa.string(), "the sensor setting"),
     ("instance_id", pa.int32(), "of the person; empty where the frame shows none"),
     ("character", pa.string(), "who is seen"),

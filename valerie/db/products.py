@@ -170,6 +170,7 @@ class Job:
     variant_index: int
     assignment: dict[str, Any]
     camera_index: int
+    time_index: int
     background: str
     layer: str
     truth: str
@@ -220,6 +221,7 @@ _FRAME_COLUMNS = (
     Frame.variant_index,
     Variant.assignment,
     Frame.camera_index,
+    Frame.time_index,
     Frame.background,
     Frame.layer,
     Frame.truth,

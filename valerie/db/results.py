@@ -263,7 +263,7 @@ def frame(connection: Connection, run_id: str, variant: int, camera: int, time: 
 
 
 def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, int], limit: int) -> list[Row[Any]]:
-    """Frames after a (variant, camera, time), in order, with the states of their products."""
+    """Frames after a (variant, camera, time), in order, with the assignment and the states of their products."""
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     variant, camera, time = after
     return list(
@@ -278,7 +278,9 @@ def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, i
                 background.state.label("background_state"),
                 layer.state.label("layer_state"),
                 truth.state.label("truth_state"),
+                Variant.assignment,
             )
+            .join(Variant, _OF_VARIANT)
             .join(background, background.digest == Frame.background)
             .join(layer, layer.digest == Frame.layer)
             .join(truth, truth.digest == Frame.truth)

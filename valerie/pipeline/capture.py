@@ -102,7 +102,7 @@ def capture_of(
     Args:
         resolved: the run.
         sensor_index, camera_index: places in the run's sensors and cameras.
-        assignment: of the variant.
+        assignment: of the variant at the frame's moment (`ResolvedRun.at`).
         background, layer, truth: digests of the frame's products.
     """
     return Capture(

@@ -161,7 +161,7 @@ def _look(
                 resolved,
                 sensor_index=0,
                 camera_index=frame.key[1],
-                assignment=frame.assignment,
+                assignment=frame.moment,
                 background=frame.background,
                 layer=frame.layer,
                 truth=frame.truth,

@@ -257,8 +257,8 @@ class _Export:
         if "parquet" in formats:
             files = {"picture": picture.as_posix(), "label_ids": labels or None}
             known = {"name": str(made.name), "split": split, "width": width, "height": height, **files}
-            assignment = with_sun_angles(frame.assignment, self.resolved.manifest)
-            values = {d.path: assignment.get(d.path, d.default) for d in self.resolved.definitions}
+            given = with_sun_angles({**frame.assignment, **frame.moment}, self.resolved.manifest)
+            values = {d.path: given.get(d.path, d.default) for d in self.resolved.definitions}
             fragment["rows"] = [{**known, **row, **values} for row in frame.persons]
         return fragment
 
@@ -267,7 +267,7 @@ class _Export:
             self.resolved,
             sensor_index=self.sensor,
             camera_index=frame.key[1],
-            assignment=frame.assignment,
+            assignment=frame.moment,
             background=frame.background,
             layer=frame.layer,
             truth=frame.truth,
@@ -278,7 +278,7 @@ class _Export:
         truth = capture.seen_truth(self._reader)
         camera: dict[str, Any] = {}
         if "cityscapes" in self.settings.formats:
-            scene = apply(frame.assignment, self._runs.asset(self.stored))
+            scene = apply(frame.moment, self._runs.asset(self.stored))
             size = spec.resolution
             own = scene.cameras[self.resolved.cameras[frame.key[1]]]
             own = replace(own, focal_length_mm=own.focal_length_mm * capture.zoom(size.width, size.height))

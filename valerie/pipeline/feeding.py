@@ -17,7 +17,6 @@ from valerie.db.products import BROUGHT_GROUP, Ready, Wanted
 from valerie.pipeline.resolution import resolve_stored
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.states import BROUGHT_ROUTE
-from valerie.scene.legality import rejection_reason
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to so many products, or at so many variants (they may all be rejected): small
@@ -70,10 +69,10 @@ class Feeder:
         return Fed(following, len(rows.wanted), ready)
 
     def _rows(self, first: int) -> _Rows:
-        run_id, space, manifest = self._run_id, self._resolved.space, self._resolved.manifest
-        cameras = range(len(self._resolved.cameras))
+        run_id, resolved = self._run_id, self._resolved
+        places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
         engine_route, truth_route = self._pins["engine"]["route"], self._pins["truth"]["route"]
-        functions = [self._pins["functions"][name] for name in self._resolved.spec.functions]
+        functions = [self._pins["functions"][name] for name in resolved.spec.functions]
         # (route and cache group of predictions, cache group of evaluations)
         targets = [
             (one["route"], one["digest"][:32], BROUGHT_GROUP if one["route"] == BROUGHT_ROUTE else "")
@@ -82,30 +81,33 @@ class Feeder:
         rows = _Rows()
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
-        for index, (block, assignment) in enumerate(space.values(first, last), start=first):
+        for index, (block, assignment) in enumerate(resolved.space.values(first, last), start=first):
             if len(rows.wanted) >= BLOCK_PRODUCTS:
                 break
-            reason = space.violated(assignment) or rejection_reason(assignment, manifest)
+            reason = resolved.rejection(assignment)
             rows.variants.append((run_id, index, block, orjson.dumps(assignment).decode(), reason))
             if reason is not None:
                 rows.rejected += 1
                 continue
-            for camera in cameras:
-                background, layer, truth, evaluations, annotations = self._inputs.frame(assignment, camera)
+            for time, camera in places:
+                moment = resolved.at(assignment, time)
+                background, layer, truth, evaluations, annotations = self._inputs.frame(moment, camera)
                 want(background, (background, "background", engine_route, background, None, None, None))
                 want(layer, (layer, "layer", engine_route, background, None, None, None))
                 want(truth, (truth, "truth", truth_route, background, None, None, None))
-                rows.frames.append((run_id, index, camera, 0, background, layer, truth))
+                rows.frames.append((run_id, index, camera, time, background, layer, truth))
                 for kind, product, inputs in annotations:
                     needed = (*inputs, None, None, None)[:3]
                     want(product, (product, kind.value, truth_route, background, *needed))
-                    rows.annotations.append((run_id, index, camera, 0, kind.value, product))
+                    rows.annotations.append((run_id, index, camera, time, kind.value, product))
                 for sensor, function, prediction, scores, needs_depth, distorted in evaluations:
                     route, group, counted = targets[function]
                     depth = truth if needs_depth else None
                     want(prediction, (prediction, "prediction", route, group, layer, background, depth))
                     want(scores, (scores, "evaluation", EVAL_QUEUE, counted, prediction, truth, None))
-                    rows.evaluations.append((run_id, index, camera, 0, sensor, function, prediction, scores, distorted))
+                    rows.evaluations.append(
+                        (run_id, index, camera, time, sensor, function, prediction, scores, distorted)
+                    )
         return rows
 
 

@@ -136,7 +136,7 @@ def _report_input(
         trends=analysis.trends,
         findings=analysis.findings,
         variants=run.variant_count,
-        frames=(run.variant_count - run.rejected_count) * len(resolved.cameras),
+        frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
         rejections=rejected,
         failures=_grouped(failures, run.id),
         picture=_Pictures(context),

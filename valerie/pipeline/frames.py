@@ -84,7 +84,7 @@ def find(
         resolved,
         sensor_index=sensor_index,
         camera_index=camera,
-        assignment=row.assignment,
+        assignment=resolved.at(row.assignment, time),
         background=row.background,
         layer=row.layer,
         truth=row.truth,

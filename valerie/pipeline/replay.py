@@ -62,6 +62,7 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
         "variant_index": variant,
         "assignment": frame.assignment,
         "camera_index": camera,
+        "time_index": time_index,
         "background": frame.background,
         "layer": frame.layer,
         "truth": frame.truth,

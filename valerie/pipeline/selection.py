@@ -28,6 +28,7 @@ class ChosenFrame:
         key: (variant, camera, time).
         background, layer, truth: digests.
         assignment: of its variant.
+        moment: the same at the frame's time, as `apply` takes it.
         persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one mapping per person; one mapping
             with empty values where the frame has no person.
     """
@@ -37,6 +38,7 @@ class ChosenFrame:
     layer: str
     truth: str
     assignment: Mapping[str, Any]
+    moment: Mapping[str, Any]
     persons: tuple[Mapping[str, Any], ...]
 
 
@@ -91,7 +93,8 @@ def choose_frames(
         if scored is not None:
             wanted = frame.key in scored
         else:
-            spoken = {} if where is None else with_sun_angles(frame.assignment, resolved.manifest)
+            given = {**frame.assignment, **frame.moment}
+            spoken = {} if where is None else with_sun_angles(given, resolved.manifest)
             wanted = where is None or any(where.holds({**spoken, **row}) for row in frame.persons)
         if wanted:
             chosen.append(frame)
@@ -113,6 +116,7 @@ def finished_frames(
             layer=first.layer,
             truth=first.truth,
             assignment=first.assignment,
+            moment=resolved.at(first.assignment, first.time_index),
             persons=tuple(_metadata(row, run_id, resolved, name) for row in members),
         )
 
@@ -133,8 +137,8 @@ def evaluated_rows(
     ]
     for row in results.rows(connection, run_id, filters=filters):
         key = (row.variant_index, row.camera_index, row.time_index)
-        spoken = with_sun_angles(row.assignment, resolved.manifest)
-        yield key, {**spoken, **table_row(row, run_id, resolved, {})}
+        given = {**row.assignment, **resolved.at(row.assignment, row.time_index)}
+        yield key, {**with_sun_angles(given, resolved.manifest), **table_row(row, run_id, resolved, {})}
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
@@ -167,9 +171,10 @@ def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict
         "variant_index": row.variant_index,
         "camera": resolved.cameras[row.camera_index],
         "time_index": row.time_index,
+        "time_s": resolved.seconds(row.assignment, row.time_index),
         "sensor": sensor,
         "character": character_of(row.instance_id, row.assignment, resolved),
         **{name: None if nobody else getattr(row, name) for name in seen},
         **{name: getattr(row, name) for name in always},
-        **conditions(row.assignment, resolved.manifest)._asdict(),
+        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
     }

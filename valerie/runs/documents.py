@@ -8,7 +8,7 @@ form by `valerie.runs.notation`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import yaml
 from pydantic import (
@@ -142,6 +142,38 @@ class Resolution(Document):
     height: Annotated[int, Field(strict=True, ge=16, le=8192)] = 540
 
 
+class SequenceDocument(Document):
+    """Frames that follow each other in time; each variant and camera has all of them.
+
+    Attributes:
+        frames: how many.
+        step: from one to the next, seconds unless another unit is written.
+        start: moment of the first, likewise.
+    """
+
+    frames: Annotated[int, Field(strict=True, ge=1, le=100_000)]
+    step: Quantity
+    start: Quantity = 0
+
+
+class TrajectoryDocument(Document):
+    """How one thing moves, instead of how the asset says; see `valerie.scene.trajectory.Trajectory`.
+
+    Attributes:
+        path: a movable thing or a camera, e.g. ``person-1``.
+        keyframes: each with ``time`` and the same parameters of the thing, e.g. ``pos.x``.
+        interpolation: ``smooth`` or ``linear``.
+        facing: ``path``: heading or yaw follow the movement; ``kept``: they do not.
+        stride_m: metres that a pedestrian walks in two steps.
+    """
+
+    path: Name
+    keyframes: Annotated[tuple[dict[str, Quantity], ...], Field(min_length=1, max_length=1000)]
+    interpolation: Literal["smooth", "linear"] = "smooth"
+    facing: Literal["path", "kept"] | None = None
+    stride_m: Quantity | None = None
+
+
 class Requirement(Document):
     """What the run is evidence for.
 
@@ -169,6 +201,8 @@ class RunSpec(Document):
         blocks: the run is their union, in order.
         constants: parameter to value, in all blocks.
         constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
+        sequence: frames that follow each other in time; None: one frame of each variant and camera.
+        trajectories: how things move, beside or instead of what the asset says.
         cameras: names of the asset's cameras; None takes all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
@@ -192,6 +226,8 @@ class RunSpec(Document):
     blocks: Annotated[tuple[BlockDocument, ...], Field(min_length=1, max_length=10_000)] = (BlockDocument(),)
     constants: dict[str, Scalar] = Field(default_factory=dict)
     constraints: Annotated[tuple[Text, ...], Field(max_length=100)] = ()
+    sequence: SequenceDocument | None = None
+    trajectories: Annotated[tuple[TrajectoryDocument, ...], Field(max_length=1000)] = ()
     cameras: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     resolution: Resolution = Resolution()
     renderer: Name | dict[str, Scalar] = "raster"
@@ -220,6 +256,7 @@ class RunSpec(Document):
             for field, names in (
                 ("parameters", [p.name for p in self.parameters]),
                 ("cameras", list(self.cameras or ())),
+                ("trajectories", [trajectory.path for trajectory in self.trajectories]),
                 ("sensors", [sensor.name for sensor in self.sensors]),
                 ("functions", list(self.functions)),
                 ("annotations", [kind.value for kind in self.annotations]),
@@ -260,6 +297,9 @@ class RunSpec(Document):
     def digest(self) -> str:
         """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""
         document = self.model_dump(mode="json")
+        for field in _LATER_FIELDS:
+            if getattr(self, field) == type(self).model_fields[field].default:
+                del document[field]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         if not self.annotations:
             del document["annotations"]  # specs of before there were any keep their digest
@@ -278,6 +318,10 @@ class RunSpec(Document):
         """Remember where the user wrote what."""
         self._places.update(places)
         return self
+
+
+#: Fields that the first specs did not have: left out of the digest at their defaults, so that old specs keep theirs.
+_LATER_FIELDS: Final = ("sequence", "trajectories")
 
 
 def engine_name(renderer: str | Mapping[str, Any]) -> str:

@@ -127,7 +127,7 @@ class ProductInputs:
         self._responses = lru_cache(maxsize=1024)(self._respond)
 
     def frame(self, assignment: Mapping[str, Value], camera_index: int) -> FrameDigests:
-        """The products of the frame that ``resolved.cameras[camera_index]`` takes of a variant (path to value)."""
+        """The products of the frame that ``resolved.cameras[camera_index]`` takes of a variant at a moment (`ResolvedRun.at`)."""
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
         background = self._background_digest(camera_index, inputs.background)
         layer = self._layer.digest(background, inputs.layer)

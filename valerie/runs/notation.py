@@ -87,11 +87,26 @@ class Normalization:
             ]
         if "parameters" in found:
             found["parameters"] = self._entries(found["parameters"], "parameters", "parameters", _declared, _ANY_NAME)
+        if "trajectories" in found:
+            found["trajectories"] = self._entries(
+                found["trajectories"], "trajectories", "trajectories", _trajectory, _ANY_TRAJECTORY
+            )
+        if isinstance(found.get("sequence"), list | tuple):
+            found["sequence"] = dict(zip(_SEQUENCE, self._sequence(list(found["sequence"])), strict=False))
         for key in ("asset", "renderer"):
             named = found.get(key)
             if isinstance(named, dict) and set(named) == {"name"}:
                 found[key] = named["name"]
         return found
+
+    def _sequence(self, given: list[Any]) -> list[Any]:
+        if 2 <= len(given) <= len(_SEQUENCE):
+            return given
+        form = f"[{', '.join(_SEQUENCE)}]"
+        self.problems.append(
+            InvalidInput("a sequence has two or three numbers", field="sequence", value=given, limit=form)
+        )
+        return [1, 1]
 
     def _block(self, block: dict[str, Any], place: str, written: str) -> dict[str, Any]:
         found = dict(block)
@@ -119,6 +134,10 @@ class Normalization:
 #: What stands in for an entry with a problem.
 _ANY_VALUE: Final = {"parameter": "?", "distribution": "CONSTANT", "value": 0}
 _ANY_NAME: Final = {"name": "?", "path": "?", "type": "FLOAT"}
+_ANY_TRAJECTORY: Final = {"path": "?", "keyframes": [{"time": 0, "?": 0}]}
+#: What the numbers of a sequence and of a keyframe in list notation are.
+_SEQUENCE: Final = ("frames", "step", "start")
+_KEYFRAME: Final = ("time", "pos.x", "pos.y", "heading")
 
 
 def _varied(entry: Any, name: str | None, field: str) -> Any:
@@ -197,6 +216,37 @@ def _declared(entry: Any, name: str | None, field: str) -> Any:
     if len(words) < 3 or len(rest) not in (0, 2):
         raise InvalidInput("a declaration has three or five entries", field=field, value=list(entry), limit=form)
     return {**words, **dict(zip(("minimum", "maximum"), rest, strict=False))}
+
+
+def _trajectory(entry: Any, name: str | None, field: str) -> Any:
+    form = "[person-1, [time, x, y], [time, x, y], …]"
+    if name is None and isinstance(entry, list | tuple):
+        if not entry or not isinstance(entry[0], str):
+            raise InvalidInput(
+                "a trajectory in a list names the thing first", field=field, value=list(entry), limit=form
+            )
+        name, entry = entry[0], list(entry[1:])
+    if isinstance(entry, list | tuple):
+        entry = {"keyframes": list(entry)}
+    if not isinstance(entry, dict):
+        raise InvalidInput("not a trajectory", field=field, value=entry, limit=form)
+    found = dict(entry) if name is None else {"path": name, **entry}
+    if isinstance(found.get("keyframes"), list | tuple):
+        found["keyframes"] = [_keyframe(key, f"{field}.{i}") for i, key in enumerate(found["keyframes"])]
+    return found
+
+
+def _keyframe(key: Any, field: str) -> Any:
+    if not isinstance(key, list | tuple):
+        return key
+    if not 3 <= len(key) <= len(_KEYFRAME):
+        raise InvalidInput(
+            "a keyframe in a list has three or four numbers",
+            field=field,
+            value=list(key),
+            limit=f"[{', '.join(_KEYFRAME)}]",
+        )
+    return dict(zip(_KEYFRAME, key, strict=False))
 
 
 def _distribution(word: Any, field: str) -> str:

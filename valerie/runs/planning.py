@@ -24,7 +24,6 @@ from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind, Stage
 from valerie.scene.conditions import sun_by_time
-from valerie.scene.legality import rejection_reason
 
 #: Largest number of variants that are all looked at.
 EXACT_VARIANTS: Final = 100_000
@@ -90,7 +89,8 @@ class Plan(BaseModel):
         variants: in the space, rejected ones included.
         accepted: variants that frames are made of.
         rejected: reason to number of variants.
-        frames: accepted variants × cameras.
+        moments: frames of each variant and camera in the run's sequence; 1 without one.
+        frames: accepted variants × cameras × moments.
         evaluations: frames × sensors × functions.
         renders: backgrounds, layers, truths and annotations that must still be rendered.
         inferences: predictions that must still be made.
@@ -114,6 +114,7 @@ class Plan(BaseModel):
     accepted: int
     rejected: dict[str, int]
     cameras: tuple[str, ...]
+    moments: int = 1
     frames: int
     evaluations: int
     renders: int
@@ -161,7 +162,8 @@ def plan(
 
     rejected = {reason: scaled(count) for reason, count in sorted(seen.rejected.items())}
     accepted = size - sum(rejected.values())
-    frames = accepted * len(resolved.cameras)
+    moments = len(resolved.times.elapsed)
+    frames = accepted * len(resolved.cameras) * moments
     products = [
         _product_plan(resolved, kind, maker, digests, scale=None if indexes is None else size / looked_at,
                       present=present, costs=costs)
@@ -181,6 +183,7 @@ def plan(
         accepted=accepted,
         rejected=rejected,
         cameras=resolved.cameras,
+        moments=moments,
         frames=frames,
         evaluations=frames * len(resolved.spec.sensors) * len(resolved.spec.functions),
         renders=sum(product.to_make for product in products if product.kind.stage is Stage.RENDER),
@@ -221,12 +224,14 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
         Counter(),
     )
     for values in _variants(resolved, indexes):
-        reason = _rejection(resolved, values)
+        reason = resolved.rejection(values)
         if reason is not None:
             seen.rejected[reason] += 1
             continue
-        for camera in range(len(resolved.cameras)):
-            _note(seen, resolved, inputs.frame(values, camera))
+        for time in range(len(resolved.times.elapsed)):
+            moment = resolved.at(values, time)
+            for camera in range(len(resolved.cameras)):
+                _note(seen, resolved, inputs.frame(moment, camera))
     return seen
 
 
@@ -240,10 +245,6 @@ def _note(seen: _Seen, resolved: ResolvedRun, frame: FrameDigests) -> None:
     for one in frame.evaluations:
         digests[ProductKind.PREDICTION, spec.functions[one.function_index]] += bytes.fromhex(one.prediction)
         digests[ProductKind.EVALUATION, ""] += bytes.fromhex(one.scores)
-
-
-def _rejection(resolved: ResolvedRun, values: Mapping[str, Value]) -> str | None:
-    return resolved.space.violated(values) or rejection_reason(values, resolved.manifest)
 
 
 def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapping[str, Value]]:
@@ -314,7 +315,7 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
             index=index,
             values={resolved.space.definitions[path].name: value for path, value in values.items()},
             sun=sun_by_time(values, resolved.manifest),
-            rejection=_rejection(resolved, values),
+            rejection=resolved.rejection(values),
         )
         for index in indexes
         for values in (resolved.space[index].values,)

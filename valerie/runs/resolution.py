@@ -24,10 +24,13 @@ from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
 from valerie.plugins import RENDERERS, WITHOUT
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
+from valerie.runs.motion import Times, resolve_times
 from valerie.runs.sensors import focal_length_path, needed_by
+from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
-from valerie.scene.naming import ENVIRONMENT_PATH
+from valerie.scene.naming import ENVIRONMENT_PATH, ROOT
 from valerie.scene.solar import require_one_notation
+from valerie.scene.trajectory import TIME_PATH
 
 #: Variants of a run, unless the caller allows another number.
 MAX_VARIANTS: Final = 1_000_000
@@ -53,6 +56,7 @@ class ResolvedRun:
         space: the variants.
         cameras: names, in the spec's order.
         engine_inputs: settings of the renderer that its pixels depend on, complete; empty for one without settings.
+        times: the moments of each variant and what moves.
         warnings: what the user may not have meant.
         notes: what was assumed where the spec left it open.
     """
@@ -64,8 +68,36 @@ class ResolvedRun:
     space: ParameterSpace
     cameras: tuple[str, ...]
     engine_inputs: Mapping[str, Any] = field(default_factory=dict)
+    times: Times = field(default_factory=Times)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def at(self, assignment: Mapping[str, Value], time_index: int) -> Mapping[str, Value]:
+        """The assignment of one frame: path to value at its moment, as `split` and `apply` take it.
+
+        Args:
+            assignment: of the variant; itself the answer in a run without time.
+            time_index: of the frame, from 0.
+        """
+        motion = self.times.motion
+        return assignment if motion is None else motion.at(assignment, self.times.elapsed[time_index])
+
+    def seconds(self, assignment: Mapping[str, Value], time_index: int) -> float:
+        """When a frame is taken, in seconds; 0 in a run without time."""
+        motion = self.times.motion
+        return 0.0 if motion is None else motion.seconds(assignment, self.times.elapsed[time_index])
+
+    def rejection(self, assignment: Mapping[str, Value]) -> str | None:
+        """Why no frame is made of a variant, in words; None if it is legal at every moment of its sequence."""
+        reason = self.space.violated(assignment)
+        if reason is not None or self.times.motion is None:
+            return reason or rejection_reason(assignment, self.manifest)
+        if reason := self.times.motion.rejection(assignment, self.times.elapsed):
+            return reason
+        for index in range(len(self.times.elapsed)):
+            if reason := rejection_reason(self.at(assignment, index), self.manifest):
+                return f"{reason} at {self.seconds(assignment, index):g} s"
+        return None
 
 
 def resolve(
@@ -93,6 +125,7 @@ def resolve(
         InvalidInputs: every problem, each with its dotted field.
     """
     resolver = _Resolver(spec, manifest)
+    times = resolver.times
     definitions = resolver.definitions()
     engine_inputs: Mapping[str, Any] = {}
     if engines is not None and spec.engine not in engines:
@@ -115,6 +148,11 @@ def resolve(
         raise InvalidInputs([_placed(spec, problem) for problem in resolver.problems])
     if max_variants is not None and space.size > max_variants:
         raise InvalidInputs([_placed(spec, _too_many(space.size, max_variants, "blocks"))])
+    frames = space.size * len(times.elapsed)
+    if max_variants is not None and frames > max_variants:
+        problem = f"{space.size:,} variants with {len(times.elapsed):,} moments each are too many"
+        limit = f"{max_variants:,} of both together"
+        raise InvalidInputs([_placed(spec, InvalidInput(problem, field="sequence.frames", value=frames, limit=limit))])
     resolver.check_sensors(space)
     resolver.check_sun(space)
     if resolver.problems:
@@ -128,6 +166,7 @@ def resolve(
         space=space,
         cameras=spec.cameras if spec.cameras is not None else manifest.cameras,
         engine_inputs=engine_inputs,
+        times=times,
         warnings=tuple(resolver.warnings),
         notes=tuple(resolver.notes()),
     )
@@ -141,15 +180,20 @@ class _Resolver:
     manifest: Manifest
     problems: list[InvalidInput] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    times: Times = field(init=False)
     _by_path: dict[str, ParameterDefinition] = field(default_factory=dict)
     #: Every name, of the asset and of the spec, and every path to its path.
     _paths: dict[str, str] = field(default_factory=dict)
     #: Parameters that were given numbers without unit.
     _unitless: dict[str, None] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self.times = resolve_times(self.spec, self.manifest, self.problems)
+
     def definitions(self) -> tuple[ParameterDefinition, ...]:
-        """The asset's declarations with the spec's own names and ranges in force."""
-        self._by_path = {definition.path: definition for definition in self.manifest.parameters}
+        """The asset's declarations and those of time and trajectories, with the spec's own names and ranges in force."""
+        of_time = () if self.times.motion is None else self.times.motion.parameters
+        self._by_path = {definition.path: definition for definition in (*self.manifest.parameters, *of_time)}
         self._paths = {definition.name: path for path, definition in self._by_path.items()}
         self._paths |= {path: path for path in self._by_path}
         declared: dict[str, int] = {}
@@ -214,6 +258,15 @@ class _Resolver:
         if name not in self._paths:
             raise UnknownName("parameter", name, self._paths, field=place)
         path = self._paths[name]
+        motion = self.times.motion
+        if motion is not None and path in motion.moved:
+            trajectory = motion.moved[path]
+            channel = path.removeprefix(f"{trajectory.path}.")
+            other = trajectory.key(0, channel) if channel in trajectory.channels else "facing: kept"
+            raise InvalidInput(
+                f"it follows the trajectory of {trajectory.name}; vary what the trajectory says",
+                field=place, value=name, limit=f"as {other.removeprefix(f'{ROOT}.')}",
+            )  # fmt: skip
         engine = self.spec.engine
         if path.startswith(f"{ENVIRONMENT_PATH}.") and path.rpartition(".")[2] in WITHOUT.get(engine, ()):
             others = ", ".join(other for other in RENDERERS if other not in WITHOUT)
@@ -325,7 +378,11 @@ class _Resolver:
         samplers: Mapping[str, SamplerFactory],
     ) -> ParameterSpace | None:
         """The space, or None beside a problem; constraints are checked even if a block has one."""
-        aliases = {name: path for name, path in self._paths.items() if path in self._by_path}
+        if self.times.motion is not None:
+            # A constraint sees what a variant gives, and it gives no value that follows a trajectory.
+            definitions = tuple(one for one in definitions if one.path not in self.times.motion.moved)
+        known = {definition.path for definition in definitions}
+        aliases = {name: path for name, path in self._paths.items() if path in known}
         arguments: dict[str, Any] = {"seed": self.spec.seed, "samplers": samplers, "aliases": aliases}
         for i, text in enumerate(self.spec.constraints):
             try:
@@ -392,8 +449,18 @@ class _Resolver:
             self.warnings.append(
                 f"{definition.name} is declared and not varied; it stays at {_shown(definition.default, definition)}"
             )
+        self._look_at_times(used | constant)
         if not self.spec.functions:
             self.warnings.append("no function under test: the run makes frames and truth, and evaluates nothing")
+
+    def _look_at_times(self, used: Collection[str]) -> None:
+        motion = self.times.motion
+        if motion is None:
+            return
+        if not motion.trajectories:
+            self.warnings.append("sequence: nothing moves; all frames of a variant are the same")
+        elif len(self.times.elapsed) == 1 and TIME_PATH not in used:
+            self.warnings.append("trajectories without sequence or time: the run looks at the moment 0 s alone")
 
     def notes(self) -> Iterable[str]:
         """Which unit numbers without one were given."""

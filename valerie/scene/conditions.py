@@ -59,7 +59,7 @@ def sun_by_time(assignment: Mapping[str, Value], manifest: Manifest) -> SunAngle
     """The angles of a sun that is given by time and place; None if it is not."""
     if not any(path in assignment for path in CLOCK_PATHS):
         return None
-    values = complete(assignment, manifest)
+    values = complete({path: assignment[path] for path in _DECIDING if path in assignment}, manifest)
     return SunAngles(*(float(values[path]) for path in ANGLES))
 
 

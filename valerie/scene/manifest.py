@@ -21,6 +21,7 @@ from valerie.scene.naming import ROOT, is_node_name
 from valerie.scene.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.solar import ANGLES, CLOCK_PATHS
+from valerie.scene.trajectory import Trajectory, check_trajectory
 
 Point = tuple[Coordinate, Coordinate]
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
@@ -84,6 +85,7 @@ class Manifest(_Document):
         cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
         placed_cameras: cameras that are in no file.
         node_classes: class by path, for nodes whose names do not tell.
+        trajectories: how things move in runs that ask for a sequence or a time.
 
     Raises:
         InvalidInput, UnknownName: parts contradict each other; `parse_manifest` reports pydantic's findings so too.
@@ -107,6 +109,7 @@ class Manifest(_Document):
     cameras: tuple[str, ...] = Field(min_length=1)
     placed_cameras: tuple[PlacedCamera, ...] = ()
     node_classes: dict[str, str] = Field(default_factory=dict)
+    trajectories: tuple[Trajectory, ...] = ()
 
     def __hash__(self) -> int:
         # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
@@ -192,6 +195,9 @@ class Manifest(_Document):
                 raise InvalidInput(
                     "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
                 )
+        _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
+        for index, trajectory in enumerate(self.trajectories):
+            check_trajectory(trajectory, self, field=f"trajectories.{index}")
         return self
 
     @property

@@ -6,12 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from valerie.parameters.definitions import Affects, ParameterType, Value
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.scene.asset import SceneAsset
 from valerie.scene.attributes import ABSENT, ATTRIBUTES, Attribute, Target, characters
+from valerie.scene.manifest import Manifest
 from valerie.scene.model import Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, SUN_PATH
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+from valerie.scene.trajectory import Motion
 from valerie.scene.variation import apply
 
 
@@ -41,7 +43,7 @@ class PathEntry:
 
 
 def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
-    """Every path of an asset in the order of its scene graph, then cameras, sun, environment and sensor."""
+    """Every path of an asset in the order of its scene graph, then cameras, sun, environment, sensor and trajectories."""
     scene = apply({}, asset)
     things = [
         *((path, Target.NODE) for path in scene.nodes),
@@ -50,7 +52,8 @@ def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
         (ENVIRONMENT_PATH, Target.ENVIRONMENT),
         (SENSOR_ROOT, Target.SENSOR),
     ]
-    return tuple(entry for path, target in things for entry in _entries(asset, scene, path, target))
+    found = (entry for path, target in things for entry in _entries(asset, scene, path, target))
+    return (*found, *(_of_trajectory(one) for one in trajectory_parameters(asset.manifest)))
 
 
 def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iterator[PathEntry]:
@@ -61,6 +64,16 @@ def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iter
         if value is None:
             continue
         yield _entry(asset, scene, f"{path}.{name}", path, attribute, value)
+
+
+def trajectory_parameters(manifest: Manifest) -> tuple[ParameterDefinition, ...]:
+    """What can be varied of an asset's own trajectories, and the time; nothing where it has none."""
+    return Motion(manifest.trajectories, manifest).parameters if manifest.trajectories else ()
+
+
+def _of_trajectory(one: ParameterDefinition) -> PathEntry:
+    kind, unit, choices = one.type, one.unit, one.choices
+    return PathEntry(one.path, kind, unit, one.minimum, one.maximum, choices, one.default, True, one.affects)
 
 
 def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: Attribute, value: Value) -> PathEntry:

@@ -60,14 +60,15 @@ def list_variants(
 def list_frames(run_id: RunId, context: ContextDependency, limit: Limit = 100, cursor: Cursor = None) -> FramePage:
     after = decode_cursor(cursor, index, index, index)
     with reading(context.engine) as connection:
-        cameras = resolve_stored(runs.get(connection, run_id), context.settings).cameras
+        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
         rows = results.frames_page(connection, run_id, after=after or (-1, -1, -1), limit=limit + 1)
     items = [
         FrameRead(
             id=frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
             variant_index=row.variant_index,
-            camera=cameras[row.camera_index],
+            camera=resolved.cameras[row.camera_index],
             time_index=row.time_index,
+            time_s=resolved.seconds(row.assignment, row.time_index),
             background=row.background,
             layer=row.layer,
             truth=row.truth,
@@ -105,13 +106,14 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
             "variant_index": variant,
             "camera": resolved.cameras[camera],
             "time_index": time,
+            "time_s": resolved.seconds(row.assignment, time),
             "width": resolution.width,
             "height": resolution.height,
             "background": row.background,
             "layer": row.layer,
             "truth": row.truth,
             "state": _state(states),
-            "assignment": row.assignment,
+            "assignment": {**row.assignment, **resolved.at(row.assignment, time)},
             "persons": [
                 {**one._mapping, "character": character_of(one.instance_id, row.assignment, resolved)}  # noqa: SLF001
                 for one in persons

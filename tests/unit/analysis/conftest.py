@@ -56,6 +56,7 @@ def synthetic_rows(
                                 "variant_index": variant,
                                 "frame_id": f"{variant:06d}-{number}",
                                 "camera": camera,
+                                "time_s": 0.0,
                                 "character": character,
                                 "sensor": "default",
                                 "function": function,

@@ -27,6 +27,7 @@ def table(function: str, pacc: np.ndarray, *, fp: int = 10, order: np.ndarray | 
             "variant_index": order,
             "frame_id": [f"r.{i}.0.0" for i in order],
             "camera": [f"camera-{i % 2 + 1}" for i in order],
+            "time_s": [0.0] * len(order),
             "character": ["yellow" if i % 4 < 2 else "black" for i in order],
             "sensor": ["default"] * len(order),
             "function": [function] * len(order),

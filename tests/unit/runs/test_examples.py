@@ -72,3 +72,10 @@ def test_every_example_can_be_planned(file: Path) -> None:
 def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:
     text = files("valerie.runs").joinpath("template.yaml").read_text("utf-8")
     assert planned(text).frames > 0
+
+
+def test_the_crossing_is_one_movement_in_three_timings() -> None:
+    found = planned((EXAMPLES / "crossing.yaml").read_text("utf-8"))
+    assert (found.variants, found.accepted, found.moments, found.frames) == (3, 3, 8, 24)
+    backgrounds = next(product for product in found.products if product.kind == "background")
+    assert backgrounds.needed == 1

@@ -35,11 +35,12 @@ class EvaluateMaker:
         started = time.process_time()
         if job.prediction is None or job.sensor_index is None:
             raise InferenceError(f"product {job.digest} is no evaluation")
+        resolved = self._runs.run(job.run_id).resolved
         capture = capture_of(
-            self._runs.run(job.run_id).resolved,
+            resolved,
             sensor_index=job.sensor_index,
             camera_index=job.camera_index,
-            assignment=job.assignment,
+            assignment=resolved.at(job.assignment, job.time_index),
             background=job.background,
             layer=job.layer,
             truth=job.truth,

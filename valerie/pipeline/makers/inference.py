@@ -119,7 +119,7 @@ class InferMaker:
             self._runs.run(job.run_id).resolved,
             sensor_index=job.sensor_index,
             camera_index=job.camera_index,
-            assignment=job.assignment,
+            assignment=run.resolved.at(job.assignment, job.time_index),
             background=job.background,
             layer=job.layer,
             truth=job.truth,

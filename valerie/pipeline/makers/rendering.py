@@ -45,7 +45,7 @@ class RenderMaker:
         started, elsewhere, engine = time.process_time(), 0.0, None
         run = self._runs.run(job.run_id)
         resolved = run.resolved
-        scene = apply(job.assignment, self._runs.asset(run))
+        scene = apply(resolved.at(job.assignment, job.time_index), self._runs.asset(run))
         resolution = resolved.spec.resolution
         view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
         views: tuple[dict[str, Any], ...] = ()

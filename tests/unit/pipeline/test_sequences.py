@@ -1,0 +1,79 @@
+"""Sequences through the real pipeline: rows, products, tables, replay and export of frames that follow each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import Pipeline
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.pipeline.replay import replay_frame
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.selection import choose_frames, run_where
+from valerie.pipeline.tables import read_table
+
+
+def moving(**more: Any) -> dict[str, Any]:
+    """One variant, one camera, five moments; the person stands from 1 s on."""
+    document = spec(xs=1, ys=1, cameras=["camera-2"], sequence=[5, "500 ms"], **more)
+    document["vary"] = {"person-1.trajectory.key-2.pos.x": {"choice": [1.0]}}
+    document["trajectories"] = {"person-1": [[0, -1, 4], [1, 1, 4]]}
+    return document
+
+
+def test_each_moment_is_a_frame_and_equal_moments_share_their_products(pipeline: Pipeline) -> None:
+    run_id = pipeline.submit(moving())
+    assert pipeline.run(run_id) == "completed"
+    # At 1 s, 1.5 s and 2 s the person stands at the same place.
+    assert pipeline.made() == {"background": 1, "layer": 3, "truth": 3, "prediction": 3, "evaluation": 3}
+    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
+    rows = read_table(pipeline.context.engine, run_id, resolved).arrow.to_pylist()
+    assert [(row["frame_id"].rpartition(".")[2], row["time_s"]) for row in rows if row["instance_id"] == 24001] == [
+        ("0", 0.0), ("1", 0.5), ("2", 1.0), ("3", 1.5), ("4", 2.0),
+    ]  # fmt: skip
+    assert len({row["distance_m"] for row in rows if row["instance_id"] == 24001}) == 3
+    assert pipeline.row(run_id).progress["stages"]["render"]["done"] == 5
+    assert pipeline.row(run_id).summary is not None
+
+
+def test_every_frame_of_a_sequence_can_be_made_again(pipeline: Pipeline) -> None:
+    run_id = pipeline.submit(moving())
+    pipeline.run(run_id)
+    digests = set()
+    for index in range(5):
+        made = replay_frame(pipeline.context, run_id, 0, 0, index)
+        assert all(one.agrees for one in made), made
+        digests.add(next(one.digest for one in made if one.kind == "truth"))
+    assert len(digests) == 3
+
+
+def test_frames_are_chosen_by_time_and_by_where_things_are_then(pipeline: Pipeline) -> None:
+    run_id = pipeline.submit(moving())
+    pipeline.run(run_id)
+    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
+    with reading(pipeline.context.engine) as connection:
+
+        def chosen(text: str) -> list[int]:
+            where = run_where(text, resolved)
+            return [frame.key[2] for frame in choose_frames(connection, run_id, resolved, where=where)]
+
+        assert chosen("time_s > 0.7") == [2, 3, 4]
+        assert chosen("person-1.pos.x < 0.5") == [0, 1]
+        assert chosen("pacc >= 0 and time_s <= 0.5") == [0, 1]
+        found = choose_frames(connection, run_id, resolved)
+    assert [frame.moment["scene.person-1.pos.x"] for frame in found] == pytest.approx([-1, 0, 1, 1, 1])
+    assert {frame.moment["scene.person-1.heading"] for frame in found} == {270.0}
+
+
+def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipeline) -> None:
+    document = moving()
+    document["vary"] = {"person-1.trajectory.key-2.pos.y": {"choice": [4.0, 8.0]}}  # at 8 m a car stands
+    document["trajectories"] = {"person-1": [[0, -1, 4], [1, 2, 4], [2, -1, 4]]}
+    run_id = pipeline.submit(document)
+    assert pipeline.run(run_id) == "completed"
+    with reading(pipeline.context.engine) as connection:
+        frames = results.frames_page(connection, run_id, after=(-1, -1, -1), limit=100)
+    assert [(frame.variant_index, frame.time_index) for frame in frames] == [(0, index) for index in range(5)]
