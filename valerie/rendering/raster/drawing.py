@@ -12,7 +12,7 @@ from valerie.rendering.raster.uniforms import bind, set_uniforms
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
-    from valerie.rendering.raster.movable_geometry import PlacedMesh
+    from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
     from valerie.rendering.raster.scenes import Statics
     from valerie.rendering.raster.textures import TextureSet
 
@@ -29,6 +29,7 @@ class SurfaceDrawer:
         all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
         panes: what becomes of `Material.transmission`: a pane is drawn ``whole`` (for labels), ``sampled`` (some of the samples
             show what is behind it) or ``not`` at all (it casts no shadow).
+        elsewhere: whether it wants to know where the vertices are at another moment (`moved` alone).
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class SurfaceDrawer:
         depth_test: bool = True,
         all_faces: bool = False,
         panes: Literal["whole", "sampled", "not"] = "whole",
+        elsewhere: bool = False,
     ) -> None:
         self._context = context
         self._fragment = fragment
@@ -49,6 +51,7 @@ class SurfaceDrawer:
         self._depth_test = depth_test
         self._all_faces = all_faces
         self._panes = panes
+        self._elsewhere = elsewhere
 
     def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
         """Draw all statics into the target in use."""
@@ -68,6 +71,17 @@ class SurfaceDrawer:
                 continue
             mesh.draw(self._ready(mesh.kind, textures, table, values, movable=True))
 
+    def moved(
+        self,
+        placed: Sequence[tuple[PlacedMesh, MeshBuffers, Mapping[str, Any]]],
+        textures: TextureSet,
+        table: moderngl.Texture,
+        values: Mapping[str, Any],
+    ) -> None:
+        """Draw meshes, each with what it is at another moment and with values of its own, into the target in use."""
+        for mesh, elsewhere, own in placed:
+            mesh.draw(self._ready(mesh.kind, textures, table, {**values, **own}, movable=True), elsewhere)
+
     def _ready(
         self,
         kind: SurfaceKind,
@@ -79,6 +93,8 @@ class SurfaceDrawer:
     ) -> moderngl.Program:
         gl = self._context.gl
         defines = {"MOVABLE": 1} if movable else {}
+        if self._elsewhere:
+            defines["ELSEWHERE"] = 1
         bound: dict[str, Any] = {"material_table": table}
         if kind.color_side and (self._colors or kind.cut):
             defines["COLOR_TEXTURE"] = 1

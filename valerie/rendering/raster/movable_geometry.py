@@ -36,8 +36,20 @@ class MeshBuffers:
         self._indices = gl.buffer(np.ascontiguousarray(mesh.faces).tobytes())
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The vertex array of a program, with those attributes that it reads."""
+    def array(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> moderngl.VertexArray:
+        """The vertex array of a program, with those attributes that it reads.
+
+        Args:
+            program: the program.
+            elsewhere: the same mesh at another moment, whose positions it reads too; the caller releases the array.
+        """
+        if elsewhere is not None:
+            found = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
+            found.append((elsewhere._buffers["in_position"], ATTRIBUTES["in_position"], "in_elsewhere"))  # noqa: SLF001
+            return self._gl.vertex_array(program, found, index_buffer=self._indices, index_element_size=4)
+        return self._own_array(program)
+
+    def _own_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         found = self._arrays.get(program.glo)
         if found is None:
             content = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
@@ -73,8 +85,8 @@ class PlacedMesh:
         corners = buffers.corners @ item.world[:3, :3].T + item.world[:3, 3]
         return cls(buffers, item, kind, row, corners)
 
-    def draw(self, program: moderngl.Program) -> None:
-        """Draw with ``program``, whose other uniforms are set."""
+    def draw(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> None:
+        """Draw with ``program``, whose other uniforms are set; see `MeshBuffers.array`."""
         node = self.item.node
         set_uniforms(
             program,
@@ -86,5 +98,8 @@ class PlacedMesh:
         )
         gl = program.ctx
         gl.front_face = "cw" if np.linalg.det(self.item.world[:3, :3]) < 0 else "ccw"
-        self.buffers.array(program).render()
+        array = self.buffers.array(program, elsewhere)
+        array.render()
+        if elsewhere is not None:
+            array.release()
         gl.front_face = "ccw"

@@ -3,6 +3,11 @@
 in vec3 in_position;
 in vec3 in_normal;
 in vec2 in_uv;
+#ifdef ELSEWHERE
+// Where the same vertex is at another moment, in the object's own coordinates then.
+in vec3 in_elsewhere;
+out vec3 elsewhere;
+#endif
 uniform mat4 clip_from_world;
 uniform vec4 depth_row;
 #ifdef MOVABLE
@@ -35,6 +40,9 @@ void main() {
     instance = all_ids.z;
     world_position = position.xyz;
     uv = in_uv;
+#ifdef ELSEWHERE
+    elsewhere = in_elsewhere;
+#endif
     axis_depth = dot(depth_row, position);
     gl_Position = clip_from_world * position;
 }
