@@ -1,11 +1,11 @@
 """Optical flow: where what is seen at a pixel is seen at another moment, exact from geometry.
 
-For the surface point X under a pixel centre p, and the camera's projection π, the flow to another moment is π'(X') − p, where X' is
-the same point of the same object then and π' the camera then. Whether something else hides the point at that moment does not matter.
+For the surface point X under a pixel centre p, and the camera's projection π, the flow to another moment is π'(X') − p, where X'
+is the same point of the same object then and π' the camera then. Whether something else hides the point then does not matter.
 
 Everything that stands still follows from the depth of the ground truth and the two cameras. What moves is drawn with the same
-vertex shader as the truth, with the place of every vertex at the other moment as a further attribute: rigid movements and bodies that
-change their pose alike. The sky is infinitely far away: it moves as the camera turns.
+vertex shader as the truth, with the place of every vertex at the other moment as a further attribute: rigid movements and
+bodies that change their pose alike. The sky is infinitely far away: it moves as the camera turns.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ class FlowPass:
         """
         forth = self.flow(now, after, view, truth, deforming=False)
         back = self.flow(now, before, view, truth, deforming=False)
-        return np.nan_to_num((forth - back) / np.float32(seconds), copy=False, nan=0.0)
+        velocity: Flow = np.nan_to_num((forth - back) / np.float32(seconds), copy=False, nan=0.0)
+        return velocity
 
     def close(self) -> None:
         """Free what this pass holds; the context stays with who made it."""
@@ -149,7 +150,9 @@ def still_flow(depth: NDArray[np.float32], camera: Camera, other: Camera) -> Flo
         (H, W, 2) float32, pixels to the right and down; NaN where a point lies behind the other camera.
     """
     height, width = depth.shape
-    if np.array_equal(camera.transform, other.transform) and camera.focal_length_px(width) == other.focal_length_px(width):
+    if np.array_equal(camera.transform, other.transform) and camera.focal_length_px(width) == other.focal_length_px(
+        width
+    ):
         return np.zeros((height, width, 2), np.float32)
     focal, focal_then = camera.focal_length_px(width), other.focal_length_px(width)
     x, y = np.arange(width) + 0.5, (np.arange(height) + 0.5)[:, None]

@@ -36,6 +36,9 @@ def run_spec_schema() -> dict[str, Any]:
         # One block may stand at the top.
         properties[key] = block[key]
     properties["parameters"] = _parameters()
+    properties["trajectories"] = _trajectories(definitions)
+    numbers = {"type": "array", "minItems": 2, "maxItems": 3, "description": "[frames, step, start]"}
+    properties["sequence"]["anyOf"].append(numbers)
     properties["renderer"] |= {"anyOf": _renderers()}
     schema["not"] = {
         "required": ["blocks"],
@@ -184,6 +187,28 @@ def _parameters() -> dict[str, Any]:
                     ]
                 },
             },
+        ],
+    }
+
+
+def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
+    """A mapping by thing or a list; keyframes as mappings or as lists of numbers."""
+    quantity = {"$ref": "#/$defs/Quantity"}
+    numbers = {"type": "array", "minItems": 3, "maxItems": 4, "items": quantity, "description": "[time, x, y, heading]"}
+    document = definitions["TrajectoryDocument"]
+    keyframes = document["properties"]["keyframes"]
+    keyframes["items"] = {
+        "anyOf": [{"type": "object", "required": ["time"], "additionalProperties": quantity}, numbers]
+    }
+    fields = {name: field for name, field in document["properties"].items() if name != "path"}
+    named = {"type": "object", "properties": fields, "required": ["keyframes"], "additionalProperties": False}
+    listed = {"type": "array", "minItems": 1, "items": numbers}
+    in_a_list = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
+    return {
+        "description": "how things move, by keyframes, beside or instead of what the asset says",
+        "anyOf": [
+            {"type": "object", "additionalProperties": {"anyOf": [named, listed]}},
+            {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/TrajectoryDocument"}, in_a_list]}},
         ],
     }
 

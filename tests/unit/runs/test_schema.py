@@ -40,6 +40,8 @@ def test_shipped_specs_and_their_stored_form_follow_the_schema(validator: Any, f
         {"sensors": [{"curve": "film"}]}, {"name": None},
         {"renderer": {"name": "cycles", "sample": 4}}, {"renderer": {"name": "cycles", "samples": 0}}, {"renderer": {}},
         {"renderer": {"name": "raster", "samples": 4}},
+        {"sequence": [1]}, {"sequence": {"frames": 3}}, {"trajectories": {"person-1": [[0, 1]]}},
+        {"trajectories": {"person-1": {"keyframes": [{"pos.x": 1}]}}},
     ],
 )  # fmt: skip
 def test_an_editor_marks_what_the_product_refuses(validator: Any, change: dict[str, Any]) -> None:
