@@ -31,8 +31,8 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
     "us": ("time", Decimal("0.000001")),
     "µs": ("time", Decimal("0.000001")),
     "min": ("time", Decimal(60)),
-    "EV": ("exposure", Decimal(1)),
     "h": ("time", Decimal(3600)),
+    "EV": ("exposure", Decimal(1)),
     "": ("ratio", Decimal(1)),
     "%": ("ratio", Decimal("0.01")),
 }

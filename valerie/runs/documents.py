@@ -301,8 +301,6 @@ class RunSpec(Document):
             if getattr(self, field) == type(self).model_fields[field].default:
                 del document[field]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
-        if not self.annotations:
-            del document["annotations"]  # specs of before there were any keep their digest
         return digest("run-spec", document)
 
     def to_yaml(self) -> str:
@@ -321,7 +319,7 @@ class RunSpec(Document):
 
 
 #: Fields that the first specs did not have: left out of the digest at their defaults, so that old specs keep theirs.
-_LATER_FIELDS: Final = ("sequence", "trajectories")
+_LATER_FIELDS: Final = ("sequence", "trajectories", "annotations")
 
 
 def engine_name(renderer: str | Mapping[str, Any]) -> str:

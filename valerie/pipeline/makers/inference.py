@@ -115,11 +115,12 @@ class InferMaker:
     def _picture(self, job: Job) -> NDArray[uint8]:
         """What the function sees."""
         assert job.sensor_index is not None, "predictions have a sensor"
+        resolved = self._runs.run(job.run_id).resolved
         capture = capture_of(
-            self._runs.run(job.run_id).resolved,
+            resolved,
             sensor_index=job.sensor_index,
             camera_index=job.camera_index,
-            assignment=run.resolved.at(job.assignment, job.time_index),
+            assignment=resolved.at(job.assignment, job.time_index),
             background=job.background,
             layer=job.layer,
             truth=job.truth,
