@@ -89,6 +89,10 @@ bench-%: setup-dev ## One benchmark, e.g. make bench-render
 sensor-strip: setup-dev ## Make docs/images/sensor.jpg: one frame behind each effect of the sensor stage
 	@exec $(PYTHON_BIN) -m tools.sensor_strip
 
+.PHONY: gallery
+gallery: setup-dev ## Make docs/images/gallery.jpg and one large picture per engine (Cycles after `make cycles`; minutes)
+	@exec $(PYTHON_BIN) -m tools.gallery
+
 .PHONY: clean
 clean: ## Remove what tools left; data (var/) and the environment stay
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist *.egg-info
