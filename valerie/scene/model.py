@@ -255,7 +255,7 @@ class Environment:
     rain: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
     """One concrete variant of an asset.
 
@@ -275,6 +275,10 @@ class Scene:
     def __post_init__(self) -> None:
         for name in ("nodes", "materials", "textures", "cameras"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __repr__(self) -> str:
+        """A line: every array of a street, written out, takes minutes."""
+        return f"<Scene: {len(self.nodes)} nodes, {len(self.materials)} materials, cameras {', '.join(self.cameras)}>"
 
     def world_transform(self, path: str) -> Matrix:
         """(4, 4) object to world of the node at ``path``."""
