@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from valerie.scene.asset import SceneAsset
     from valerie.scene.traverse import PathEntry
 
-app = typer.Typer(no_args_is_help=True, help="Show, check, list and export scene assets.")
+app = typer.Typer(no_args_is_help=True, help="Show, check, list, export, draft and convert scene assets.")
 
 Asset = Annotated[
     str, typer.Argument(metavar="ASSET", help="Name of an asset (urban-street), or a folder with a manifest.")
@@ -118,6 +118,45 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
 
 
 @app.command()
+def draft(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with glTF files, and no manifest yet.")],
+) -> None:
+    """Write a first manifest for a folder of glTF files, to be corrected."""
+    from valerie.scene.manifest_draft import draft_manifest
+
+    if not folder.is_dir():
+        raise InvalidInput("no such folder", field="FOLDER", value=str(folder))
+    say(f"wrote {draft_manifest(folder)}")
+    say(f"correct it, then check it with: {command_name()} asset check {_as_folder(folder)}")
+
+
+@app.command()
+def convert(
+    file: Annotated[Path, typer.Argument(metavar="FILE.blend", help="File of Blender.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder of the asset, made if it is not there.")],
+) -> None:
+    """Convert a .blend file once into a glTF file with a first manifest; nothing that the file brings is run.
+
+    Needs Blender's environment (`make cycles`).
+    """
+    from valerie.rendering.cycles.conversion import convert_blend
+    from valerie.scene.asset_files import MANIFEST_FILE
+    from valerie.scene.manifest_draft import draft_manifest
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"the folder cannot be made ({error.strerror})", field="--out", value=str(out)) from error
+    made = convert_blend(file, out / f"{file.stem}.glb", settings_of())
+    for note in made.notes:
+        say(f"note: {note}")
+    say(f"wrote {made.path} with Blender {made.version}")
+    if not (out / MANIFEST_FILE).exists():
+        say(f"wrote {draft_manifest(out)}")
+    say(f"check it with: {command_name()} asset check {_as_folder(out)}")
+
+
+@app.command()
 def export(
     asset: Asset,
     path: Annotated[Path, typer.Argument(metavar="FILE.glb", help="Binary glTF 2.0 file to write.")],
@@ -133,6 +172,11 @@ def export(
     except OSError as error:
         raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(path)) from error
     say(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _as_folder(folder: Path) -> str:
+    """As an argument that is taken for a folder, not for a name."""
+    return str(folder) if "/" in str(folder) else f"./{folder}"
 
 
 def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str, Any], Path | None]:

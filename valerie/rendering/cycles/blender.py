@@ -68,7 +68,7 @@ class BlenderProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
-            env=_environment(),
+            env=blender_environment(),
         )
         self.pid = self._process.pid
         device = settings.cycles_device
@@ -289,7 +289,7 @@ class BlenderHolder:
             self._blender = None
 
 
-def _environment() -> dict[str, str]:
+def blender_environment() -> dict[str, str]:
     """What Blender gets to see of the environment: nothing of VALERIE's settings and tokens, no user's Blender settings."""
     kept = (
         "PATH",

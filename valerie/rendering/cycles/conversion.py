@@ -1,0 +1,107 @@
+""".blend files to glTF, once, by Blender in its own process (docs/assets.md)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from valerie.errors import InvalidInput, RenderingError
+from valerie.rendering.cycles.blender import blender_environment, interpreter
+from valerie.settings import Settings
+
+_PROGRAM: Final = Path(__file__).with_name("inside_converter.py")
+_MAGIC: Final = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # plain, gzip (before 3.0), zstd
+#: Longest time for one file, seconds.
+_LONGEST_S: Final = 1800.0
+_LOOK_SECONDS: Final = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What became of a .blend file.
+
+    Attributes:
+        path: of the glTF file.
+        version: of Blender.
+        notes: what was left out, in words.
+    """
+
+    path: Path
+    version: str
+    notes: tuple[str, ...]
+
+
+def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
+    """Turn a .blend file into one binary glTF file; nothing that the file brings is run.
+
+    Args:
+        source: the .blend file.
+        target: the .glb file to write.
+        settings: where Blender is, and how much memory it may take.
+
+    Raises:
+        MissingDependency: there is no Blender environment (``make cycles`` makes it).
+        InvalidInput: no .blend file, or Blender cannot read it.
+        RenderingError: Blender crashed, took too long or too much memory.
+    """
+    try:
+        with source.open("rb") as file:
+            start = file.read(7)
+    except OSError as error:
+        raise InvalidInput(f"the file cannot be read ({error.strerror})", value=str(source)) from None
+    if not start.startswith(_MAGIC):
+        raise InvalidInput("not a .blend file", field=source.name, value=start.hex(" "), limit="starts with BLENDER")
+    python = interpreter(settings)
+    with tempfile.TemporaryDirectory(prefix="valerie-convert-") as folder:
+        made, report = Path(folder, "scene.glb"), Path(folder, "report.json")
+        command = [str(python), "-I", str(_PROGRAM), str(source.resolve()), str(made), str(report)]
+        with Path(folder, "log").open("w+b") as log:
+            _run(command, log, settings.cycles_max_memory_mb * 1_000_000)
+            log.seek(0)
+            last = log.read().decode(errors="replace").strip().splitlines()[-1:]
+        if not report.is_file():
+            raise RenderingError(f"Blender ended while it converted {source.name}: {' '.join(last) or 'no message'}")
+        found = json.loads(report.read_text("utf-8"))
+        if "error" in found or not made.is_file():
+            raise InvalidInput(f"Blender cannot convert it: {found.get('error', last)}", field=source.name)
+        try:
+            target.write_bytes(made.read_bytes())
+        except OSError as error:
+            raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(target)) from None
+    return Conversion(target, str(found["version"]), tuple(map(str, found["notes"])))
+
+
+def _run(command: list[str], log: Any, memory: int) -> None:
+    """Run to the end; raises RenderingError where it outgrows its memory or its time."""
+    until = time.monotonic() + _LONGEST_S
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=blender_environment()
+    )
+    try:
+        while True:
+            try:
+                process.wait(_LOOK_SECONDS)
+                return
+            except subprocess.TimeoutExpired:
+                _require_modesty(process.pid, memory, until)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _require_modesty(pid: int, memory: int, until: float) -> None:
+    try:
+        used = psutil.Process(pid).memory_info().rss
+    except psutil.Error:
+        return  # it has just ended
+    if used > memory:
+        raise RenderingError(f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")
+    if time.monotonic() > until:
+        raise RenderingError(f"Blender did not finish within {_LONGEST_S:g} s")

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program that runs inside Blender's Python to turn a .blend file into one binary glTF file.
+
+Licence note: as of `inside_blender.py`. This program imports Blender (``bpy``, GPL-3.0-or-later) and nothing of VALERIE,
+and VALERIE imports nothing of it; together with Blender in one process, the whole is under GPL-3.0-or-later.
+
+``python -I inside_converter.py FILE.blend OUT.glb REPORT.json``. Nothing that the file brings is run: the file is opened
+with scripts off, so that neither its text blocks nor Python in its drivers are executed (arithmetic in drivers is, after
+Blender has found it harmless). Images from outside the file's own folder are left out. REPORT.json says what was left out.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import sys
+from typing import Any
+
+_PR_SET_PDEATHSIG = 1
+
+
+def convert(bpy: Any, source: str, target: str) -> list[str]:
+    """Open ``source``, write ``target``; what was left out, in words."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.preferences.filepaths.use_scripts_auto_execute = False
+    bpy.ops.wm.open_mainfile(filepath=source, load_ui=False, use_scripts=False)
+    notes = []
+    if bpy.app.autoexec_fail:
+        notes.append(
+            f"scripts of the file are not run ({bpy.app.autoexec_fail_message}): what they would place or shape stays as "
+            "it was saved, or at 0"
+        )
+    notes += [f"linked file {library.filepath} belongs to it" for library in bpy.data.libraries]
+    notes += drop_images(bpy, os.path.dirname(os.path.realpath(source)))  # noqa: PTH120
+    notes += procedural_materials(bpy)
+    bpy.ops.export_scene.gltf(
+        filepath=target,
+        export_format="GLB",
+        export_yup=True,
+        export_apply=True,
+        export_cameras=True,
+        export_lights=True,
+        export_animations=False,
+        export_skins=False,
+        export_morph=False,
+        export_extras=False,
+        export_image_format="AUTO",
+        check_existing=False,
+    )
+    return notes
+
+
+def drop_images(bpy: Any, folder: str) -> list[str]:
+    """Remove images that lie outside of a folder or are not there; what was removed, in words."""
+    notes = []
+    for image in list(bpy.data.images):
+        if image.source not in {"FILE", "TILED"} or image.packed_file is not None:
+            continue
+        path = os.path.realpath(bpy.path.abspath(image.filepath))
+        if os.path.commonpath([path, folder]) != folder:
+            notes.append(f"image {image.name} is left out: {image.filepath} lies outside of the file's folder; pack it")
+        elif image.source == "FILE" and not os.path.isfile(path):  # noqa: PTH113
+            notes.append(f"image {image.name} is left out: {image.filepath} is missing")
+        else:
+            continue
+        bpy.data.images.remove(image)
+    return notes
+
+
+def procedural_materials(bpy: Any) -> list[str]:
+    """Materials whose colour glTF cannot hold, in words."""
+    found = []
+    for material in bpy.data.materials:
+        if not material.users or not material.use_nodes or material.node_tree is None:
+            continue
+        for node in material.node_tree.nodes:
+            if node.type != "BSDF_PRINCIPLED":
+                continue
+            links = node.inputs["Base Color"].links
+            if links and links[0].from_node.type not in {"TEX_IMAGE", "RGB", "MIX", "VERTEX_COLOR"}:
+                found.append(f"material {material.name}: its procedural colour is not converted; bake it to an image")
+    return found
+
+
+def _die_with_parent() -> None:
+    """Ask the kernel to end this process when its parent ends, however it ends (Linux)."""
+    if sys.platform == "linux":
+        parent = os.getppid()
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
+def main(source: str, target: str, report: str) -> None:
+    """Convert, and write {"version", "notes"} or {"error"}."""
+    _die_with_parent()
+    import bpy
+
+    try:
+        found: dict[str, Any] = {"version": bpy.app.version_string, "notes": convert(bpy, source, target)}
+    except Exception as error:
+        found = {"error": f"{type(error).__name__}: {error}".strip()}
+    with open(report, "w", encoding="utf-8") as file:  # noqa: PTH123
+        json.dump(found, file)
+    # Blender's own end reports every block that it did not free, and may wait for ever.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
