@@ -75,12 +75,15 @@ def test_the_command_line_answers_without_loading_what_it_does_not_need() -> Non
     assert _loaded_by("import valerie.cli.main", unneeded) == []
 
 
-def test_the_program_inside_blender_and_valerie_import_nothing_of_each_other() -> None:
-    # Two programs under two licences that exchange messages: docs/cycles.md.
-    inside = ROOT / "valerie" / "rendering" / "cycles" / "inside_blender.py"
-    assert _imports(inside) - sys.stdlib_module_names == {"numpy", "bpy", "mathutils"}
+@pytest.mark.parametrize(
+    ("program", "imported"), [("inside_blender", {"numpy", "bpy", "mathutils"}), ("inside_converter", {"bpy"})]
+)
+def test_a_program_inside_blender_and_valerie_import_nothing_of_each_other(program: str, imported: set[str]) -> None:
+    # Programs under two licences that exchange messages or files: docs/cycles.md.
+    inside = ROOT / "valerie" / "rendering" / "cycles" / f"{program}.py"
+    assert _imports(inside) - sys.stdlib_module_names == imported
     for file in (*(ROOT / "valerie").rglob("*.py"), *(ROOT / "services").rglob("*.py")):
-        assert not any("import" in line and "inside_blender" in line for line in file.read_text("utf-8").splitlines())
+        assert not any("import" in line and program in line for line in file.read_text("utf-8").splitlines())
 
 
 def _imports(file: Path) -> set[str]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program that runs inside Blender's Python to turn a .blend file into one binary glTF file.
 
-Licence note: as of `inside_blender.py`. This program imports Blender (``bpy``, GPL-3.0-or-later) and nothing of VALERIE,
-and VALERIE imports nothing of it; together with Blender in one process, the whole is under GPL-3.0-or-later.
+Licence note. This program imports Blender (``bpy``, GPL-3.0-or-later) and nothing of VALERIE, and VALERIE imports nothing
+of it. Its text is under Apache-2.0; together with Blender in one process, the whole is under GPL-3.0-or-later.
 
 ``python -I inside_converter.py FILE.blend OUT.glb REPORT.json``. Nothing that the file brings is run: the file is opened
 with scripts off, so that neither its text blocks nor Python in its drivers are executed (arithmetic in drivers is, after
