@@ -167,6 +167,11 @@ def create_truth_pass(numeric_class: str) -> Any:
     return _TRUTH_PASSES.load(TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster")()
 
 
+def light_engine(numeric_class: str) -> str:
+    """The engine that says what light arrives where, for all engines: as `create_truth_pass`."""
+    return TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster"
+
+
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
     """All functions under test that a spec may name; neither torch nor a network is loaded."""
     return (*FUNCTIONS, *sorted(_FUNCTIONS.declared()), *((TESTING_ENGINE,) if testing else ()))

@@ -126,6 +126,15 @@ class PersonRead(Read):
     truncation_rate: float | None
     distance_m: float | None
     depth_m: float | None
+    bearing_deg: float | None = Field(description="from the optical axis, positive to the right")
+    aspect_deg: float | None = Field(description="heading against the line of sight; 0 faces the camera")
+    irradiance: float | None = Field(
+        default=None, description="light on the body, 1 = clear noon sun; annotation light"
+    )
+    shadow_share: float | None = Field(
+        default=None, description="share of the visible body in shadow; annotation light"
+    )
+    contrast: float | None = Field(default=None, description="to the ring around the body, −1…1; annotation light")
     box: list[int] | None = Field(description="x0, y0, x1, y1 of the visible pixels, end exclusive")
     amodal_box: list[int] | None
     undefined_reason: str | None = Field(description="why pACC has no value")
@@ -195,6 +204,11 @@ class EvaluationRow(BaseModel):
     truncation_rate: float | None
     distance_m: float | None
     depth_m: float | None
+    bearing_deg: float | None
+    aspect_deg: float | None
+    irradiance: float | None
+    shadow_share: float | None
+    contrast: float | None
     tp: int
     fn: int
     pacc: float | None

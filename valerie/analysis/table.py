@@ -43,6 +43,21 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("truncation_rate", pa.float64(), True, "share of the person beyond the image border, 0…1"),
     ("distance_m", pa.float64(), True, "optical centre to the person's ground origin, Euclidean, metres"),
     ("depth_m", pa.float64(), True, "the same along the optical axis, metres"),
+    ("bearing_deg", pa.float64(), True, "from the optical axis to that origin, −180…180, positive to the right"),
+    (
+        "aspect_deg",
+        pa.float64(),
+        True,
+        "heading against the line of sight, −180…180: 0 faces the camera, ±180 the back",
+    ),
+    ("irradiance", pa.float64(), True, "light that arrives on the visible body, 1 = clear noon sun; annotation light"),
+    (
+        "shadow_share",
+        pa.float64(),
+        True,
+        "share of the visible body in shadow, 0…1; empty without a sun; annotation light",
+    ),
+    ("contrast", pa.float64(), True, "Michelson contrast to the ring around the body, −1…1; annotation light"),
     ("sun_azimuth_deg", pa.float64(), True, "of the sun, clockwise from north, whichever way it was given"),
     ("sun_elevation_deg", pa.float64(), True, "of the sun above the horizon; below 0 it has set"),
     ("road_friction", pa.float64(), True, "peak friction of new tyres on this road in this weather, 50 km/h"),
@@ -353,8 +368,9 @@ def _check(arrow: pa.Table) -> None:
             raise InvalidInput("empty values in a required column", field=name, value=arrow[name].null_count)
     for name in ("tp", "fn", "fp"):
         _check_bounds(arrow, name, 0, None)
-    for name in ("pacc", "precision", "iou", "pixel_accuracy", "occlusion_rate", "truncation_rate"):
+    for name in ("pacc", "precision", "iou", "pixel_accuracy", "occlusion_rate", "truncation_rate", "shadow_share"):
         _check_bounds(arrow, name, 0, 1)
+    _check_bounds(arrow, "contrast", -1, 1)
     unexplained = pc.sum(pc.equal(pc.is_null(arrow["pacc"]), pc.is_null(arrow["undefined_reason"]))).as_py()
     if unexplained:
         raise InvalidInput("pacc is undefined exactly where undefined_reason is given", field="pacc", value=unexplained)

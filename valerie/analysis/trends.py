@@ -42,6 +42,9 @@ AXES: Final = (
     Axis("distance_m", "distance", "m", 1.0, 5.0),
     Axis("occlusion_rate", "occlusion", "%", 100.0, 0.05),
     Axis("pixel_area_percent", "pixel area", "% of the image", 1.0, 0.05),
+    Axis("irradiance", "light on the body", "of a clear noon sun", 1.0, 0.1),
+    Axis("shadow_share", "body in shadow", "%", 100.0, 0.1),
+    Axis("contrast", "contrast to the surroundings", "Michelson", 1.0, 0.1),
 )
 
 

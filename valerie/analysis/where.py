@@ -20,7 +20,8 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType, V
 METADATA: Final = (
     "run_id", "variant_index", "frame_id", "camera", "time_s", "character", "sensor", "instance_id", "pixel_area",
     "pixel_area_percent", "pixel_area_amodal", "occlusion_rate", "truncation_rate", "distance_m", "depth_m",
-    "sun_azimuth_deg", "sun_elevation_deg", "road_friction", "undefined_reason",
+    "bearing_deg", "aspect_deg", "irradiance", "shadow_share", "contrast", "sun_azimuth_deg",
+    "sun_elevation_deg", "road_friction", "undefined_reason",
 )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ from valerie.db.models import (
     Evaluation,
     Frame,
     FrameAnnotation,
+    PersonLight,
     PersonScore,
     PersonView,
     Product,
@@ -312,6 +313,7 @@ class Finished:
     pixels: int
     cpu_seconds: float
     person_views: tuple[dict[str, Any], ...] = ()
+    person_lights: tuple[dict[str, Any], ...] = ()
     score: dict[str, Any] | None = None
     person_scores: tuple[dict[str, Any], ...] = ()
     part: Part | None = None
@@ -356,6 +358,7 @@ def publish(connection: Connection, finished: Sequence[Finished], *, owner: str,
     )
     _publish_parts(connection, finished, now)
     insert_ignoring(connection, PersonView, [row for f in finished for row in f.person_views])
+    insert_ignoring(connection, PersonLight, [row for f in finished for row in f.person_lights])
     insert_ignoring(connection, Score, [f.score for f in finished if f.score is not None])
     insert_ignoring(connection, PersonScore, [row for f in finished for row in f.person_scores])
 

@@ -23,14 +23,36 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import aliased
 
-from valerie.db.models import Evaluation, Frame, FrameAnnotation, PersonScore, PersonView, Product, Score, Variant
+from valerie.db.models import (
+    Evaluation,
+    Frame,
+    FrameAnnotation,
+    PersonLight,
+    PersonScore,
+    PersonView,
+    Product,
+    Score,
+    Variant,
+)
 from valerie.errors import InvalidInput, NotFound, UnknownName
+from valerie.rendering.annotations.kinds import AnnotationKind
 
 _OF_FRAME = and_(
     Evaluation.run_id == Frame.run_id,
     Evaluation.variant_index == Frame.variant_index,
     Evaluation.camera_index == Frame.camera_index,
     Evaluation.time_index == Frame.time_index,
+)
+#: The light of a frame, where its run asked for it.
+_LIGHT_OF_FRAME = and_(
+    FrameAnnotation.run_id == Frame.run_id,
+    FrameAnnotation.variant_index == Frame.variant_index,
+    FrameAnnotation.camera_index == Frame.camera_index,
+    FrameAnnotation.time_index == Frame.time_index,
+    FrameAnnotation.kind == AnnotationKind.LIGHT.value,
+)
+_LIGHT_OF_PERSON = and_(
+    PersonLight.product == FrameAnnotation.product, PersonLight.instance_id == PersonView.instance_id
 )
 _OF_VARIANT = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
 
@@ -49,6 +71,11 @@ COLUMNS: Final[dict[str, Any]] = {
     "truncation_rate": PersonView.truncation_rate,
     "distance_m": PersonView.distance_m,
     "depth_m": PersonView.depth_m,
+    "bearing_deg": PersonView.bearing_deg,
+    "aspect_deg": PersonView.aspect_deg,
+    "irradiance": PersonLight.irradiance,
+    "shadow_share": PersonLight.shadow_share,
+    "contrast": PersonLight.contrast,
     "undefined_reason": PersonView.undefined_reason,
     "tp": PersonScore.tp,
     "fn": PersonScore.fn,
@@ -104,6 +131,8 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
         .join(Variant, _OF_VARIANT)
         .join(Score, Score.digest == Evaluation.scores)
         .join(PersonView, PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth))
+        .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
+        .outerjoin(PersonLight, _LIGHT_OF_PERSON)
         .outerjoin(
             PersonScore,
             and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),
@@ -305,12 +334,21 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
     """
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query: Select[Any] = (
-        select(*Frame.__table__.columns, *PersonView.__table__.columns, Variant.assignment)
+        select(
+            *Frame.__table__.columns,
+            *PersonView.__table__.columns,
+            PersonLight.irradiance,
+            PersonLight.shadow_share,
+            PersonLight.contrast,
+            Variant.assignment,
+        )
         .join(Variant, _OF_VARIANT)
         .join(background, background.digest == Frame.background)
         .join(layer, layer.digest == Frame.layer)
         .join(truth, truth.digest == Frame.truth)
         .join(PersonView, PersonView.truth == Frame.truth)
+        .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
+        .outerjoin(PersonLight, _LIGHT_OF_PERSON)
         .where(Frame.run_id == run_id, background.state == "done", layer.state == "done", truth.state == "done")
         .order_by(Frame.variant_index, Frame.camera_index, Frame.time_index, PersonView.instance_id)
     )
@@ -419,6 +457,17 @@ def frame_annotations(
         .order_by(FrameAnnotation.kind)
     )
     return {row.kind: cast("Row[Any]", row) for row in rows}
+
+
+def person_lights(connection: Connection, product: str) -> list[Row[Any]]:
+    """Light on the persons in one product of kind ``light``."""
+    return list(
+        connection.execute(
+            select(*PersonLight.__table__.columns)
+            .where(PersonLight.product == product)
+            .order_by(PersonLight.instance_id)
+        )
+    )
 
 
 def product(connection: Connection, digest: str) -> Row[Any]:

@@ -57,7 +57,10 @@ _FRAGMENTS: Final = "fragments"
 #: Bytes per pixel to be on the safe side: a picture's PNG, labels and colours, a prediction.
 _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
 #: What a person's annotation carries beside masks.
-_OF_PERSON: Final = ("occlusion_rate", "truncation_rate", "distance_m", "depth_m", "character", "pixel_area_amodal")
+_OF_PERSON: Final = (
+    "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
+    "shadow_share", "contrast", "character", "pixel_area_amodal",
+)  # fmt: skip
 
 
 class ExportSettings(BaseModel):

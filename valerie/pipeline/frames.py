@@ -94,7 +94,12 @@ def find(
         missing.append(chosen.prediction_state)
     if kind in ANNOTATION_KINDS:
         if kind not in annotations:
-            raise UnknownName("kind of picture", kind, (*FRAME_KINDS, *FUNCTION_KINDS, *annotations), field="kind")
+            raise UnknownName(
+                "kind of picture",
+                kind,
+                (*FRAME_KINDS, *FUNCTION_KINDS, *(one for one in annotations if one in ANNOTATION_KINDS)),
+                field="kind",
+            )
         missing += [one.state for one in (annotations[kind],) if one.state != "done"]
     if missing:
         raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")

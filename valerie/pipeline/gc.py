@@ -12,6 +12,8 @@ from valerie.pipeline.context import Context
 from valerie.storage.keys import FUNCTIONS, PRODUCTS, RUNS, parse_function_key, parse_product_key, product_key
 
 _BATCH = 500
+#: Kinds of products that are rows alone.
+_WITHOUT_OBJECT = ("evaluation", "light")
 #: An object may be stored before its row says so; younger ones without a row are left alone.
 _GRACE = timedelta(hours=1)
 
@@ -38,7 +40,7 @@ def collect(context: Context, *, dry_run: bool = False) -> Freed:
                 products.delete(connection, [digest for digest, _ in batch])
         removed += len(batch)
         if not dry_run:
-            context.store.delete(product_key(kind, digest) for digest, kind in batch if kind != "evaluation")
+            context.store.delete(product_key(kind, digest) for digest, kind in batch if kind not in _WITHOUT_OBJECT)
         # Once more after the last products: what they were stored over is free now.
         if dry_run or not batch:
             break

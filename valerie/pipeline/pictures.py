@@ -21,7 +21,7 @@ from valerie.rendering.base import GroundTruth
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
 #: Kinds that a frame has if its run asked for them.
-ANNOTATION_KINDS: Final = tuple(kind.value for kind in AnnotationKind)
+ANNOTATION_KINDS: Final = tuple(kind.value for kind in AnnotationKind if kind.stored)
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1

@@ -72,7 +72,9 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
         scratch.compare(render, Job(digest=digest, kind=kind, **shared), "")
         for kind, digest in (("background", frame.background), ("layer", frame.layer), ("truth", frame.truth))
     ]
-    made += [scratch.compare(render, Job(one.product, kind, **shared), "") for kind, one in annotations.items()]
+    made += [
+        scratch.compare(render, Job(one.product, kind, **shared), "", stored=one) for kind, one in annotations.items()
+    ]
     spec = run.spec
     for one in evaluations:
         name = f"{spec['functions'][one.function_index]} / {spec['sensors'][one.sensor_index]['name']}"
@@ -129,6 +131,13 @@ class _Scratch:
         except ValerieError as error:
             return Replayed(job.kind, name, job.digest, f"cannot be made here: {error}")
         seconds = time.process_time() - started
+        if job.kind == "light":
+            with reading(self.context.engine) as connection:
+                known_rows = [dict(row._mapping) for row in results.person_lights(connection, job.digest)]  # noqa: SLF001
+            verdict = "not stored" if stored.state != "done" else "differs"
+            return Replayed(
+                job.kind, name, job.digest, "equal" if known_rows == list(finished.person_lights) else verdict, seconds
+            )
         if job.kind == "evaluation":
             fresh = finished.score or {}
             names = [name for name in fresh if name not in ("digest", "confusion")]

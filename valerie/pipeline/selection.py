@@ -164,7 +164,10 @@ def _scored(
 def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict[str, Any]:
     nobody = row.instance_id == 0
     seen = ("instance_id", "pixel_area", "pixel_area_percent", "pixel_area_amodal")
-    always = ("occlusion_rate", "truncation_rate", "distance_m", "depth_m", "box", "amodal_box", "undefined_reason")
+    always = (
+        "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
+        "shadow_share", "contrast", "box", "amodal_box", "undefined_reason",
+    )  # fmt: skip
     return {
         "run_id": run_id,
         "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),

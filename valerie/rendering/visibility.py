@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valerie.labels import PERSON
 from valerie.rendering.base import GroundTruth, PersonTruth, View, bounds
@@ -39,6 +41,10 @@ class Visibility:
             image's border, 0 … 1; None when nothing of it is on the padded canvas.
         distance_m: from the optical centre to the person's ground origin, Euclidean; None when absent.
         depth_m: of that origin along the optical axis, negative behind the camera; None when absent.
+        bearing_deg: angle from the optical axis to that origin in the plane of the axis and the image's x, −180 … 180,
+            positive to the right; None when absent.
+        aspect_deg: how the person is turned to the camera, seen from above: heading less the direction from its origin to
+            the camera, −180 … 180. 0 faces the camera, ±180 shows the back, 90 the right side, −90 the left; None when absent.
         box, amodal_box: (x, y, width, height) of the visible and of the amodal pixels; None when there are none.
         undefined_reason: None if a pixel is visible, else ``absent``, ``outside the image`` or ``fully hidden``.
     """
@@ -51,6 +57,8 @@ class Visibility:
     truncation_rate: float | None
     distance_m: float | None
     depth_m: float | None
+    bearing_deg: float | None
+    aspect_deg: float | None
     box: Box | None
     amodal_box: Box | None
     undefined_reason: str | None
@@ -81,7 +89,7 @@ def person_roots(scene: Scene) -> Mapping[int, Node]:
 
 
 def _absent(instance_id: int) -> Visibility:
-    return Visibility(instance_id, 0, 0.0, 0, None, None, None, None, None, None, ABSENT)
+    return Visibility(instance_id, 0, 0.0, 0, None, None, None, None, None, None, None, None, ABSENT)
 
 
 def _present(
@@ -91,9 +99,23 @@ def _present(
     root = roots.get(person.instance_id)
     if root is None:
         return seen
-    offset = scene.world_transform(root.path)[:3, 3] - camera.position
-    forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
-    return replace(seen, distance_m=float(np.linalg.norm(offset)), depth_m=float(offset @ forward))
+    world = scene.world_transform(root.path)
+    offset = world[:3, 3] - camera.position
+    axes = camera.transform[:3, :3] / np.linalg.norm(camera.transform[:3, :3], axis=0)
+    depth, right = -float(offset @ axes[:, 2]), float(offset @ axes[:, 0])
+    return replace(
+        seen,
+        distance_m=float(np.linalg.norm(offset)),
+        depth_m=depth,
+        bearing_deg=math.degrees(math.atan2(right, depth)),
+        aspect_deg=_turn_deg(world[:2, 1], -offset[:2]),
+    )
+
+
+def _turn_deg(of: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
+    """From one direction on the ground to another, −180 … 180, counter-clockwise seen from above."""
+    across = float(reference[0] * of[1] - reference[1] * of[0])
+    return math.degrees(math.atan2(across, float(of @ reference)))
 
 
 def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
@@ -119,6 +141,8 @@ def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
         truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
         distance_m=None,
         depth_m=None,
+        bearing_deg=None,
+        aspect_deg=None,
         box=None if seen.empty else (person.box.x + seen.x, person.box.y + seen.y, seen.width, seen.height),
         amodal_box=None if person.box.empty else (person.box.x, person.box.y, person.box.width, person.box.height),
         undefined_reason=reason,

@@ -5,7 +5,7 @@ Per frame (variant, camera): ::
     background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
-    annotation   truth
+    annotation   truth; of kind light: background, layer, truth, truth pass
     prediction   background, layer, sensor response, function; truth, where the sensor needs depth
     evaluation   prediction, truth
 
@@ -35,7 +35,7 @@ from valerie.sensing.sensor import REVISION as SENSING_REVISION
 #: Raised by hand whenever equal predictions and truths give other counts.
 EVALUATION_REVISION: Final = 1
 #: Raised by hand whenever an annotation of equal truth differs.
-ANNOTATION_REVISIONS: Final = {AnnotationKind.NORMALS: 1, AnnotationKind.BOXES: 1}
+ANNOTATION_REVISIONS: Final = {AnnotationKind.NORMALS: 1, AnnotationKind.BOXES: 1, AnnotationKind.LIGHT: 1}
 #: Raised by hand whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
 
@@ -120,7 +120,16 @@ class ProductInputs:
         ]
         self._evaluation = _prefix(ProductKind.EVALUATION, EVALUATION_REVISION)
         self._annotations = [
-            (ProductKind(kind), _prefix(ProductKind(kind), ANNOTATION_REVISIONS[kind])) for kind in spec.annotations
+            # What light arrives somewhere is computed by the engine of the truth pass, whichever made the image.
+            (
+                kind,
+                _prefix(
+                    ProductKind(kind),
+                    ANNOTATION_REVISIONS[kind],
+                    *((_pinned(pins["truth"]),) if kind is AnnotationKind.LIGHT else ()),
+                ),
+            )
+            for kind in spec.annotations
         ]
         # Most variants of a run share the light, and so the background.
         self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
@@ -143,10 +152,11 @@ class ProductInputs:
                 evaluations.append(
                     EvaluationDigests(sensor_index, function_index, prediction, scores, needs_depth, distorted)
                 )
-        annotations = tuple(
-            AnnotationDigest(kind, prefix.digest(truth), (truth,)) for kind, prefix in self._annotations
-        )
-        return FrameDigests(background, layer, truth, tuple(evaluations), annotations)
+        annotations = []
+        for kind, prefix in self._annotations:
+            made_from = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
+            annotations.append(AnnotationDigest(ProductKind(kind), prefix.digest(*made_from), made_from))
+        return FrameDigests(background, layer, truth, tuple(evaluations), tuple(annotations))
 
     def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
         # As bytes, not as JSON: the digests of all backgrounds so far.

@@ -70,6 +70,7 @@ class ProductKind(StrEnum):
     #: Annotations (`valerie.rendering.annotations.kinds`), each under its own word.
     NORMALS = AnnotationKind.NORMALS.value
     BOXES = AnnotationKind.BOXES.value
+    LIGHT = AnnotationKind.LIGHT.value
     #: A function's map of train ids.
     PREDICTION = "prediction"
     #: Confusion counts of a prediction against a truth.

@@ -7,6 +7,7 @@ them is accepted only where ``VALERIE_TESTING_ENGINES`` is on, so that nobody ta
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from typing import ClassVar, Final
 
 import numpy as np
@@ -16,10 +17,13 @@ from valerie.labels import PERSON, instance_id
 from valerie.perception.base import FunctionCard
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View
+from valerie.rendering.person_light import Received
 from valerie.scene.model import Scene
 
 NAME: Final = "blank"
 NUMERIC_CLASS: Final = "blank"
+#: Metres to everything.
+DEPTH: Final = 10.0
 
 
 class BlankRenderer:
@@ -44,6 +48,15 @@ class BlankRenderer:
         """See `Renderer`."""
         return self.layer(scene, view).over(self.background(scene, view))
 
+    def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:  # noqa: ARG002
+        """See `valerie.rendering.person_light.LightPass`: half of it from the sun, which shines everywhere."""
+        found = []
+        for rectangle in rectangles:
+            samples = np.full((rectangle.height, rectangle.width, 4), 0.25, np.float32)
+            samples[..., 2:] = 1.0, DEPTH
+            found.append(Received(rectangle, samples, 1.0, sunny=True))
+        return found
+
     def close(self) -> None:
         """Nothing is held."""
 
@@ -65,14 +78,14 @@ class BlankTruthPass:
         count = square.width * square.height
         mask = np.ones((square.height, square.width), np.bool_)
         statics = GroundTruth(
-            np.full(size, 7, np.uint8), np.zeros(size, np.uint16), np.full(size, 10.0, np.float32), ()
+            np.full(size, 7, np.uint8), np.zeros(size, np.uint16), np.full(size, DEPTH, np.float32), ()
         )
         layer = TruthLayer(
             square,
             mask,
             np.full(count, PERSON.id, np.uint8),
             np.full(count, number, np.uint16),
-            np.full(count, 10.0, np.float32),
+            np.full(count, DEPTH, np.float32),
             (PersonTruth(number, square, mask, count, size),),
             size,
         )

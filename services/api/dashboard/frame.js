@@ -179,6 +179,13 @@ function personsSection(frame) {
       line("Distance", "optical centre to the person’s place on the ground", (one) => (one.distance_m === null ? "–" : `${fixed(one.distance_m, 2)} m`)),
       line("Occlusion", "share hidden by other objects", (one) => percent(one.occlusion_rate)),
       line("Truncation", "share beyond the image border", (one) => percent(one.truncation_rate)),
+      line("Bearing", "from the optical axis, positive to the right", (one) => (one.bearing_deg === null ? "–" : `${fixed(one.bearing_deg, 1)}°`)),
+      line("Aspect", "heading against the line of sight: 0° faces the camera, ±180° shows the back", (one) => (one.aspect_deg === null ? "–" : `${fixed(one.aspect_deg, 0)}°`)),
+      ...(frame.annotations.light ? [
+        line("Light on the body", "that arrives on what is seen of it; 1 is a clear noon sun", (one) => (one.irradiance === null ? "–" : fixed(one.irradiance, 2))),
+        line("In shadow", "share of what is seen of the body", (one) => percent(one.shadow_share)),
+        line("Contrast", "to the ring around the body; below 0 it is darker", (one) => (one.contrast === null ? "–" : fixed(one.contrast, 2))),
+      ] : []),
       line("Visible pixels", "", (one) => count(one.pixel_area)),
       line("of the image", "", (one) => `${fixed(one.pixel_area_percent, 3)} %`),
       line("Pixels if alone", "rendered without anything before it", (one) => count(one.pixel_area_amodal)),

@@ -25,7 +25,7 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
 from valerie.pipeline import frames
-from valerie.pipeline.pictures import FRAME_KINDS, FUNCTION_KINDS, KINDS, png
+from valerie.pipeline.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, KINDS, png
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import character_of, frame_id
 from valerie.runs.spec import ResolvedRun
@@ -95,6 +95,8 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
         states = [results.product(connection, digest).state for digest in (row.background, row.layer, row.truth)]
         annotations = results.frame_annotations(connection, *place)
         persons = results.person_views(connection, row.truth)
+        light = annotations.get("light")
+        lit = {one.instance_id: one for one in results.person_lights(connection, light.product)} if light else {}
         evaluations = results.frame_evaluations(connection, *place)
         scores = results.person_scores(connection, [one.scores for one in evaluations])
         before, after = results.neighbours(connection, *place)
@@ -115,12 +117,19 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
             "state": _state(states),
             "assignment": {**row.assignment, **resolved.at(row.assignment, time)},
             "persons": [
-                {**one._mapping, "character": character_of(one.instance_id, row.assignment, resolved)}  # noqa: SLF001
+                {
+                    **_light(lit.get(one.instance_id)),
+                    **one._mapping,  # noqa: SLF001  # public in SQLAlchemy
+                    "character": character_of(one.instance_id, row.assignment, resolved),
+                }
                 for one in persons
             ],
             "evaluations": [_evaluation(frame_id, one, resolved, scores[one.scores]) for one in evaluations],
             "annotations": {kind: one.product for kind, one in annotations.items()},
-            "images": {kind: _address(frame_id, kind=kind) for kind in (*FRAME_KINDS, *annotations)},
+            "images": {
+                kind: _address(frame_id, kind=kind)
+                for kind in (*FRAME_KINDS, *(one for one in annotations if one in ANNOTATION_KINDS))
+            },
             "previous": None if before is None else _id(run_id, before),
             "next": None if after is None else _id(run_id, after),
         }
@@ -183,6 +192,11 @@ def artifact(
     return send(
         conditions, tag=f"{digest}-{info.size:x}", media_type="application/zstd", size=lambda: info.size, read=read
     )
+
+
+def _light(row: Any) -> dict[str, float | None]:
+    """The columns of `PersonRead` that only runs with the annotation ``light`` have."""
+    return {name: getattr(row, name, None) for name in ("irradiance", "shadow_share", "contrast")}
 
 
 def _evaluation(frame: str, row: Any, resolved: ResolvedRun, persons: list[Any]) -> dict[str, Any]:

@@ -68,6 +68,8 @@ def synthetic_rows(
                                 "truncation_rate": 0.0,
                                 "distance_m": distance,
                                 "depth_m": y + 12,
+                                "bearing_deg": 0.0,
+                                "aspect_deg": 180.0,
                                 "sun_azimuth_deg": 180.0,
                                 "sun_elevation_deg": 40.0,
                                 "road_friction": 0.85,

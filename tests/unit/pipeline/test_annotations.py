@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,8 @@ from valerie.pipeline import frames, gc, lifecycle
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.replay import replay_frame
+from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.tables import read_table
 from valerie.runs.spec import parse
 
 FRAMES = 24
@@ -101,6 +105,58 @@ def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: 
     pipeline.makers["render"].before = lambda _: None
     lifecycle.retry(pipeline.context, run)
     assert pipeline.run(run) == "completed"
+
+
+class TestLight:
+    LIT = spec(xs=4, ys=3, annotations=["light"])
+
+    def test_its_columns_come_with_the_run_that_asks(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit(self.LIT)
+        assert pipeline.run(run) == "completed"
+        assert pipeline.made() == {**ALL, "light": FRAMES}
+        table = table_of(pipeline, run)
+        here = table["instance_id"].to_numpy() == 24001
+        assert set(table["irradiance"].to_numpy()[here]) == {0.5}  # a quarter of sun and a quarter of the rest
+        assert set(table["shadow_share"].to_numpy()[here]) == {0.0}
+        contrast = table["contrast"].to_numpy()[here]
+        assert len(set(contrast)) > 1
+        assert (np.abs(contrast) < 1).all()
+
+    def test_without_it_they_are_empty(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit()
+        pipeline.run(run)
+        table = table_of(pipeline, run)
+        for name in ("irradiance", "shadow_share", "contrast"):
+            assert table[name].null_count == len(table)
+        assert (
+            table["bearing_deg"].null_count == table["aspect_deg"].null_count == len(table) // 2
+        )  # person 2 is absent
+
+    def test_a_run_of_other_sensors_measures_nothing_again(self, pipeline: Pipeline) -> None:
+        pipeline.run(pipeline.submit(self.LIT))
+        pipeline.made()
+        pipeline.run(pipeline.submit({**self.LIT, "sensors": [{"name": "dark", "exposure_ev": -2.0}]}))
+        assert pipeline.made() == {"prediction": FRAMES, "evaluation": FRAMES}
+
+    def test_another_sun_measures_it_again_on_the_same_truth(self, pipeline: Pipeline) -> None:
+        pipeline.run(pipeline.submit(self.LIT))
+        pipeline.made()
+        pipeline.run(pipeline.submit({**self.LIT, "constants": {"sun-1.azimuth": 77.0}}))
+        made = pipeline.made()
+        assert made["light"] == FRAMES
+        assert "truth" not in made
+
+    def test_it_is_replayed_and_freed_like_the_rest(self, pipeline: Pipeline) -> None:
+        run = pipeline.submit(self.LIT)
+        pipeline.run(run)
+        replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, run, 0, 1)}
+        assert replayed["light"] == "equal"
+        lifecycle.delete(pipeline.context, run)
+        assert gc.collect(pipeline.context).products == sum(ALL.values()) + FRAMES
+
+
+def table_of(pipeline: Pipeline, run: str) -> Any:
+    return read_table(pipeline.context.engine, run, resolve_stored(pipeline.row(run), pipeline.settings)).arrow
 
 
 def test_what_nobody_links_any_more_is_freed(pipeline: Pipeline) -> None:

@@ -1,10 +1,14 @@
 """Visibility from maps made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from valerie.rendering.base import GroundTruth, PersonTruth, View
 from valerie.rendering.visibility import ABSENT, HIDDEN, OUTSIDE, measure, person_roots
+from valerie.scene.model import Scene
+from valerie.scene.transforms import place
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
 
@@ -41,6 +45,42 @@ def test_distance_is_euclidean_to_the_ground_origin_and_depth_along_the_axis() -
     person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), SCENE, VIEW)[0]
     assert person.distance_m == pytest.approx(np.hypot(12.0, 1.5))
     assert person.depth_m == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "expected"), [(0.0, 10.0, 0.0), (12.0, 10.0, 45.0), (-12.0, 10.0, -45.0), (0.0, -14.0, 180.0)]
+)
+def test_bearing_is_measured_from_the_axis_and_grows_to_the_right(x: float, y: float, expected: float) -> None:
+    # The camera stands at (0, −2, 1.5); a person at its side is as far away across as along.
+    scene = moved(SCENE, x, y, 0.0)
+    person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
+    assert abs(person.bearing_deg or 0.0) == pytest.approx(abs(expected))
+    assert (person.bearing_deg or 0.0) * expected >= 0
+
+
+@pytest.mark.parametrize(
+    ("heading", "expected"), [(180.0, 0.0), (270.0, 90.0), (90.0, -90.0), (0.0, 180.0), (190.0, 10.0)]
+)
+def test_aspect_is_zero_for_who_faces_the_camera_and_positive_where_the_right_side_shows(
+    heading: float, expected: float
+) -> None:
+    # From (0, 10) the camera lies towards −y, where a heading of 180° looks; 270° faces +x, the right hand to the camera.
+    scene = moved(SCENE, 0.0, 10.0, heading)
+    person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
+    assert person.aspect_deg is not None
+    assert abs((person.aspect_deg - expected + 180) % 360 - 180) < 1e-6
+
+
+def test_aspect_is_against_the_line_of_sight_and_not_against_the_axis() -> None:
+    # At 45° to the right, who looks back along the street is seen 45° from the front, showing the right side.
+    scene = moved(SCENE, 12.0, 10.0, 180.0)
+    person = measure(truth_with((slice(2, 8), slice(5, 7)), (slice(2, 8), slice(5, 7)), 12), scene, VIEW)[0]
+    assert person.aspect_deg == pytest.approx(45.0)
+
+
+def moved(scene: Scene, x: float, y: float, heading: float) -> Scene:
+    root = replace(scene.nodes["scene.person-1"], transform=place(x, y, 0.0, heading))
+    return replace(scene, nodes={**scene.nodes, root.path: root})
 
 
 def test_a_fully_hidden_person_has_occlusion_one_and_a_reason() -> None:

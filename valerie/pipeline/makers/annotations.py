@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
+from valerie.db.products import Job
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import View
+from valerie.rendering.person_light import LightPass, measure_light
 from valerie.scene.model import Scene
 from valerie.storage.annotations import Annotation, encode_annotation
 
@@ -34,3 +37,21 @@ def annotate(
 
         annotation = measure_boxes(scene, view, reader.truth(truth))
     return encode_annotation(kind, annotation)
+
+
+def light_rows(
+    job: Job, scene: Scene, view: View, *, reader: ProductReader, light: LightPass
+) -> tuple[dict[str, Any], ...]:
+    """The rows of one product of kind ``light``, one per person who is drawn.
+
+    Args:
+        job: names the frame's background, layer and truth.
+        scene, view: of the frame.
+        reader: reads them.
+        light: of this process.
+
+    Raises:
+        MissingInput: an object is gone.
+    """
+    image, truth = reader.frame(job.background, job.layer), reader.truth(job.truth)
+    return tuple({"product": job.digest, **asdict(one)} for one in measure_light(truth, image, scene, view, light))

@@ -21,6 +21,8 @@ def view_row(truth: str, view: Visibility) -> dict[str, Any]:
         "truncation_rate": view.truncation_rate,
         "distance_m": view.distance_m,
         "depth_m": view.depth_m,
+        "bearing_deg": view.bearing_deg,
+        "aspect_deg": view.aspect_deg,
         "box": _corners(view.box),
         "amodal_box": _corners(view.amodal_box),
         "undefined_reason": view.undefined_reason,
@@ -44,6 +46,8 @@ def no_person(truth: str) -> dict[str, Any]:
         "truncation_rate": None,
         "distance_m": None,
         "depth_m": None,
+        "bearing_deg": None,
+        "aspect_deg": None,
         "box": None,
         "amodal_box": None,
         "undefined_reason": "absent",
@@ -61,5 +65,5 @@ def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]
     if person is None:  # absent, or nobody at all
         return dict(row)
     measured = view_row("", measure_pixels(person, truth))
-    kept = ("truth", "distance_m", "depth_m")
+    kept = ("truth", "distance_m", "depth_m", "bearing_deg", "aspect_deg")
     return {name: measured[name] if name in measured and name not in kept else value for name, value in row.items()}

@@ -11,7 +11,7 @@ from valerie.db.products import Finished, Job, Part
 from valerie.errors import TransientError
 from valerie.parameters.assignment import canonical_json
 from valerie.pipeline.context import Context
-from valerie.pipeline.makers.annotations import annotate
+from valerie.pipeline.makers.annotations import annotate, light_rows
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import no_person, view_row
 from valerie.pipeline.makers.resolved import RunCache
@@ -50,6 +50,8 @@ class RenderMaker:
         view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
         views: tuple[dict[str, Any], ...] = ()
         part: Part | None = None
+        lights: tuple[dict[str, Any], ...] = ()
+        data = b""
         if job.kind == "truth":
             from valerie.rendering.visibility import measure
 
@@ -59,6 +61,9 @@ class RenderMaker:
             views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
             part = self._statics.stored(statics, again=job.attempts > 1)
             data = codecs.encode_truth_layer(layer, part.digest)
+        elif job.kind == AnnotationKind.LIGHT:
+            light = self._light_pass(run.pins["truth"]["numeric_class"])
+            lights = light_rows(job, scene, view, reader=self._reader, light=light)
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
             kind = AnnotationKind(job.kind)
@@ -70,7 +75,8 @@ class RenderMaker:
                 data = codecs.encode_image(engine.background(scene, view))
             else:
                 data = codecs.encode_layer(engine.layer(scene, view))
-        self._context.store.put(product_key(job.kind, job.digest), data)
+        if data:
+            self._context.store.put(product_key(job.kind, job.digest), data)
         return Finished(
             digest=job.digest,
             bytes=len(data),
@@ -78,6 +84,7 @@ class RenderMaker:
             cpu_seconds=time.process_time() - started + _cpu_seconds_elsewhere(engine) - elsewhere,
             person_views=views,
             part=part,
+            person_lights=lights,
         )
 
     def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
@@ -88,6 +95,14 @@ class RenderMaker:
         engine = self._engines[key]
         _require_class(name, engine.numeric_class, numeric_class)
         return engine
+
+    def _light_pass(self, numeric_class: str) -> Any:
+        name = plugins.light_engine(numeric_class)
+        key = (name, canonical_json({}))
+        if key not in self._engines:
+            self._engines[key] = plugins.create_renderer(name)
+        _require_class("light", self._engines[key].numeric_class, numeric_class)
+        return self._engines[key]
 
     def _truth_pass(self, numeric_class: str) -> Any:
         if self._truth is None:

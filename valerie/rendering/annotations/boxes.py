@@ -10,13 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.base import GroundTruth, View, bounds
 from valerie.rendering.raster.camera_math import clip_hull, project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, instance_roots
 from valerie.scene.model import Camera, Node, Scene, freeze
 
-#: A rectangle of the image with nothing in it.
-_NO_PIXELS: Final = (0, 0, 0, 0)
 #: Of a box of size 1 around the origin that faces +y.
 _CORNERS: Final = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))]
@@ -163,11 +161,8 @@ def _pixels(corners: NDArray[np.float64], camera: Camera, view: View) -> NDArray
 
 def _visible(truth: GroundTruth, number: int) -> tuple[int, tuple[int, int, int, int]]:
     mask = truth.instance_map == number
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not rows.size:
-        return 0, _NO_PIXELS
-    columns = np.flatnonzero(mask.any(axis=0))
-    return int(np.count_nonzero(mask)), (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+    box = bounds(mask)
+    return int(np.count_nonzero(mask)), (box.x, box.y, box.x + box.width, box.y + box.height)
 
 
 def _upright(heading: float) -> NDArray[np.float64]:

@@ -12,3 +12,10 @@ class AnnotationKind(StrEnum):
     NORMALS = "normals"
     #: Place, size and heading of every instance in the world and before the camera, and its rectangles in the image.
     BOXES = "boxes"
+    #: Of every person the light that arrives on the body, its share in shadow and its contrast: columns, no arrays.
+    LIGHT = "light"
+
+    @property
+    def stored(self) -> bool:
+        """Whether it has an object in the store; one that has none is rows of the database."""
+        return self is not AnnotationKind.LIGHT

@@ -7,7 +7,7 @@ as not the statics' afterwards. Nothing of this can be seen in a pixel: a tile i
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -20,7 +20,7 @@ from valerie.rendering.raster.targets import SAMPLES, ImageTargets, Target
 from valerie.rendering.raster.tiles import TILE, Mask, TileGrid, widened
 
 if TYPE_CHECKING:
-    from valerie.rendering.raster.lighting import LitFrame
+    from valerie.rendering.raster.lighting import Lighting, LitFrame
 
 #: x, y, width, height in pixels from the bottom left.
 Area = tuple[int, int, int, int]
@@ -109,6 +109,8 @@ class Canvas:
     def __init__(self, gl: moderngl.Context, view: View) -> None:
         self.targets = ImageTargets(gl, view)
         self.grid = TileGrid(view)
+        self._gl = gl
+        self._received: Target | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -149,6 +151,27 @@ class Canvas:
         frame.smooth.run(self.grid.spans(smoothed))
         self.smoothed |= smoothed
 
+    def receive(self, frame: LitFrame, lighting: Lighting, areas: Sequence[Area]) -> list[NDArray[np.float32]]:
+        """Light on what is seen in each area, movables included: (height, width, 4), rows from the bottom.
+
+        What it takes of the kept values of the statics is marked as not theirs afterwards.
+        """
+        if self._received is None:
+            self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
+        wanted = self.grid.none()
+        for area in areas:
+            wanted |= self.grid.touching(area)
+        near = widened(wanted)
+        self.occluded &= ~widened(near)
+        self.smoothed &= ~near
+        self.occlude(frame, near)
+        frame.light_sky(self.grid.spans(near))
+        lighting.receive(frame, self._received, self.grid.spans(wanted))
+        self.occluded &= ~widened(near)
+        self.smoothed &= ~near
+        self.skylit &= ~near
+        return [_read(self._received.framebuffer, area, 4, "f4").reshape(area[3], area[2], 4) for area in areas]
+
     def read_pixels(self, area: Area) -> NDArray[np.float16]:
         """(height, width, 3) pixels, rows from the bottom."""
         data = _read(self.targets.pixels.framebuffer, area, 3, "f2")
@@ -167,6 +190,8 @@ class Canvas:
     def release(self) -> None:
         """Free the targets."""
         self.targets.release()
+        if self._received is not None:
+            self._received.release()
 
 
 _TYPES = {"f1": np.uint8, "f2": np.float16, "f4": np.float32, "u2": np.uint16}

@@ -41,7 +41,9 @@ class Lighting:
     def __init__(self, context: GraphicsContext, reach: Reach) -> None:
         gl = context.gl
         self._gl = gl
+        self._context = context
         self._reach = reach
+        self._received: ScreenPass | None = None
         directions = SKY_TILES[0] * SKY_TILES[1]
         self.skylight = ScreenPass(
             gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL)
@@ -50,6 +52,16 @@ class Lighting:
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
         self.shade = ScreenPass(gl, context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL))
         self.resolve = ScreenPass(gl, context.program("screen.vert", "resolve.frag"))
+
+    def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
+        """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
+
+        Needs what `LitFrame.shade` needs around these parts.
+        """
+        if self._received is None:
+            program = self._context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL, RECEIVED=1)
+            self._received = ScreenPass(self._gl, program)
+        self._received.run(target, parts, frame.shade.textures, frame.shade.values)
 
     def inputs(
         self,
@@ -141,6 +153,8 @@ class Lighting:
         """Free the passes."""
         for screen_pass in (self.skylight, self.occlusion, self.blur, self.shade, self.resolve):
             screen_pass.release()
+        if self._received is not None:
+            self._received.release()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
+from valerie.rendering.person_light import Received
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
@@ -26,7 +27,7 @@ from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, 
 from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.raster.tiles import Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
-from valerie.rendering.sky import Sky, sky_of
+from valerie.rendering.sky import EXPOSURE, Sky, sky_of
 from valerie.scene.model import Camera, Scene
 
 #: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
@@ -119,6 +120,21 @@ class RasterRenderer:
             canvas.forget()
         require_image(pixels, engine=self.name)
         return LinearImage(pixels)
+
+    def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
+        """See `valerie.rendering.person_light.LightPass`."""
+        with self._frame(scene, view) as frame:
+            placed = frame.prepared.placed
+            covered = covered_rectangle([mesh.corners for mesh in placed], frame.camera, view)
+            self._draw(frame, gl_rectangle(covered, view))
+            areas = [gl_rectangle(rectangle, view) for rectangle in rectangles]
+            with self._lit(frame, movables=True) as lit:
+                found = frame.canvas.receive(lit, self._lighting, areas)
+            sunny = bool(frame.sky.sun.max() > 0)
+        return [
+            Received(rectangle, np.ascontiguousarray(samples[::-1]), EXPOSURE, sunny)
+            for rectangle, samples in zip(rectangles, found, strict=True)
+        ]
 
     def close(self) -> None:
         """Free what this engine holds; the context stays with who made it (the process, by default)."""

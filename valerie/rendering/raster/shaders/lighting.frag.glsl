@@ -31,7 +31,9 @@ uniform float shadow_distance;      // metres along the optical axis; shadows fa
 uniform float wetness;              // 0 dry … 1 wet, of what faces up
 uniform float drops;                // share of the image that streaks cross
 uniform int pixel_height;           // of the image
+#ifndef RECEIVED
 layout(location = 0) out vec4 out_radiance;
+#endif
 
 // Brightest value that is stored; the disc of the sun is far above what any sensor holds.
 const float BRIGHTEST = 24.0;
@@ -126,6 +128,33 @@ vec3 through_rain(vec3 color) {
     return drops > 0.0 ? mix(color, haze, 0.3 * streak()) : color;
 }
 
+#ifdef RECEIVED
+// Instead of the picture: light that arrives on a surface before its material, one sample per pixel (person_light.py).
+layout(location = 0) out vec4 out_received;  // luminance of the sun's light, of all other light; share of the sun's disc; depth
+
+void main() {
+    ivec2 s = ivec2(gl_FragCoord.xy) * 2;  // one of the pixel's two by two samples
+    float window = texelFetch(depth_map, s, 0).r;
+    out_received = vec4(0.0);
+    if (window == 1.0) return;
+    float depth = linear_depth(window);
+    vec3 face = octahedron_decode(texelFetch(normals_map, s, 0).zw);
+    float cosine = dot(face, toward_sun);
+    float lit = sunlit(eye + ray_of(s) * depth, face, depth, cosine > 0.0);
+    ivec2 cell = nearest_cell(s, depth, SKYLIGHT_CELL);
+    vec4 n1 = vec4(1.0, face * 0.6666667);
+    vec3 ambient = vec3(
+        dot(texelFetch(skylight_red, cell, 0), n1),
+        dot(texelFetch(skylight_green, cell, 0), n1),
+        dot(texelFetch(skylight_blue, cell, 0), n1));
+    float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
+    const vec3 luminance = vec3(0.2126, 0.7152, 0.0722);
+    float shining = cosine > 0.0 ? lit : 0.0;
+    out_received = vec4(
+        dot(luminance, sun) * shining * max(cosine, 0.0),
+        dot(luminance, max(ambient, vec3(0.0))) * near_open, shining, depth);
+}
+#else
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     float window = texelFetch(depth_map, s, 0).r;
@@ -205,3 +234,4 @@ void main() {
     color = through_rain(mix(haze, color, clear_air));
     out_radiance = vec4(min(color, vec3(BRIGHTEST)), 1.0);
 }
+#endif

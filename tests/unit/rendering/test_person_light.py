@@ -1,0 +1,199 @@
+"""Light on persons and their contrast against scenes with a known answer."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from valerie.rendering.base import GroundTruth, LinearImage, PersonTruth, Rectangle, View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.person_light import PersonLight, Received, measure_light, ring_contrast, ring_width
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.model import Scene
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+
+VIEW = View("camera-1", 320, 180)
+PERSON = 24001
+
+
+class TestContrast:
+    def test_it_is_michelsons_of_body_and_ring(self) -> None:
+        luminance, mask, box = square(body=0.2, around=0.6)
+        assert ring_contrast(luminance, mask, box) == pytest.approx((0.2 - 0.6) / (0.2 + 0.6))
+
+    def test_a_brighter_body_has_a_positive_one(self) -> None:
+        luminance, mask, box = square(body=0.9, around=0.1)
+        assert ring_contrast(luminance, mask, box) == pytest.approx(0.8)
+
+    def test_what_lies_beyond_the_ring_or_beside_the_edge_counts_nothing(self) -> None:
+        luminance, mask, box = square(body=0.2, around=0.6)
+        width = ring_width(int(mask.sum()))
+        assert width == 2  # a fifth of the root of 100 pixels
+        rows, columns = np.indices(mask.shape)
+        # Pixels from the square's edge: 1 is the mixed border, 2 and 3 are the ring.
+        away = np.maximum(np.maximum(20 - columns, columns - 29), np.maximum(15 - rows, rows - 24))
+        luminance[(away == 1) | (away > 3)] = 100.0
+        assert ring_contrast(luminance, mask, box) == pytest.approx(-0.5)
+
+    def test_the_ring_grows_with_the_body(self) -> None:
+        assert [ring_width(n) for n in (1, 100, 400, 10_000)] == [2, 2, 4, 20]
+
+    def test_at_the_border_of_the_image_the_ring_is_what_there_is_of_it(self) -> None:
+        luminance = np.full((20, 30), 0.6, np.float32)
+        mask = np.zeros((20, 30), np.bool_)
+        mask[:10, :8] = True
+        luminance[mask] = 0.2
+        # Ring and gap reach 3 pixels on two sides, the gap 1: 13 × 11 pixels less 11 × 9.
+        luminance[5, 9] += 4.4  # one of the ring's 44
+        outer = 0.6 + 4.4 / 44
+        assert ring_contrast(luminance, mask, Rectangle(0, 0, 8, 10)) == pytest.approx((0.2 - outer) / (0.2 + outer))
+
+    def test_there_is_none_without_a_ring_or_without_light(self) -> None:
+        whole = np.ones((4, 4), np.bool_)
+        assert ring_contrast(np.ones((4, 4), np.float32), whole, Rectangle(0, 0, 4, 4)) is None
+        luminance, mask, box = square(body=0.0, around=0.0)
+        assert ring_contrast(luminance, mask, box) is None
+
+
+def square(*, body: float, around: float) -> tuple[NDArray[np.float32], NDArray[np.bool_], Rectangle]:
+    luminance = np.full((40, 50), around, np.float32)
+    mask = np.zeros((40, 50), np.bool_)
+    mask[15:25, 20:30] = True
+    luminance[mask] = body
+    return luminance, mask, Rectangle(20, 15, 10, 10)
+
+
+class Told:
+    """A light pass that says what it is told."""
+
+    def __init__(self, samples: NDArray[np.float32], *, sunny: bool = True) -> None:
+        self._samples, self._sunny = samples, sunny
+
+    def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
+        return [Received(one, self._samples[one.slices], 2.0, self._sunny) for one in rectangles]
+
+
+class TestMeans:
+    def test_they_are_over_the_visible_pixels_whose_depth_agrees(self) -> None:
+        samples = np.zeros((36, 64, 4), np.float32)
+        samples[...] = (9.0, 9.0, 1.0, 30.0)  # something else, further away
+        samples[10:20, 20:25] = (1.0, 0.2, 1.0, 10.0)
+        samples[10:20, 25:30] = (0.0, 0.2, 0.2, 10.0)
+        samples[10:13, 20:30, 3] = 30.0  # an edge: the sample missed the body
+        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, Told(samples))
+        assert person.irradiance == pytest.approx((1.2 + 0.2) / 2 / 2.0)
+        assert person.shadow_share == pytest.approx(0.5)
+
+    def test_without_a_sun_there_is_no_share_in_its_shadow(self) -> None:
+        samples = np.full((36, 64, 4), (0.0, 0.2, 0.0, 10.0), np.float32)
+        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, Told(samples, sunny=False))
+        assert person.shadow_share is None
+        assert person.irradiance == pytest.approx(0.1)
+
+    def test_a_person_of_whom_nothing_is_seen_has_no_values(self) -> None:
+        unseen = replace(truth(), instance_map=np.zeros((36, 64), np.uint16))
+        nobody = Told(np.zeros((36, 64, 4), np.float32))
+        assert measure_light(unseen, grey(), simple_asset().base, VIEW, nobody) == (
+            PersonLight(PERSON, None, None, None),
+        )
+
+
+def truth() -> GroundTruth:
+    instances = np.zeros((36, 64), np.uint16)
+    instances[10:20, 20:30] = PERSON
+    depth = np.full((36, 64), 10.0, np.float32)
+    persons = (PersonTruth.of(PERSON, instances > 0, 100),)
+    return GroundTruth(np.where(instances > 0, 24, 7).astype(np.uint8), instances, depth, persons)
+
+
+def grey() -> LinearImage:
+    return LinearImage(np.full((36, 64, 3), 0.4, np.float16))
+
+
+@pytest.mark.gl
+class TestLightOfTheRasterEngine:
+    @pytest.mark.parametrize("elevation", [20.0, 45.0, 60.0])
+    def test_a_face_gets_the_cosine_of_the_suns_angle(
+        self, raster: RasterRenderer, truth_pass: TruthPass, elevation: float
+    ) -> None:
+        # The person faces the camera, towards −y, and the sun stands in the south behind the camera.
+        scene = lit(azimuth=180.0, elevation=elevation)
+        samples = on_the_body(raster, truth_pass, scene)
+        assert np.median(samples[:, 0]) == pytest.approx(np.cos(np.deg2rad(elevation)), rel=0.01)
+        assert (samples[:, 2] == 1.0).mean() > 0.9
+
+    def test_light_grows_with_the_suns_irradiance(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
+        one, two = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
+        assert one.irradiance is not None
+        assert two.irradiance == pytest.approx(2 * one.irradiance, rel=1e-3)
+        assert two.shadow_share == one.shadow_share
+
+    def test_with_the_sun_behind_the_body_lies_in_its_own_shadow(
+        self, raster: RasterRenderer, truth_pass: TruthPass
+    ) -> None:
+        before = light_of(raster, truth_pass, lit(azimuth=180.0))
+        behind = light_of(raster, truth_pass, lit(azimuth=0.0))
+        assert (before.shadow_share or 0.0) < 0.05
+        assert (behind.shadow_share or 0.0) > 0.99
+        assert behind.irradiance is not None
+        assert before.irradiance is not None
+        assert behind.irradiance < 0.5 * before.irradiance
+        assert behind.contrast is not None
+        assert before.contrast is not None
+        assert behind.contrast < before.contrast
+
+    def test_an_overcast_sky_has_no_shadow_to_share(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
+        scene = lit()
+        overcast = replace(scene, environment=replace(scene.environment, cloud_cover=1.0))
+        person = light_of(raster, truth_pass, overcast)
+        assert person.shadow_share is None
+        assert (person.irradiance or 0.0) > 0.0
+
+    def test_the_material_changes_contrast_and_no_light(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
+        red, blue = (light_of(raster, truth_pass, lit(character=coat)) for coat in ("red-coat", "blue-coat"))
+        assert (red.irradiance, red.shadow_share) == (blue.irradiance, blue.shadow_share)
+        assert red.contrast != blue.contrast
+
+    def test_measuring_leaves_no_trace_in_what_is_rendered_next(
+        self, raster: RasterRenderer, truth_pass: TruthPass
+    ) -> None:
+        scene = lit(azimuth=120.0)
+        first = raster.layer(scene, VIEW)
+        light_of(raster, truth_pass, lit(azimuth=120.0, x=0.7))
+        again = raster.layer(scene, VIEW)
+        assert again.rectangle == first.rectangle
+        assert again.pixels.tobytes() == first.pixels.tobytes()
+
+
+def lit(
+    *,
+    azimuth: float = 180.0,
+    elevation: float = 45.0,
+    irradiance: float = 1.0,
+    character: str = "red-coat",
+    x: float = 0.0,
+) -> Scene:
+    sun = {"azimuth": azimuth, "elevation": elevation, "irradiance": irradiance}
+    values = {f"scene.sun-1.{name}": value for name, value in sun.items()}
+    return apply({**values, "scene.person-1.character": character, "scene.person-1.pos.x": x}, simple_asset())
+
+
+def light_of(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> PersonLight:
+    image = raster.layer(scene, VIEW).over(raster.background(scene, VIEW))
+    (person,) = measure_light(truth_pass.truth(scene, VIEW), image, scene, VIEW, raster)
+    return person
+
+
+def on_the_body(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> NDArray[np.float32]:
+    """(N, 4) light on the visible pixels of the person, in units of a sun of irradiance 1."""
+    mask = truth_pass.truth(scene, VIEW).instance_map == PERSON
+    rows, columns = np.nonzero(mask)
+    corner = int(columns.min()), int(rows.min())
+    box = Rectangle(*corner, int(columns.max()) - corner[0] + 1, int(rows.max()) - corner[1] + 1)
+    (found,) = raster.received(scene, VIEW, [box])
+    samples = found.samples[mask[box.slices]]
+    samples[:, :2] /= found.unit
+    return samples
