@@ -151,8 +151,9 @@ class TestLight:
         pipeline.run(run)
         replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, run, 0, 1)}
         assert replayed["light"] == "equal"
+        everything = len(pipeline.products())
         lifecycle.delete(pipeline.context, run)
-        assert gc.collect(pipeline.context).products == sum(ALL.values()) + FRAMES
+        assert gc.collect(pipeline.context).products == everything
 
 
 def table_of(pipeline: Pipeline, run: str) -> Any:
@@ -163,6 +164,8 @@ def test_what_nobody_links_any_more_is_freed(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.run(run)
     assert gc.collect(pipeline.context).products == 0
+    everything = len(pipeline.products())
+    assert everything >= sum(ALL.values()) + 2 * FRAMES
     lifecycle.delete(pipeline.context, run)
-    assert gc.collect(pipeline.context).products == sum(ALL.values()) + 2 * FRAMES
+    assert gc.collect(pipeline.context).products == everything
     assert not pipeline.products()
