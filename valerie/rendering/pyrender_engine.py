@@ -44,7 +44,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 1
+    revision: ClassVar[int] = 2
 
     def __init__(self) -> None:
         self._library = _import_pyrender()

@@ -38,16 +38,8 @@ def draw_items(scene: Scene, *, movable: bool) -> tuple[DrawItem, ...]:
 
     A node is drawn if it and all its ancestors are visible.
     """
-    worlds: dict[str, Matrix | None] = {}
-
-    def world_of(node: Node) -> Matrix | None:
-        if node.path not in worlds:
-            parent = scene.nodes.get(node.parent)
-            above = _IDENTITY if parent is None else world_of(parent)
-            worlds[node.path] = above @ node.transform if node.visible and above is not None else None
-        return worlds[node.path]
-
     items: list[DrawItem] = []
+    world_of = _Worlds(scene)
     for node in scene.nodes.values():
         if node.meshes and node.movable == movable:
             world = world_of(node)
@@ -65,6 +57,33 @@ def instance_roots(scene: Scene) -> dict[int, Node]:
             if known is None or node.path.count(".") < known.path.count("."):
                 roots[node.instance_id] = node
     return roots
+
+
+def lights(scene: Scene) -> tuple[DrawItem, ...]:
+    """The visible nodes with lights, in the scene's order."""
+    items: list[DrawItem] = []
+    world_of = _Worlds(scene)
+    for node in scene.nodes.values():
+        if node.light is not None:
+            world = world_of(node)
+            if world is not None:
+                items.append(DrawItem(node, world))
+    return tuple(items)
+
+
+class _Worlds:
+    """Where nodes are in the world; None for what is hidden or hangs below something hidden."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._nodes = scene.nodes
+        self._worlds: dict[str, Matrix | None] = {}
+
+    def __call__(self, node: Node) -> Matrix | None:
+        if node.path not in self._worlds:
+            parent = self._nodes.get(node.parent)
+            above = _IDENTITY if parent is None else self(parent)
+            self._worlds[node.path] = above @ node.transform if node.visible and above is not None else None
+        return self._worlds[node.path]
 
 
 def camera_of(scene: Scene, view: View) -> Camera:

@@ -7,8 +7,9 @@ follows turbidity by its definition, the ratio of the vertical optical thickness
 nm).
 
 Units. All radiances here and in the linear image are `EXPOSURE` × π × radiance, see `EXPOSURE`. The sun's luminance at
-the ground is the scene's `Sun.irradiance` at every elevation; its colour and the ratio of sky to sun follow from the
-model (bounded for a low sun, see `_bounded`).
+the ground is the scene's `Sun.irradiance` at every elevation above `DUSK`; its colour and the ratio of sky to sun follow
+from the model (bounded for a low sun, see `_bounded`). Below, light falls as it is measured from sunset to night (`_dusk`).
+An irradiance of 1 stands for `NOON_LUX`, which is how lamps, given in candela, come into the image (`LUX`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,14 @@ Array = NDArray[np.float64]
 #: Image value of a white Lambert surface that faces a sun of irradiance 1, without the sky: the exposure at which a
 #: clear day looks right through the default tone curve at 0 EV (sunlit asphalt 0.15 … 0.3, middle grey in the sun 0.4).
 EXPOSURE: Final = 2.4
+#: Lux on a surface that faces a sun of irradiance 1: a clear noon (IES Lighting Handbook; the sky adds 10,000 … 20,000).
+NOON_LUX: Final = 100_000.0
+#: Image value of a white Lambert surface per lux on it.
+LUX: Final = EXPOSURE / NOON_LUX
+#: Degrees of the sun's elevation from which on all light is as by day.
+DUSK: Final = 3.0
+#: Lux of a city's own glow in a clear sky, 0.016 cd/m² all over it: Kyba et al. 2015, doi:10.1038/srep08409, urban sites.
+NIGHT_LUX: Final = 0.05
 #: Columns over the azimuth relative to the sun (0 … π; the sky is symmetric), rows over elevation (0 … π/2, squared).
 AZIMUTHS: Final = 48
 ELEVATIONS: Final = 40
@@ -49,6 +58,18 @@ _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 _SUN_ABOVE_AIR: Final = np.array([0.96, 1.0, 1.07])
 _GROUND_ALBEDO: Final = 0.2
 _BRIGHTEST_SKY: Final = 0.6
+#: Degrees at which the upper edge of the sun sets, without refraction's share of the polynomials below.
+_SUNSET: Final = -0.8
+#: Lowest elevation in degrees, terms.
+_TWILIGHTS: Final = (
+    (-0.8, (2.88, 22.26, -207.64, 1034.30)),
+    (-5.0, (2.88, 21.81, -258.11, -858.36)),
+    (-12.0, (2.70, 12.17, -431.69, -1899.83)),
+    (-18.0, (13.84, 262.72, 1447.42, 2797.93)),
+)
+#: Colour of the sky in deep twilight, when ozone has taken the yellow: that of a black body of some 15,000 K (Hulburt 1953,
+#: doi:10.1364/JOSA.43.000113).
+_TWILIGHT: Final = np.array([0.50, 0.85, 1.60])
 _SAMPLES: Final = 20
 _SUN_SAMPLES: Final = 8
 
@@ -65,6 +86,7 @@ class Sky:
         haze: (3,) radiance of the horizon, which distant things fade into.
         ground: (3,) radiance of sunlit and skylit ground of albedo 0.2.
         sky_irradiance: (3,) of a horizontal surface by the whole sky, sun excluded.
+        lux: illuminance of the ground by sun and sky.
         fog: per metre, the part of ``extinction`` that is fog and rain; 0 for clear air.
         wetness: of what faces up, 0 dry … 1 wet.
         drops: share of the image that streaks of rain cross, 0 without rain.
@@ -77,6 +99,7 @@ class Sky:
     haze: Array
     ground: Array
     sky_irradiance: Array
+    lux: float
     fog: float
     wetness: float
     drops: float
@@ -97,10 +120,15 @@ def sky_of(scene: Scene) -> Sky:
     """The sky of a scene; in clear air without rain exactly the clear sky's model."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
+    if np.rad2deg(sun.elevation) < DUSK:
+        sun_color, table = _dusk(sun_color, table, sun.elevation)
     table = table * (EXPOSURE * sun.irradiance * environment.sky_strength)
     sky_irradiance = _horizontal(table)
     direct = sun_color * (EXPOSURE * sun.irradiance)
     height = max(np.sin(sun.elevation), 0.0)
+    if np.rad2deg(sun.elevation) < DUSK:
+        table = table + NIGHT_LUX * LUX
+        sky_irradiance = _horizontal(table)
     if environment.cloud_cover > 0:
         direct, table = _clouded(direct, table, sky_irradiance, height, environment.cloud_cover)
         sky_irradiance = _horizontal(table)
@@ -122,6 +150,7 @@ def sky_of(scene: Scene) -> Sky:
         haze=haze,
         ground=ground,
         sky_irradiance=sky_irradiance,
+        lux=float((direct * height + sky_irradiance) @ _LUMINANCE) / LUX,
         fog=fog,
         wetness=wetness(environment.rain),
         drops=0.0 if environment.rain <= 0 else float(np.clip(0.08 * environment.rain**0.5, 0.0, 0.5)),
@@ -138,6 +167,42 @@ def fog_extinction(environment: Environment) -> float:
     fog = koschmieder * max(1 / environment.visibility - 1 / CLEAR_VISIBILITY_M, 0.0)
     rain = 1.076 * environment.rain**0.67 * np.log(10) / 10 / 1000 if environment.rain > 0 else 0.0
     return float(fog + rain)
+
+
+def _dusk(sun_color: Array, table: Array, elevation: float) -> tuple[Array, Array]:
+    """Sun and sky from `DUSK` to the night: as bright as measured, and bluer.
+
+    The illuminance of the ground goes over, on a logarithmic scale, from the model's to that of Seidelmann (`twilight_lux`).
+    Where the sun lights no air that is seen any more, the last light comes evenly from the whole sky.
+    """
+    degrees = float(np.rad2deg(elevation))
+    model = float((sun_color * max(np.sin(elevation), 0.0) + _horizontal(table)) @ _LUMINANCE) * NOON_LUX
+    by_day = _smooth((degrees - _SUNSET) / (DUSK - _SUNSET))
+    lux = model**by_day * twilight_lux(degrees) ** (1 - by_day)
+    share = lux / model
+    # Single scattering knows no ozone, which takes the yellow from light that came a long way through the air.
+    blue = _TWILIGHT / float(_TWILIGHT @ _LUMINANCE)
+    tinted = table * blue ** _smooth((DUSK - degrees) / 9.0)
+    tinted *= float(_horizontal(table) @ _LUMINANCE) / float(_horizontal(tinted) @ _LUMINANCE) * share
+    even = _smooth((-4.0 - degrees) / 8.0)
+    table = (1 - even) * tinted + even * blue * float(_horizontal(tinted) @ _LUMINANCE)
+    return sun_color * share, table
+
+
+def twilight_lux(degrees: float) -> float:
+    """Illuminance of the ground by sun and clear sky, moonless, for an elevation of −18° … 5° (night below).
+
+    log₁₀ E as polynomials of elevation / 90°: Janiczek and DeYoung 1987, "Computer programs for sun and moon illuminance",
+    US Naval Observatory Circular 171, as in Seidelmann 1992, "Explanatory Supplement to the Astronomical Almanac", p. 491.
+    """
+    x = max(degrees, -18.0) / 90.0
+    terms = next(terms for lowest, terms in _TWILIGHTS if x * 90.0 >= lowest)
+    return float(10.0 ** sum(term * x**power for power, term in enumerate(terms)))
+
+
+def _smooth(share: float) -> float:
+    share = float(np.clip(share, 0.0, 1.0))
+    return share * share * (3.0 - 2.0 * share)
 
 
 def _clouded(direct: Array, table: Array, diffuse: Array, height: float, cover: float) -> tuple[Array, Array]:
@@ -213,7 +278,7 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     """Colour of the sun of luminance 1 at the ground, sky table of that sun, extinction at the ground (per metre)."""
     thickness = _RAYLEIGH[1] * _RAYLEIGH_HEIGHT
     mie = max(turbidity - 1.0, 0.0) * thickness / _MIE_HEIGHT
-    # A sun at or below the horizon lights the high air only; the model is kept just above it and faded out below.
+    # A sun at or below the horizon lights the high air only: the model is kept just above it, and `_dusk` says how bright it is.
     above = max(elevation, np.deg2rad(0.5))
     toward_sun = np.array([np.cos(above), 0.0, np.sin(above)])
     observer = np.array([[0.0, 0.0, _GROUND + 2.0]])
@@ -229,9 +294,8 @@ def _unit_sky(elevation: float, turbidity: float) -> tuple[Array, Array, Array]:
     higher = scattering * mean / (1 - np.minimum(returned, 0.9))
     table = ((first + higher) * strength * np.pi).reshape(ELEVATIONS, AZIMUTHS, 3)
     table = table * _bounded(float(_horizontal(table) @ _LUMINANCE))
-    dusk = float(np.clip(np.rad2deg(elevation) / 6 + 1, 0, 1)) ** 2
     risen = float(np.clip(np.rad2deg(elevation) / 0.5 + 0.5, 0, 1))
-    return transmitted * strength * risen, table * dusk, _RAYLEIGH + mie * _MIE_SPECTRUM
+    return transmitted * strength * risen, table, _RAYLEIGH + mie * _MIE_SPECTRUM
 
 
 def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import Affects, ParameterType, Value
 from valerie.scene.draft import CameraPose, Draft, cloth_materials, figures, paint_materials
-from valerie.scene.model import CLEAR_VISIBILITY_M, Scene
+from valerie.scene.model import CLEAR_VISIBILITY_M, POSITIONS, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
 from valerie.scene.paints import PAINTS
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
@@ -268,6 +268,42 @@ def _sun(field: str, *, angle: bool) -> tuple[Read, Write]:
     return read, write
 
 
+#: Linear RGB of a light by the last part of the attribute's name.
+_CHANNELS: Final = {"red": 0, "green": 1, "blue": 2}
+
+
+def _light(field: str, *, angle: bool = False) -> tuple[Read, Write]:
+    def read(scene: Scene, path: str) -> Value | None:
+        light = scene.nodes[path].light
+        if light is None:
+            return None
+        if field in _CHANNELS:
+            return float(light.color[_CHANNELS[field]])
+        value = float(getattr(light, field))
+        return math.degrees(value) if angle else value
+
+    def write(draft: Draft, path: str, value: Value) -> None:
+        number = _number(value, path)
+        if field in _CHANNELS:
+            draft.light_channel(path, _CHANNELS[field], number)
+        else:
+            draft.light(path, **{field: math.radians(number) if angle else number})
+
+    return read, write
+
+
+def _lamps(field: str) -> tuple[Read, Write]:
+    def read(scene: Scene, _: str) -> Value:
+        return str(getattr(scene.environment, field))
+
+    def write(draft: Draft, path: str, value: Value) -> None:
+        if value not in POSITIONS:
+            raise UnknownName("position of the switch", str(value), POSITIONS, field=path)
+        draft.environment(**{field: value})
+
+    return read, write
+
+
 def _environment(field: str) -> tuple[Read, Write]:
     def read(scene: Scene, _: str) -> Value:
         return float(getattr(scene.environment, field))
@@ -327,6 +363,14 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("cloud_cover", sky, number, "", 0, 1, light, *_environment("cloud_cover"))
     yield Attribute("visibility", sky, number, "m", 10, CLEAR_VISIBILITY_M, light, *_environment("visibility"))
     yield Attribute("rain", sky, number, "mm/h", 0, 100, light, *_environment("rain"))
+    for field in ("street_lamps", "car_lamps"):
+        yield Attribute(field, sky, ParameterType.CATEGORICAL, "", None, None, light, *_lamps(field))
+    yield Attribute("light.intensity_cd", node, number, "cd", 0, 1e6, light, *_light("intensity"))
+    for field in _CHANNELS:
+        yield Attribute(f"light.{field}", node, number, "", 0, 1, light, *_light(field))
+    yield Attribute("light.inner_deg", node, number, "deg", 0, 180, light, *_light("inner", angle=True))
+    yield Attribute("light.outer_deg", node, number, "deg", 0, 180, light, *_light("outer", angle=True))
+    yield Attribute("light.radius_m", node, number, "m", 0, 10, light, *_light("radius"))
     for row in SENSOR_PARAMETERS.values():
         ends = (row.minimum, row.maximum)
         yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_not_in_the_scene(row.neutral))

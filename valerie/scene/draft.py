@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.scene.model import Camera, Figure, Material, Node, Scene, Stance
+from valerie.scene.model import Camera, Figure, Light, Material, Node, Scene, Stance
 from valerie.scene.naming import ROOT, is_cloth
 from valerie.scene.paints import PAINTS, is_paint, paint_gloss
 from valerie.scene.transforms import Pose, camera_angles, camera_transform
@@ -43,6 +43,7 @@ class Draft:
         self._shown: dict[str, bool] = {}
         self._stances: dict[str, Stance] = {}
         self._materials: dict[str, Material] = {}
+        self._lights: dict[str, Light] = {}
         self._sun = scene.sun
         self._environment = scene.environment
 
@@ -125,11 +126,30 @@ class Draft:
                 roughness=paint_gloss(metallic),
             )
 
+    def light(self, path: str, **changes: Any) -> None:
+        """Change fields of a node's `Light`; angles in radians.
+
+        Raises:
+            UnknownName: there is no such node.
+            InvalidInput: the node has no light.
+        """
+        light = self._lights.get(path) or self.node(path).light
+        if light is None:
+            raise InvalidInput("the node has no light", field=path)
+        self._lights[path] = replace(light, **changes)
+
+    def light_channel(self, path: str, channel: int, value: float) -> None:
+        """Change red, green or blue (0, 1, 2) of the colour of a node's light."""
+        light = self._lights.get(path) or self.node(path).light
+        if light is not None:
+            red, green, blue = (value if i == channel else old for i, old in enumerate(light.color))
+            self.light(path, color=(red, green, blue))
+
     def sun(self, **changes: float) -> None:
         """Change fields of the sun; angles in radians."""
         self._sun = replace(self._sun, **changes)
 
-    def environment(self, **changes: float) -> None:
+    def environment(self, **changes: Any) -> None:
         """Change fields of the environment."""
         self._environment = replace(self._environment, **changes)
 
@@ -145,9 +165,11 @@ class Draft:
         )
 
     def _finished_nodes(self) -> Mapping[str, Node]:
-        if not self._poses and not self._shown and not self._stances:
+        if not self._poses and not self._shown and not self._stances and not self._lights:
             return self.scene.nodes
         nodes = dict(self.scene.nodes)
+        for path, light in self._lights.items():
+            nodes[path] = replace(nodes[path], light=light)
         for path, pose in self._poses.items():
             nodes[path] = replace(nodes[path], transform=pose.matrix())
         roots = tuple(self._shown)

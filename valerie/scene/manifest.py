@@ -16,7 +16,8 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import label_of_node_class
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
-from valerie.scene.attributes import resolve
+from valerie.scene.attributes import Target, resolve
+from valerie.scene.model import POSITIONS
 from valerie.scene.naming import ROOT, is_node_name
 from valerie.scene.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
@@ -298,9 +299,10 @@ def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], fi
             limit=f"{low}…{high}",
         )
     row = SENSOR_PARAMETERS.get(definition.path.removeprefix(f"{SENSOR_ROOT}."))
-    for choice in definition.choices if row is not None else ():
-        if row is not None and choice not in row.choices:
-            raise UnknownName(f"choice of {definition.path}", choice, row.choices, field=f"{field}.choices")
+    known = row.choices if row is not None else POSITIONS if attribute.target is Target.ENVIRONMENT else None
+    for choice in definition.choices if known is not None else ():
+        if known is not None and choice not in known:
+            raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
 
 
 def _check_paths(field: str, paths: tuple[str, ...]) -> None:

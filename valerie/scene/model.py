@@ -144,6 +144,33 @@ class Figure(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Light:
+    """A lamp at its node's origin, shining along the node's +y: forwards, as a vehicle drives.
+
+    Light falls with the square of the distance. Across, it is full within ``inner`` and nothing beyond ``outer``, with the
+    square of a straight line in the cosine between them (glTF's KHR_lights_punctual).
+
+    Attributes:
+        color: linear RGB, relative; its luminance is taken as 1.
+        intensity: candela along the axis.
+        inner, outer: radians from the axis; ``outer`` π shines everywhere.
+        radius: metres, of the shining surface.
+        switch: which switch of `Environment` turns it on, a key of `SWITCHES`; empty: always on.
+        glowing: names of the materials that are seen to shine while it is on.
+        luminance: cd/m² of those.
+    """
+
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    intensity: float = 100.0
+    inner: float = 0.0
+    outer: float = math.pi
+    radius: float = 0.05
+    switch: str = ""
+    glowing: tuple[str, ...] = ()
+    luminance: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
     """A named object in the scene graph.
@@ -157,6 +184,7 @@ class Node:
         movable: declared by the manifest (inherited): part of the movable layer, not of the background.
         visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
         figure: what ``meshes`` come from, where a stance can be chosen.
+        light: a lamp at the node's origin.
     """
 
     path: str
@@ -167,6 +195,7 @@ class Node:
     movable: bool = False
     visible: bool = True
     figure: Figure | None = None
+    light: Light | None = None
 
     @property
     def name(self) -> str:
@@ -230,6 +259,12 @@ class Sun:
     angular_diameter: float = math.radians(0.53)
 
 
+#: Lamps by the switch that they hang on, and the illuminance of the ground in lux below which ``auto`` turns them on. Street
+#: lamps: the usual twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
+SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})
+#: Positions of a switch.
+POSITIONS: Final = ("auto", "on", "off")
+
 #: Metres of visibility that stand for no fog: the air is then what turbidity says.
 CLEAR_VISIBILITY_M: Final = 100_000.0
 
@@ -245,6 +280,7 @@ class Environment:
         cloud_cover: share of the sky under cloud, 0 (clear) … 1 (overcast: no sun, no shadows).
         visibility: metres at which fog leaves 2 % of a black object's contrast (Koschmieder); `CLEAR_VISIBILITY_M` is no fog.
         rain: mm/h; wets what faces up, adds extinction and drops in the air.
+        street_lamps, car_lamps: ``on``, ``off``, or ``auto``: on when it is dark, see `SWITCHES`.
     """
 
     bearing: float = 0.0
@@ -253,6 +289,8 @@ class Environment:
     cloud_cover: float = 0.0
     visibility: float = CLEAR_VISIBILITY_M
     rain: float = 0.0
+    street_lamps: str = "auto"
+    car_lamps: str = "auto"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -76,7 +76,11 @@ def _coefficient(name: str, limit: float, description: str) -> SensorParameter:
 _ROWS: Final = (
     SensorParameter(
         "exposure_ev", _FLOAT, "EV", -16, 16, 0.0,
-        "stops of exposure: the linear image is multiplied by 2 ** exposure_ev", usual=(-4.0, 4.0),
+        "stops of exposure: the linear image is multiplied by 2 ** exposure_ev", usual=(-4.0, 12.0),
+    ),
+    SensorParameter(
+        "auto_exposure", _BOOL, "", None, None, False,
+        "the exposure is metered on the picture, within −6…11 EV; exposure_ev corrects it",
     ),
     SensorParameter(
         "gain_db", _FLOAT, "dB", 0, 48, 0.0,

@@ -10,7 +10,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.scene.asset import SceneAsset
 from valerie.scene.attributes import ABSENT, ATTRIBUTES, Attribute, Target, characters
 from valerie.scene.manifest import Manifest
-from valerie.scene.model import Scene
+from valerie.scene.model import POSITIONS, Scene
 from valerie.scene.naming import ENVIRONMENT_PATH, SUN_PATH
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.trajectory import Motion
@@ -104,4 +104,6 @@ def _choices(scene: Scene, thing: str, path: str, attribute: Attribute) -> tuple
         return ()
     if attribute.target is Target.SENSOR:
         return SENSOR_PARAMETERS[path.removeprefix(f"{SENSOR_ROOT}.")].choices
+    if attribute.target is Target.ENVIRONMENT:
+        return POSITIONS
     return (*characters(scene, thing), ABSENT)

@@ -32,6 +32,7 @@ from valerie.sensing.defocus import circle_of_confusion, defocus
 from valerie.sensing.distortion import pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
+from valerie.sensing.metering import metered_ev
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
@@ -81,6 +82,8 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
     if linear.dtype != np.float16 or linear.ndim != 3 or linear.shape[2] != 3:
         given = f"{linear.dtype} {linear.shape}"
         raise InvalidInput("not a linear image", field="linear", value=given, limit="(H, W, 3) float16")
+    if setting.auto_exposure:
+        setting = setting.model_copy(update={"exposure_ev": setting.exposure_ev + metered_ev(linear)})
     balance = white_balance_gains(setting.white_balance.temperature_k, setting.white_balance.tint)
     factor = 2.0**setting.exposure_ev
     if setting.gain_db:

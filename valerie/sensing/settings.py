@@ -103,6 +103,7 @@ class SensorSetting(BaseModel):
 
     name: str = Field("default", min_length=1, max_length=64)
     exposure_ev: float = _field("exposure_ev")
+    auto_exposure: bool = _field("auto_exposure")
     gain_db: float = _field("gain_db")
     curve: ToneCurve = "filmic"
     gamma: float = _field("gamma")

@@ -8,11 +8,14 @@ import pytest
 
 from valerie.rendering.sky import (
     AZIMUTHS,
+    DUSK,
     ELEVATIONS,
     EXPOSURE,
+    NIGHT_LUX,
     fog_extinction,
     sky_directions,
     sky_of,
+    twilight_lux,
 )
 from valerie.scene.model import Environment, Scene, Sun
 
@@ -80,6 +83,51 @@ def test_the_sky_stays_finite_and_bounded(elevation: float, turbidity: float) ->
 
 def test_a_sun_below_the_horizon_gives_no_direct_light() -> None:
     assert not sky_of(scene_with(-5.0)).sun.any()
+
+
+@pytest.mark.parametrize(
+    ("elevation", "lux"),
+    # Seidelmann 1992, "Explanatory Supplement to the Astronomical Almanac", table 9.1: sunset, the ends of the three twilights.
+    [(-0.8, 460.0), (-6.0, 3.4), (-12.0, 0.008), (-18.0, 0.00065)],
+)
+def test_twilight_is_as_bright_as_tables_say(elevation: float, lux: float) -> None:
+    assert twilight_lux(elevation) == pytest.approx(lux, rel=0.05)
+    assert sky_of(scene_with(elevation)).lux == pytest.approx(lux + NIGHT_LUX, rel=0.05)
+
+
+def test_a_clear_noon_is_a_hundred_thousand_lux() -> None:
+    assert 95_000 < sky_of(scene_with(60.0)).lux < 130_000
+
+
+def test_light_falls_steadily_and_without_a_jump_from_day_to_night() -> None:
+    elevations = np.arange(6.0, -20.0, -0.1)
+    lux = np.array([sky_of(scene_with(float(e))).lux for e in elevations])
+    below = elevations < DUSK
+    assert (np.diff(lux[below]) <= 0).all()
+    # Where it falls fastest, in civil twilight, the tables lose a factor of 2.6 in half a degree.
+    assert (lux[1:] / lux[:-1] > 0.7).all()
+    assert (lux[1:] / lux[:-1] < 1.05).all()
+
+
+def test_the_night_sky_is_that_of_a_city_and_is_never_black() -> None:
+    sky = sky_of(scene_with(-40.0))
+    assert sky.lux == pytest.approx(NIGHT_LUX, rel=0.05)
+    assert sky.table.min() > 0
+    # Steps of a float16 down there: a white wall still has some twenty of them.
+    assert float(sky.sky_irradiance.min()) > 15 * float(np.finfo(np.float16).smallest_subnormal)
+
+
+def test_twilight_is_bluer_than_the_day_and_has_no_sun() -> None:
+    day, dusk = sky_of(scene_with(40.0)), sky_of(scene_with(-6.0))
+    ratios = [sky.sky_irradiance[2] / sky.sky_irradiance[0] for sky in (dusk, day)]
+    assert ratios[0] > 1.1
+    assert not dusk.sun.any()
+
+
+def test_from_three_degrees_on_the_day_is_as_it_always_was() -> None:
+    day, just_before = sky_of(scene_with(DUSK + 1e-6)), sky_of(scene_with(DUSK - 1e-6))
+    np.testing.assert_allclose(day.table, just_before.table, rtol=1e-4, atol=3e-6)
+    np.testing.assert_allclose(day.sun, just_before.sun, rtol=1e-4)
 
 
 def test_the_sky_turns_with_the_sun() -> None:

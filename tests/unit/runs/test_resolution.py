@@ -8,6 +8,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.runs.planning import plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.manifest import Manifest
+from valerie.scene.model import POSITIONS
 from valerie.scene.solar import CLOCK
 
 X, Y, HEADING = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.heading"
@@ -52,6 +53,22 @@ def test_an_engine_without_weather_is_refused_where_a_spec_names_it(street: Mani
     assert "pyrender" in found
     assert "raster" in found
     resolved(street, renderer="raster", **given)
+
+
+def test_an_engine_without_lamps_is_refused_where_a_spec_switches_them(street: Manifest) -> None:
+    switch = ParameterDefinition(
+        path="scene.environment-1.street_lamps",
+        type=ParameterType.CATEGORICAL,
+        choices=POSITIONS,
+        default="auto",
+        affects=Affects.LIGHT,
+    )
+    street = street.model_copy(update={"parameters": (*street.parameters, switch)})
+    constants = {"environment-1.street_lamps": "on"}
+    (found,) = problems(street, renderer="pyrender", constants=constants).values()
+    assert "pyrender" in found
+    resolved(street, renderer="raster", constants=constants)
+    resolved(street, renderer="cycles", constants=constants)
 
 
 def with_a_clock(street: Manifest) -> Manifest:

@@ -1,5 +1,7 @@
 """Light and weather of a variant in numbers, and the sun's two notations as one input."""
 
+import json
+
 import pytest
 
 from valerie.errors import InvalidInput
@@ -51,7 +53,8 @@ def test_the_sun_changes_the_light_and_never_the_truth(street: Manifest) -> None
     noon, morning = split({TIME: 12.0}, street, "camera-1"), split({TIME: 9.0}, street, "camera-1")
     assert noon.geometry == morning.geometry
     assert noon.sensor == morning.sensor
-    changed = {path for path, value in noon.layer.items() if morning.layer[path] != value}
+    first, second = (json.loads(inputs.layer) for inputs in (noon, morning))
+    changed = {path for path, value in first.items() if second[path] != value}
     assert changed == {AZIMUTH, ELEVATION}
 
 

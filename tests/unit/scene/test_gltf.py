@@ -4,6 +4,7 @@ import base64
 import json
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import trimesh
 from valerie.errors import InvalidInput
 from valerie.scene.gltf import EXTRAS_KEY, load_gltf, read_gltf, save_gltf
 from valerie.scene.gltf.meshes import unrolled
-from valerie.scene.model import Environment, Material, Scene
+from valerie.scene.model import Environment, Light, Material, Node, Scene
+from valerie.scene.transforms import Pose
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.scenes import assert_same_scene
@@ -61,6 +63,67 @@ def test_a_changed_scene_keeps_odd_poses_hidden_nodes_and_light(tmp_path: Path) 
     )
     save_gltf(changed, tmp_path / "changed.glb")
     assert_same_scene(load_gltf(tmp_path / "changed.glb"), changed)
+
+
+LAMP = Light(
+    color=(1.0, 0.7, 0.4), intensity=1500.0, inner=0.6, outer=1.3, radius=0.18, switch="street", glowing=("paint",),
+    luminance=12_000.0,
+)  # fmt: skip
+
+
+def with_lamp(light: Light) -> Scene:
+    base = simple_asset().base
+    building = base.nodes["scene.building-1"]
+    lamp = Node(
+        "scene.building-1.lamp", Pose((1, 2, 3), (270, 0, 30)).matrix(), light=light, label_id=building.label_id,
+        instance_id=building.instance_id,
+    )  # fmt: skip
+    return replace(base, nodes=dict(base.nodes) | {lamp.path: lamp}, environment=Environment(street_lamps="off"))
+
+
+@pytest.mark.parametrize("light", [LAMP, Light(), replace(LAMP, outer=2.0, switch=""), replace(LAMP, inner=1.3)])
+def test_lamps_and_switches_survive(tmp_path: Path, light: Light) -> None:
+    scene = with_lamp(light)
+    save_gltf(scene, tmp_path / "lamp.glb")
+    read = load_gltf(tmp_path / "lamp.glb")
+    assert_same_scene(read, scene)
+    assert read.nodes["scene.building-1.lamp"].light == light
+    assert read.environment == scene.environment
+
+
+def test_a_lamp_of_another_program_shines_where_its_minus_z_points(tmp_path: Path) -> None:
+    save_gltf(with_lamp(LAMP), tmp_path / "lamp.glb")
+    document, binary = chunks_of(tmp_path / "lamp.glb")
+    lights = document["extensions"]["KHR_lights_punctual"]["lights"]
+    assert [light["type"] for light in lights] == ["directional", "spot"]
+    assert lights[1]["intensity"] == 1500.0
+    assert lights[1]["spot"] == {"innerConeAngle": 0.6, "outerConeAngle": 1.3}
+    del lights[1]["extras"]
+    node = next(node for node in document["nodes"] if node["name"] == "lamp")
+    # A quarter turn about glTF's x takes −z to −y, which is down.
+    node.pop("matrix")
+    node.update(rotation=[-math.sqrt(0.5), 0, 0, math.sqrt(0.5)])
+    scene = load_gltf(embedded(tmp_path / "lamp.glb", document, binary))
+    light = scene.nodes["scene.building-1.lamp"].light
+    assert light == Light(color=LAMP.color, intensity=1500.0, inner=0.6, outer=1.3)
+    axis = scene.world_transform("scene.building-1.lamp")[:3, 1]
+    np.testing.assert_allclose(axis, [0, 0, -1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"type": "area"}, "no such kind of light"),
+        ({"intensity": -1.0}, "not a usable light"),
+        ({"spot": {"innerConeAngle": 1.0, "outerConeAngle": 0.5}, "extras": {}}, "inner ≤ outer"),
+    ],
+)
+def test_a_lamp_that_cannot_be_is_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    save_gltf(with_lamp(LAMP), tmp_path / "lamp.glb")
+    document, binary = chunks_of(tmp_path / "lamp.glb")
+    document["extensions"]["KHR_lights_punctual"]["lights"][1] |= change
+    with pytest.raises(InvalidInput, match=message):
+        load_gltf(embedded(tmp_path / "lamp.glb", document, binary))
 
 
 def test_every_field_of_a_material_survives(tmp_path: Path) -> None:

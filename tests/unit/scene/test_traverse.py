@@ -1,10 +1,15 @@
 """Every path of an asset, with type, unit, range and value."""
 
+import math
+from dataclasses import replace
+
 import pytest
 
-from valerie.parameters.definitions import Affects, ParameterType, Value
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.parameters.paths import attribute_of, node_of
-from valerie.scene.attributes import resolve
+from valerie.scene.attributes import ATTRIBUTES, Target, resolve
+from valerie.scene.model import Light, Node
+from valerie.scene.transforms import Pose
 from valerie.scene.traverse import traverse
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
@@ -48,6 +53,48 @@ def test_nested_parts_are_listed_though_nothing_declares_them() -> None:
 )
 def test_the_current_value_is_in_the_users_units(path: str, value: Value) -> None:
     assert ENTRIES[path].value == value
+
+
+def test_every_light_lists_its_colour_strength_and_cone_and_each_can_be_written() -> None:
+    light = Light((1.0, 0.5, 0.25), 300.0, math.radians(20), math.radians(60), switch="street")
+    pole = Node("scene.pole-1", Pose((1, 2, 5), (270, 0, 0)).matrix(), light=light, label_id=17)
+    base = replace(ASSET.base, nodes=dict(ASSET.base.nodes) | {pole.path: pole})
+    values = {
+        "intensity_cd": 500.0,
+        "red": 0.9,
+        "green": 0.4,
+        "blue": 0.1,
+        "inner_deg": 10.0,
+        "outer_deg": 50.0,
+        "radius_m": 0.2,
+    }
+    paths = {name: f"scene.pole-1.light.{name}" for name in values}
+    definitions = [
+        ParameterDefinition(
+            path=path, type=ParameterType.FLOAT, unit=ATTRIBUTES[Target.NODE, f"light.{name}"].unit, minimum=0,
+            maximum=180 if name.endswith("deg") else 1, default=0.05, affects=Affects.LIGHT,
+        )
+        for name, path in paths.items()
+        if name != "intensity_cd"
+    ]  # fmt: skip
+    manifest = ASSET.manifest.model_copy(update={"parameters": (*ASSET.manifest.parameters, *definitions)})
+    listed = {e.path: e.value for e in traverse(replace(ASSET, base=base))}
+    assert listed[paths["intensity_cd"]] == 300.0
+    assert listed[paths["green"]] == 0.5
+    assert listed[paths["outer_deg"]] == pytest.approx(60.0)
+    assert "scene.building-1.light.red" not in ENTRIES
+    given = {paths[name]: value for name, value in values.items() if name != "intensity_cd"}
+    changed = apply(given, replace(ASSET, base=base, manifest=manifest)).nodes["scene.pole-1"].light
+    assert changed is not None
+    assert changed.color == (0.9, 0.4, 0.1)
+    assert (changed.inner, changed.outer, changed.radius) == pytest.approx((math.radians(10), math.radians(50), 0.2))
+    assert (changed.intensity, changed.switch) == (300.0, "street")
+
+
+@pytest.mark.parametrize("field", ["street_lamps", "car_lamps"])
+def test_a_switch_of_lamps_lists_its_positions(field: str) -> None:
+    entry = ENTRIES[f"scene.environment-1.{field}"]
+    assert (entry.value, entry.choices) == ("auto", ("auto", "on", "off"))
 
 
 def test_a_building_faces_nowhere_and_wears_nothing() -> None:

@@ -168,7 +168,7 @@ class Studio:
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
         # The haze before a surface is an emission too, but no lamp.
-        material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) else "NONE"
+        material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) and not header["lens"] else "NONE"
         nodes = Nodes(material.node_tree)
         principled = nodes.add("ShaderNodeBsdfPrincipled")
         base: Any = nodes.color(header["base_color"])
@@ -185,6 +185,10 @@ class Studio:
         nodes.link(nodes.tinted(base, header["specular_tint"]), principled.inputs["Specular Tint"])
         principled.inputs["Emission Color"].default_value = (*header["emissive"], 1.0)
         principled.inputs["Emission Strength"].default_value = 1.0 if any(header["emissive"]) else 0.0
+        if header["lens"]:
+            # A lamp stands in front of it and gives the light: the glow is only looked at.
+            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            nodes.link(seen, principled.inputs["Emission Strength"])
         if header["normal_texture"] is not None:
             image = nodes.add("ShaderNodeTexImage")
             image.image = self._textures[header["normal_texture"]]
@@ -227,6 +231,7 @@ class Studio:
         self._camera_at(header["camera"])
         self._objects_at(header["objects"], arrays["matrices"])
         self._light(header["light"], header["sky"], arrays.get("sky"))
+        self._lamps_at(header["lamps"])
         if header.get("index"):
             return {}, {"index": self._index()}
         return {}, {"pixels": self._picture()}
@@ -241,6 +246,7 @@ class Studio:
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
         self._air: Any = _air_group(bpy)
         self._light_set: object = None
+        self._lamps: list[dict[str, Any]] = []
         scene = self._scene = bpy.context.scene
         scene.render.engine = "CYCLES"
         scene.render.use_persistent_data = True
@@ -349,6 +355,32 @@ class Studio:
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
         self._light_set = wanted
+
+    def _lamps_at(self, wanted: list[dict[str, Any]]) -> None:
+        """Point and spot lights; all are made anew when one differs, so that their order is that of the list."""
+        if wanted == self._lamps:
+            return
+        data = self._bpy.data
+        for index in range(len(self._lamps)):
+            data.lights.remove(data.lights[f"lamp-{index}"])  # the object goes with its light
+        for index, lamp in enumerate(wanted):
+            spot = lamp["outer"] <= 0.5 * math.pi
+            light = data.lights.new(f"lamp-{index}", "SPOT" if spot else "POINT")
+            light.energy, light.color, light.shadow_soft_size = lamp["energy"], lamp["color"], lamp["radius"]
+            if spot:
+                # Blender fades from the rim inwards over a share of the cone.
+                light.spot_size = 2 * lamp["outer"]
+                light.spot_blend = 1 - math.tan(lamp["inner"] / 2) / math.tan(lamp["outer"] / 2)
+            thing = data.objects.new(f"lamp-{index}", light)
+            away = -np.array(lamp["direction"])
+            side = np.cross((0.0, 1.0, 0.0) if abs(away[2]) > 0.9 else (0.0, 0.0, 1.0), away)
+            side /= np.linalg.norm(side)
+            pose = np.eye(4)
+            pose[:3, :3] = np.stack([side, np.cross(away, side), away], axis=1)
+            pose[:3, 3] = lamp["position"]
+            thing.matrix_world = _matrix(pose)
+            self._scene.collection.objects.link(thing)
+        self._lamps = wanted
 
     def _unit_sky(self, sky: dict[str, Any]) -> float:
         """Luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""

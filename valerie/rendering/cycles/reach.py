@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
+from valerie.rendering.lamps import lit_lamps
+from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, union
 from valerie.rendering.raster.camera_math import box_corners
+from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps, with_shadows
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
+from valerie.rendering.sky import sky_of
 from valerie.scene.model import Scene
 
 #: Heights of a movable beyond which its indirect light is lost in the noise.
@@ -46,11 +49,19 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     # Half of the sun's disc, over the longest way from a movable to where its shadow falls.
     penumbra = math.tan(scene.sun.angular_diameter / 2) * (highest - lowest) / max(float(toward_sun[2]), 1e-2)
     exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
+    lamps = _frame_lamps(scene, view)
+    exact = with_lamps(exact, corners, camera, view, lowest, lamps)
     near = []
     for low, high in boxes:
         more = REACH * float(high[2] - low[2])
         near.append(box_corners(low - more, high + more))
-    return _union(exact, covered_rectangle(near, camera, view))
+    return union(exact, covered_rectangle(near, camera, view))
+
+
+def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
+    """The lamps that shine, and of those that stand still the ones whose shadows are looked for: the raster engine's."""
+    lit = lit_lamps(scene, sky_of(scene))
+    return FrameLamps(lit, with_shadows(lit, camera_of(scene, view)))
 
 
 def _bounds(item: DrawItem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -64,12 +75,3 @@ def _bounds(item: DrawItem) -> tuple[NDArray[np.float64], NDArray[np.float64]] |
         return None
     together = np.concatenate(points)
     return together.min(axis=0), together.max(axis=0)
-
-
-def _union(first: Rectangle, second: Rectangle) -> Rectangle:
-    if first.empty or second.empty:
-        return second if first.empty else first
-    x, y = min(first.x, second.x), min(first.y, second.y)
-    right = max(first.x + first.width, second.x + second.width)
-    bottom = max(first.y + first.height, second.y + second.height)
-    return Rectangle(x, y, right - x, bottom - y)

@@ -6,7 +6,8 @@ Meshes and textures are known by identity, materials by value. Everything is in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Set
 from dataclasses import asdict
 from typing import Any, Final, NamedTuple
 
@@ -16,8 +17,9 @@ from scipy.ndimage import map_coordinates
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.cycles.blender import BlenderProcess
+from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
-from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
+from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Share of its light that a thin sheet (`Material.double_sided`) passes on; its lit side is then as in the raster engine.
@@ -58,7 +60,7 @@ def render(
         movables: whether they are part of the picture.
     """
     items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
-    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, index=False)
+    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, index=False, movables=movables)
     return made["pixels"]
 
 
@@ -83,12 +85,15 @@ def _ask(
     settings: dict[str, Any],
     border: Rectangle | None,
     index: bool,
+    movables: bool = True,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
     sky = sky_of(scene)
-    # Blender's sky knows neither clouds nor fog.
-    own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0
-    sender = _Sender(blender, scene)
+    lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
+    # Blender's sky knows neither clouds nor fog nor dusk.
+    dusk = math.degrees(scene.sun.elevation) < DUSK
+    own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
+    sender = _Sender(blender, scene, {name for name, m in scene.materials.items() if m is not unlit.materials[name]})
     placed = [one for i, item in enumerate(items, start=1) for one in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
@@ -101,16 +106,22 @@ def _ask(
         objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
         index=index,
+        lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
         **_light(scene, sky),
     )
 
 
 class _Sender:
-    """Sends what Blender lacks, and notes what the picture uses."""
+    """Sends what Blender lacks, and notes what the picture uses.
 
-    def __init__(self, blender: BlenderProcess, scene: Scene) -> None:
+    Args:
+        lenses: names of materials that glow because a lamp is on: the lamp gives their light.
+    """
+
+    def __init__(self, blender: BlenderProcess, scene: Scene, lenses: Set[str] = frozenset()) -> None:
         self._blender = blender
         self._scene = scene
+        self._lenses = lenses
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
@@ -165,10 +176,11 @@ class _Sender:
             "normal_texture": self._texture(material.normal_texture, color=False),
         }
         values = asdict(material) | textures
-        key = f"material-{hash((material, *textures.values())) & (1 << 64) - 1:x}"
+        lens = material.name in self._lenses
+        key = f"material-{hash((material, lens, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
             share = _TRANSLUCENT_SHARE if material.double_sided else 0.0
-            self._blender.ask("material", key=key, translucency=share, **values)
+            self._blender.ask("material", key=key, translucency=share, lens=lens, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:
@@ -216,6 +228,23 @@ def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
             "irradiance": float(sky.sky_irradiance @ _LUMINANCE),
             "ground": sky.ground.tolist(),
         },
+    }
+
+
+def _lamp(lamp: Lamp) -> dict[str, Any]:
+    """A lamp for Blender, whose energy in watts is that of a sphere: radiant intensity is energy / 4π, and a white surface
+    shows its irradiance divided by π.
+    """
+    strength = np.array(lamp.strength)
+    peak = float(strength.max())
+    return {
+        "position": list(lamp.position),
+        "direction": list(lamp.direction),
+        "energy": 4 * math.pi**2 * peak,
+        "color": (strength / peak).tolist(),
+        "inner": lamp.inner,
+        "outer": lamp.outer,
+        "radius": lamp.radius,
     }
 
 

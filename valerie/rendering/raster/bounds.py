@@ -101,6 +101,16 @@ def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x
     return Rectangle(int(first[0]), int(first[1]), int(size[0]), int(size[1]))
 
 
+def union(first: Rectangle, second: Rectangle) -> Rectangle:
+    """The smallest rectangle around both."""
+    if first.empty or second.empty:
+        return second if first.empty else first
+    x, y = min(first.x, second.x), min(first.y, second.y)
+    right = max(first.x + first.width, second.x + second.width)
+    bottom = max(first.y + first.height, second.y + second.height)
+    return Rectangle(x, y, right - x, bottom - y)
+
+
 def grown(rectangle: Rectangle, pixels: int, view: View) -> Rectangle:
     """The rectangle with ``pixels`` more on each side, inside the image."""
     more = Rectangle(

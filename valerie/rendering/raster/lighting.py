@@ -11,6 +11,9 @@ import numpy as np
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.bounds import Reach
+from valerie.rendering.raster.drawing import table_texture
+from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES
+from valerie.rendering.raster.lamplight import ATLAS, LampLight
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.targets import (
     SAMPLES,
@@ -41,27 +44,43 @@ class Lighting:
     def __init__(self, context: GraphicsContext, reach: Reach) -> None:
         gl = context.gl
         self._gl = gl
-        self._context = context
         self._reach = reach
-        self._received: ScreenPass | None = None
         directions = SKY_TILES[0] * SKY_TILES[1]
         self.skylight = ScreenPass(
             gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL)
         )
         self.occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
-        self.shade = ScreenPass(gl, context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL))
         self.resolve = ScreenPass(gl, context.program("screen.vert", "resolve.frag"))
+        self._context = context
+        self._shading: dict[tuple[bool, bool], ScreenPass] = {}
+
+    def _shade(self, *, lamps: bool, received: bool = False) -> ScreenPass:
+        """The shading pass; each of its kinds is compiled when it is first needed.
+
+        Args:
+            lamps: with lamplight, which costs too much to be carried along by day.
+            received: light before materials instead of the picture.
+        """
+        if (lamps, received) not in self._shading:
+            defines = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
+            if lamps:
+                defines |= {"LAMPS": 1, "LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
+            if received:
+                defines["RECEIVED"] = 1
+            program = self._context.program("screen.vert", "lighting.frag", **defines)
+            self._shading[lamps, received] = ScreenPass(self._gl, program)
+        return self._shading[lamps, received]
 
     def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
         """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
 
         Needs what `LitFrame.shade` needs around these parts.
         """
-        if self._received is None:
-            program = self._context.program("screen.vert", "lighting.frag", SKYLIGHT_CELL=SKYLIGHT_CELL, RECEIVED=1)
-            self._received = ScreenPass(self._gl, program)
-        self._received.run(target, parts, frame.shade.textures, frame.shade.values)
+        shade = frame.shade
+        self._shade(lamps="lamp_table" in shade.textures, received=True).run(
+            target, parts, shade.textures, shade.values
+        )
 
     def inputs(
         self,
@@ -74,6 +93,7 @@ class Lighting:
         sky_maps: SkyMaps,
         static_shadow: ShadowMap,
         movable_shadow: ShadowMap | None,
+        lamps: LampLight | None = None,
     ) -> LitFrame:
         """The passes with everything they read bound to them, for one frame."""
         surfaces = targets.surfaces
@@ -92,7 +112,7 @@ class Lighting:
             "toward_sun": sky.sun_direction,
             "surface_by_sky": street_by_sky,
             "surface_by_sun": street_by_sun,
-            "ground": sky.ground * 0.8,
+            "ground": sky.ground * 0.8 if lamps is None else sky.ground * 0.8 + lamps.bounce,
         }
         occlusion = common | {
             "radius": self._reach.occlusion_radius,
@@ -140,21 +160,29 @@ class Lighting:
             "drops": sky.drops,
             "pixel_height": view.height,
         }
+        owned = [sky_table]
+        if lamps is not None:
+            owned.append(table_texture(self._gl, lamps.table()))
+            moving = lamps.movable or lamps.static
+            shade_textures |= {
+                "lamp_table": owned[-1],
+                "static_lamps": lamps.static.texture,
+                "movable_lamps": moving.texture,
+            }
+            shade |= {"lamp_count": len(lamps.lamps), "lamp_clip": lamps.matrices()}
         return LitFrame(
             occlusion=_Step(self.occlusion, targets.occlusion, depth | normals, occlusion),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common),
             skylight=_Step(self.skylight, targets.skylight, {**depth, **normals, "atlas": sky_maps.texture}, skylight),
-            shade=_Step(self.shade, targets.radiance, shade_textures, shade, samples=SAMPLES),
+            shade=_Step(self._shade(lamps=lamps is not None), targets.radiance, shade_textures, shade, samples=SAMPLES),
             resolve=_Step(self.resolve, targets.pixels, {"radiance": targets.radiance.colors[0]}, {}),
-            sky_table=sky_table,
+            owned=tuple(owned),
         )
 
     def release(self) -> None:
         """Free the passes."""
-        for screen_pass in (self.skylight, self.occlusion, self.blur, self.shade, self.resolve):
+        for screen_pass in (self.skylight, self.occlusion, self.blur, self.resolve, *self._shading.values()):
             screen_pass.release()
-        if self._received is not None:
-            self._received.release()
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +212,7 @@ class LitFrame:
     skylight: _Step
     shade: _Step
     resolve: _Step
-    sky_table: moderngl.Texture
+    owned: tuple[moderngl.Texture, ...]
 
     def light_sky(self, parts: Spans) -> None:
         """Sky light of the cells that touch the parts."""
@@ -194,7 +222,8 @@ class LitFrame:
 
     def release(self) -> None:
         """Free what belongs to this frame alone."""
-        self.sky_table.release()
+        for texture in self.owned:
+            texture.release()
 
 
 def _sample_values(camera: Camera, view: View) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
+from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
@@ -20,6 +21,8 @@ from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSur
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.lamp_reach import FrameLamps, lamp_shadowed_tiles, with_lamps, with_shadows
+from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced
 from valerie.rendering.raster.lighting import Lighting, LitFrame
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps
@@ -52,7 +55,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 2
+    revision: ClassVar[int] = 3
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -70,6 +73,8 @@ class RasterRenderer:
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
         self._static_images: LeastRecentlyUsed[StaticImage] = LeastRecentlyUsed(_SUNS)
         self._sky_maps: LeastRecentlyUsed[SkyMaps] = LeastRecentlyUsed(2)
+        self._lamp_shadows = LampShadows(self._context)
+        self._lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
         self._canvases: LeastRecentlyUsed[Canvas] = LeastRecentlyUsed(2)
 
     @property
@@ -89,9 +94,10 @@ class RasterRenderer:
         """The pixels that movables change; empty where they change nothing of the image."""
         nothing = Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
         with self._frame(scene, view) as frame:
-            lowest = float(frame.prepared.statics.geometry.low[2])
+            lowest = self._lowest(frame)
             boxes = [mesh.corners for mesh in frame.prepared.placed]
             rectangle = changed_rectangle(boxes, frame.camera, view, scene.sun_direction(), lowest, REACH)
+            rectangle = with_lamps(rectangle, boxes, frame.camera, view, lowest, frame.lamps)
             if rectangle.empty:
                 return nothing
             area = x, y, width, height = gl_rectangle(rectangle, view)
@@ -143,13 +149,16 @@ class RasterRenderer:
                 self._forget()
                 self._canvases.clear()
                 self._shadows.release()
+                self._lamp_shadows.release()
                 self._lighting.release()
                 self._sampler.release()
                 for screen_pass in (self._copy, *self._texture_passes.values()):
                     screen_pass.release()
 
     def _forget(self) -> None:
-        for cache in (self._static_surfaces, self._static_shadows, self._static_images, self._sky_maps):
+        for cache in (
+            self._static_surfaces, self._static_shadows, self._static_images, self._sky_maps, self._lamp_maps,
+        ):  # fmt: skip
             cache.clear()
         for canvas in self._canvases:
             canvas.forget()
@@ -157,14 +166,17 @@ class RasterRenderer:
     @contextmanager
     def _frame(self, scene: Scene, view: View, *, movables: bool = True) -> Iterator[_Frame]:
         """A scene and a view with what is kept of their statics; whatever fails in it, nothing half-made is kept."""
-        camera = camera_of(scene, view)
+        camera, sky = camera_of(scene, view), sky_of(scene)
+        lamps, scene = lit_lamps(scene, sky), glowing(scene, sky)
         with self._context.current() as gl:
             prepared = self._context.scenes.prepare(scene, movables=movables)
             statics, sun = prepared.statics, scene.sun_direction()
+            still = tuple(lamp for lamp in lamps if not lamp.movable)
+            shadowed = with_shadows(still, camera)
             canvas = self._canvases.get((view.width, view.height), lambda: Canvas(gl, view))
             table = table_texture(gl, prepared.table())
             seen: Hashable = (statics.key, *camera_key(camera, view))
-            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials)
+            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials, still)
             try:
                 surfaces = self._static_surfaces.get(
                     seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
@@ -173,9 +185,18 @@ class RasterRenderer:
                     (seen, sun.tobytes()), lambda: self._shadows.static(statics, camera, view, sun, table)
                 )
                 sky_maps = self._sky_maps.get(statics.key, lambda: self._shadows.sky(statics, table))
+                lamp_key = (statics.key, tuple(one.lamp for one in shadowed))
+                lamp_maps = (
+                    self._lamp_maps.get(lamp_key, lambda: self._lamp_shadows.static(statics, shadowed, table))
+                    if lamps
+                    else None
+                )
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
                 canvas.take(seen, lit)
-                yield _Frame(prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_of(scene))
+                yield _Frame(
+                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky,
+                    FrameLamps(lamps, shadowed), lamp_maps,
+                )  # fmt: skip
             except BaseException:
                 canvas.forget()
                 raise
@@ -187,6 +208,7 @@ class RasterRenderer:
         shadow = None
         if movables and frame.prepared.placed:
             shadow = self._shadows.movable(frame.prepared, frame.shadow.light, frame.table)
+        lamps = self._lamplight(frame, movables=movables)
         lit = self._lighting.inputs(
             frame.canvas.targets,
             frame.table,
@@ -197,11 +219,26 @@ class RasterRenderer:
             frame.sky_maps,
             frame.shadow,
             shadow,
+            lamps,
         )
         try:
             yield lit
         finally:
             lit.release()
+
+    def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
+        """The lamps that shine; a picture of the statics alone has none of the movables'."""
+        maps, shadowed = frame.lamp_maps, frame.lamps.shadowed
+        lamps = frame.lamps.in_order(movable=movables)
+        if maps is None or not lamps:
+            return None
+        moving = None
+        if movables and frame.prepared.placed:
+            moving = self._lamp_shadows.movable(frame.prepared, shadowed, frame.table)
+        geometry = frame.prepared.statics.geometry
+        still = [lamp for lamp in lamps if not lamp.movable]
+        bounce = bounced(still, geometry.core_low, geometry.core_high)
+        return LampLight(lamps, shadowed, maps, moving, bounce)
 
     def _learn(self, frame: _Frame, wanted: Mask) -> None:
         """Make those tiles of the statics' picture that are not known yet."""
@@ -238,6 +275,7 @@ class RasterRenderer:
             dirty: Mask = self._reached(canvas, surface, body, smoothed, surfaces)
             if float(frame.sky.sun_direction[2]) > 0:
                 dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, frame.shadow.light)
+            dirty |= lamp_shadowed_tiles(grid, bodies, camera, view, self._lowest(frame), frame.lamps)
             dirty &= region
             canvas.skylit &= ~body
             canvas.shaded &= ~dirty
@@ -257,6 +295,11 @@ class RasterRenderer:
         canvas.skylit &= ~body
         canvas.shaded &= ~dirty
         return pixels
+
+    @staticmethod
+    def _lowest(frame: _Frame) -> float:
+        """Metres, height below which there is nothing to receive a shadow."""
+        return float(frame.prepared.statics.geometry.low[2])
 
     def _drawn_pixels(self, frame: _Frame) -> Mask:
         """(height, width) of the part drawn last: whether a movable is seen in a sample of the pixel."""
@@ -354,6 +397,8 @@ class _Frame:
     shadow: ShadowMap
     sky_maps: SkyMaps
     sky: Sky
+    lamps: FrameLamps
+    lamp_maps: LampMaps | None
 
 
 def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:

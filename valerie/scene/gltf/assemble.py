@@ -11,7 +11,7 @@ from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import FilePart
 from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.manifest import Manifest
-from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.naming import ROOT
 from valerie.scene.objects import classified
 from valerie.scene.placements import PlacedFile
@@ -42,7 +42,7 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
 
     Nodes and cameras must differ by path. Where there are several files, materials and textures get their file's name
     as a prefix, and materials of a placed file the name of its node: each may be varied alone. The first sun wins;
-    the street's bearing is the manifest's. Cameras and lights of placed files are left out: they belong to the model.
+    the street's bearing is the manifest's. Cameras and suns of placed files are left out: they belong to the model.
 
     Args:
         parts: file name to content.
@@ -125,9 +125,16 @@ def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart
     def mesh(given: Mesh) -> Mesh:
         return meshes.setdefault(id(given), replace(given, material=f"{for_materials}/{given.material}"))
 
+    def light(given: Light | None) -> Light | None:
+        if given is None:
+            return None
+        return replace(given, glowing=tuple(f"{for_materials}/{name}" for name in given.glowing))
+
     return replace(
         part,
-        nodes=tuple(replace(node, meshes=tuple(mesh(m) for m in node.meshes)) for node in part.nodes),
+        nodes=tuple(
+            replace(node, meshes=tuple(mesh(m) for m in node.meshes), light=light(node.light)) for node in part.nodes
+        ),
         materials={
             f"{for_materials}/{name}": replace(
                 material,

@@ -22,9 +22,10 @@ from valerie.scene.gltf.common import (
     view_from_y_up,
 )
 from valerie.scene.gltf.container import Container, open_container
+from valerie.scene.gltf.lights import read_light
 from valerie.scene.gltf.meshes import MeshReader
 from valerie.scene.gltf.textures import TextureReader
-from valerie.scene.model import Camera, Environment, Matrix, Node, Sun
+from valerie.scene.model import POSITIONS, Camera, Environment, Matrix, Node, Sun
 from valerie.scene.naming import ROOT, node_name
 
 #: Longest list of names in a note.
@@ -79,9 +80,10 @@ class _Reader:
                 camera = self._camera(given, path, self._worlds[index])
                 if camera is not None:
                     cameras[camera.name] = camera
-            if light is not None and sun is None:
+            is_sun = light is not None and light.get("type") == "directional"
+            if light is not None and is_sun and sun is None:
                 sun = self._sun(light, self._worlds[index], environment or Environment())
-            if given.mesh is None and not given.children and (given.camera is not None or light is not None):
+            if given.mesh is None and not given.children and (given.camera is not None or is_sun):
                 continue
             marks = own_extras(given.extras)
             if marks.get("movable"):
@@ -92,6 +94,7 @@ class _Reader:
                     transform_from_y_up(local),
                     () if given.mesh is None else self._meshes.read(given.mesh),
                     visible=bool(marks.get("visible", True)),
+                    light=None if light is None or is_sun else read_light(light, path),
                 )
             )
         materials = self._meshes.all_materials()
@@ -194,11 +197,7 @@ class _Reader:
         index = ((given.extensions or {}).get(LIGHTS) or {}).get("light")
         if index is None:
             return None
-        light = self._document.extensions[LIGHTS]["lights"][index]
-        if light.get("type") != "directional":
-            self._notes.append(f"light {given.name!r} is ignored: only directional light is read")
-            return None
-        return dict(light)
+        return dict(self._document.extensions[LIGHTS]["lights"][index])
 
     def _sun(self, light: dict[str, Any], world: Matrix, environment: Environment) -> Sun:
         own = own_extras(light.get("extras"))
@@ -221,7 +220,10 @@ class _Reader:
         if not isinstance(own, dict):
             return None
         # Files written before weather was known lack its entries.
-        weather = {name: float(own[name]) for name in ("cloud_cover", "visibility", "rain") if name in own}
+        weather: dict[str, Any] = {
+            name: float(own[name]) for name in ("cloud_cover", "visibility", "rain") if name in own
+        }
+        weather |= {name: own[name] for name in ("street_lamps", "car_lamps") if own.get(name) in POSITIONS}
         return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]), **weather)
 
 

@@ -21,8 +21,9 @@ from valerie.scene.gltf.common import (
     view_to_y_up,
 )
 from valerie.scene.gltf.images import encode_png
+from valerie.scene.gltf.lights import write_light
 from valerie.scene.gltf.materials import write_material
-from valerie.scene.model import Camera, Matrix, Mesh, Scene
+from valerie.scene.model import Camera, Light, Matrix, Mesh, Scene
 from valerie.scene.naming import ROOT, SUN_PATH
 
 #: For glTF's vertical angle of view, which needs a picture format; readers of ours take the focal length.
@@ -47,6 +48,7 @@ class _Writer:
         self._binary = bytearray()
         self._arrays: dict[tuple[int, str], int] = {}
         self._meshes: dict[tuple[int, ...], int] = {}
+        self._lights: list[Light] = []
         self._textures = {name: index for index, name in enumerate(scene.textures)}
         self._materials = {name: index for index, name in enumerate(scene.materials)}
 
@@ -65,6 +67,8 @@ class _Writer:
                 "cloud_cover": environment.cloud_cover,
                 "visibility": environment.visibility,
                 "rain": environment.rain,
+                "street_lamps": environment.street_lamps,
+                "car_lamps": environment.car_lamps,
             }
         }
         document.scenes = [pygltflib.Scene(name=ROOT, nodes=roots, extras={EXTRAS_KEY: extras})]
@@ -103,6 +107,7 @@ class _Writer:
                     mesh=self._mesh(node.meshes),
                     matrix=_columns(transform_to_y_up(node.transform)),
                     extras={EXTRAS_KEY: marks} if marks else {},
+                    extensions={} if node.light is None else {LIGHTS: {"light": self._light(node.light)}},
                 )
             )
             if node.parent in indices:
@@ -110,6 +115,12 @@ class _Writer:
             else:
                 roots.append(indices[path])
         return roots
+
+    def _light(self, light: Light) -> int:
+        """Its place in the file's list of lights; equal lights are one."""
+        if light not in self._lights:
+            self._lights.append(light)
+        return self._lights.index(light) + 1  # the sun comes first
 
     def _node(self, node: pygltflib.Node) -> int:
         self._document.nodes.append(node)
@@ -186,7 +197,7 @@ class _Writer:
             "intensity": 100_000.0 * sun.irradiance,
             "extras": {EXTRAS_KEY: extras},
         }
-        self._document.extensions = {LIGHTS: {"lights": [light]}}
+        self._document.extensions = {LIGHTS: {"lights": [light, *(write_light(one) for one in self._lights)]}}
         return self._node(
             pygltflib.Node(
                 name=SUN_PATH.rpartition(".")[2],

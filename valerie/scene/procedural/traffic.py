@@ -13,6 +13,7 @@ from valerie.scene.naming import ROOT
 from valerie.scene.paints import is_paint
 from valerie.scene.procedural.vehicles.build import build_vehicle
 from valerie.scene.procedural.vehicles.content import VehicleContent
+from valerie.scene.procedural.vehicles.lamps import GLOWING, vehicle_lamps
 from valerie.scene.procedural.vehicles.rider import build_rider
 from valerie.scene.transforms import place
 
@@ -53,13 +54,17 @@ class Traffic:
         yield Node(path, place(where.x, where.y, 0.0, where.heading), visible=False)
         for number, kind in enumerate(where.kinds):
             yield Node(f"{path}.{kind}", np.eye(4), visible=False)
-            yield from self._parts(f"{path}.{kind}", name, build_vehicle(kind, number, DEFAULT_PAINT))
+            built = build_vehicle(kind, number, DEFAULT_PAINT)
+            yield from self._parts(f"{path}.{kind}", name, built)
+            yield from _lamps(f"{path}.{kind}", name, built)
 
     def cyclist(self, bicycle: str, rider: str, where: TrafficPlace, *, shown: bool) -> Iterator[Node]:
         """A bicycle with its rider, who is a node below it and of a class of his own."""
         path = f"{ROOT}.{bicycle}"
         yield Node(path, place(where.x, where.y, 0.0, where.heading), visible=shown)
-        yield from self._parts(path, bicycle, build_vehicle("bicycle", 0, DEFAULT_PAINT))
+        built = build_vehicle("bicycle", 0, DEFAULT_PAINT)
+        yield from self._parts(path, bicycle, built)
+        yield from _lamps(path, bicycle, built)
         if self._rider is None:
             self._rider = build_rider("bicycle")
         yield from self._parts(path, bicycle, self._rider, only=rider)
@@ -74,8 +79,14 @@ class Traffic:
             yield Node(f"{path}.{only or part.name}", part.transform, meshes)
 
 
+def _lamps(path: str, owner: str, content: VehicleContent) -> Iterator[Node]:
+    for lamp in vehicle_lamps(content, lambda material: _own_name(material, owner)):
+        yield Node(f"{path}.{lamp.name}", lamp.transform, light=lamp.light)
+
+
 def _own_name(material: str, owner: str) -> str:
-    return f"{owner}/{material}" if is_paint(material) else material
+    """Paint varies, and lenses glow, of each vehicle alone."""
+    return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
 
 
 def _owned(mesh: Mesh, owner: str) -> Mesh:

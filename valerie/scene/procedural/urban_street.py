@@ -37,7 +37,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.scene.asset import GeneratorSettings
 from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
-from valerie.scene.model import CLEAR_VISIBILITY_M, Camera, Environment, Material, Node, Scene, Sun
+from valerie.scene.model import CLEAR_VISIBILITY_M, POSITIONS, Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
 from valerie.scene.objects import classified
 from valerie.scene.paints import PAINTS, is_paint
@@ -133,7 +133,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
 
     layout = layout_street(settings)
     content = build_street(layout)
-    nodes = [Node(part.path, part.transform, part.meshes) for part in content.parts]
+    nodes = [Node(part.path, part.transform, part.meshes, light=part.light) for part in content.parts]
     materials = dict(content.materials)
     nodes = _with_own_paint(nodes, materials, [car.path for car in parked_cars(layout)])
     crowd = Crowd()
@@ -269,7 +269,7 @@ def _place_parameters(path: str, x: float, y: float, heading: float) -> Iterator
 
 def _other_parameters() -> Iterator[ParameterDefinition]:
     yield _angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
-    yield _number(f"{SUN_PATH}.elevation", 3.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
+    yield _number(f"{SUN_PATH}.elevation", -20.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
     yield _number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
     for clock in CLOCK:
         yield clock.definition()
@@ -282,6 +282,10 @@ def _other_parameters() -> Iterator[ParameterDefinition]:
         "in fog (Koschmieder, 2 %); the largest value is no fog",
     )  # fmt: skip
     yield _number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
+    for lamps, whose in (("street_lamps", "lamp posts"), ("car_lamps", "vehicles in traffic")):
+        yield _choice(
+            f"{ENVIRONMENT_PATH}.{lamps}", POSITIONS, "auto", Affects.LIGHT, f"of {whose}; auto: when it is dark"
+        )
     for name, camera in CAMERAS.items():
         yield from _camera_parameters(f"{ROOT}.{name}", camera)
     for row in SENSOR_PARAMETERS.values():

@@ -34,6 +34,9 @@ uniform int pixel_height;           // of the image
 #ifndef RECEIVED
 layout(location = 0) out vec4 out_radiance;
 #endif
+#ifdef LAMPS
+#include "lamps.glsl"
+#endif
 
 // Brightest value that is stored; the disc of the sun is far above what any sensor holds.
 const float BRIGHTEST = 24.0;
@@ -150,9 +153,11 @@ void main() {
     float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
     const vec3 luminance = vec3(0.2126, 0.7152, 0.0722);
     float shining = cosine > 0.0 ? lit : 0.0;
-    out_received = vec4(
-        dot(luminance, sun) * shining * max(cosine, 0.0),
-        dot(luminance, max(ambient, vec3(0.0))) * near_open, shining, depth);
+    float other = dot(luminance, max(ambient, vec3(0.0))) * near_open;
+#ifdef LAMPS
+    other += dot(luminance, lamplight(eye + ray_of(s) * depth, face, face, face, vec3(1.0), vec3(0.0), 1.0, 0.0));
+#endif
+    out_received = vec4(dot(luminance, sun) * shining * max(cosine, 0.0), other, shining, depth);
 }
 #else
 void main() {
@@ -229,6 +234,9 @@ void main() {
     vec3 environment = mix(mirrored, blurred, smoothstep(0.08, 0.55, roughness));
     color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
 
+#ifdef LAMPS
+    color += lamplight(p, normal, face, view, diffuse, f0, roughness, translucency);
+#endif
     color += glow.rgb;
     vec3 clear_air = exp(-extinction * length(p - eye));
     color = through_rain(mix(haze, color, clear_air));

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from valerie.errors import UnknownName
-from valerie.scene.model import Material, Matrix, Mesh, Texture
+from valerie.scene.model import Light, Material, Matrix, Mesh, Texture
 from valerie.scene.procedural.street import amenities, furniture, house_styles, road
 from valerie.scene.procedural.street.geometry import Bag, pose
 from valerie.scene.procedural.street.houses import build_house
@@ -28,11 +28,13 @@ class Part:
         path: node path, e.g. ``scene.tree-3`` or ``scene.car-3.door-1``.
         transform: (4, 4) to the parent's frame, for objects the world.
         meshes: one per material; shared by identity between equal objects.
+        light: a lamp at the node's origin.
     """
 
     path: str
     transform: Matrix
     meshes: tuple[Mesh, ...]
+    light: Light | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +57,8 @@ def build_street(layout: StreetLayout) -> StreetContent:
             parts += (Part(f"{placement.path}.{p.name}", p.transform, p.meshes) for p in vehicle.parts)
         else:
             parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
+            if placement.kind == "lamp":
+                parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
     used = {mesh.material for part in parts for mesh in part.meshes}
     made = make_materials(layout.settings.seed, reliefs=layout.settings.variety == "mixed") | workshop.materials
     materials = {name: material for name, material in made.items() if name in used}

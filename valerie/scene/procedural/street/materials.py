@@ -151,6 +151,7 @@ def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
         Material("zinc", (0.30, 0.31, 0.32), metallic=0.4, roughness=0.6),
         Material("metal", (0.55, 0.50, 0.36), metallic=0.9, roughness=0.35),
         Material("lens", (0.70, 0.70, 0.68), roughness=0.3),
+        Material("lantern", (0.70, 0.70, 0.68), roughness=0.3),
         Material("sign-face", (1.0, 1.0, 1.0), "signs", roughness=0.45),
         Material("sign-board", (1.0, 1.0, 1.0), "signs", roughness=0.6),
         Material("signal-red", (0.5, 0.02, 0.01), roughness=0.25, emissive=(0.9, 0.03, 0.015)),

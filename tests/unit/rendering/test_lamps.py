@@ -1,0 +1,101 @@
+"""Lamps: which shine, how strong in the image's unit, what glows."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from valerie.rendering.lamps import glowing, lit_lamps
+from valerie.rendering.sky import EXPOSURE, LUX, sky_of
+from valerie.scene.model import SWITCHES, Environment, Light, Material, Node, Scene, Sun
+from valerie.scene.transforms import Pose
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def scene_with(
+    light: Light, elevation: float = -12.0, *, visible: bool = True, movable: bool = False, **environment: str
+) -> Scene:
+    node = Node("scene.pole-1", Pose((1, 2, 0), (0, 0, 0)).matrix(), visible=visible, movable=movable)
+    lamp = Node("scene.pole-1.lamp", Pose((0, 0, 5), (270, 0, 0)).matrix(), light=light, movable=movable)
+    return Scene(
+        {node.path: node, lamp.path: lamp},
+        {"lens": Material("lens"), "post": Material("post")},
+        {},
+        {},
+        Sun(0.0, math.radians(elevation)),
+        Environment(**environment),  # type: ignore[arg-type]
+    )
+
+
+def lit(scene: Scene) -> tuple:
+    return lit_lamps(scene, sky_of(scene))
+
+
+def test_a_lamp_shines_along_its_nodes_y_from_where_its_node_is() -> None:
+    (lamp,) = lit(scene_with(Light(intensity=200.0)))
+    assert lamp.position == (1.0, 2.0, 5.0)
+    np.testing.assert_allclose(lamp.direction, (0, 0, -1), atol=1e-12)  # turned about x, +y looks down
+
+
+def test_a_candela_is_a_lux_at_one_metre_whatever_its_colour() -> None:
+    for color in ((1.0, 1.0, 1.0), (1.0, 0.7, 0.4), (0.5, 0.0, 0.0)):
+        (lamp,) = lit(scene_with(Light(intensity=200.0, color=color)))
+        assert np.array(lamp.strength) @ LUMINANCE == pytest.approx(200.0 * LUX)
+    # A white surface in the noon sun, 100,000 lx, shows the image's exposure.
+    assert pytest.approx(EXPOSURE) == 100_000.0 * LUX
+
+
+@pytest.mark.parametrize(("switch", "field"), [("street", "street_lamps"), ("car", "car_lamps")])
+def test_a_switch_turns_its_own_lamps_on_and_off_and_auto_waits_for_the_dark(switch: str, field: str) -> None:
+    light = Light(switch=switch)
+    dark, day = -12.0, 40.0
+    assert lit(scene_with(light, dark))
+    assert not lit(scene_with(light, day))
+    assert lit(scene_with(light, day, **{field: "on"}))
+    assert not lit(scene_with(light, dark, **{field: "off"}))
+    other = "car_lamps" if field == "street_lamps" else "street_lamps"
+    assert lit(scene_with(light, dark, **{other: "off"}))
+
+
+@pytest.mark.parametrize("switch", ["street", "car"])
+def test_auto_follows_the_light_on_the_ground(switch: str) -> None:
+    for elevation in np.arange(-8.0, 3.0, 0.25):
+        scene = scene_with(Light(switch=switch), float(elevation))
+        assert bool(lit(scene)) == (sky_of(scene).lux < SWITCHES[switch])
+
+
+def test_vehicles_turn_theirs_on_before_the_street_does() -> None:
+    at_sunset = {switch: bool(lit(scene_with(Light(switch=switch), -0.8))) for switch in SWITCHES}
+    assert at_sunset == {"street": False, "car": True}
+
+
+def test_thick_clouds_bring_the_lamps_on_earlier() -> None:
+    clear = scene_with(Light(switch="car"), 0.5)
+    clouded = replace(clear, environment=Environment(cloud_cover=1.0))
+    assert not lit(clear)
+    assert lit(clouded)
+
+
+def test_a_lamp_without_a_switch_is_always_on_and_a_hidden_one_never() -> None:
+    assert lit(scene_with(Light(), 40.0))
+    assert not lit(scene_with(Light(), visible=False))
+    assert not lit(scene_with(Light(intensity=0.0)))
+
+
+def test_only_the_materials_that_a_lamp_names_glow_and_only_while_it_is_on() -> None:
+    light = Light(switch="street", glowing=("lens",), luminance=10_000.0, color=(1.0, 0.5, 0.25))
+    night, day = scene_with(light), scene_with(light, 40.0)
+    shown = glowing(night, sky_of(night))
+    assert shown.materials["post"] is night.materials["post"]
+    # 10,000 cd/m² are what a white surface in 31,416 lx has.
+    assert np.array(shown.materials["lens"].emissive) @ LUMINANCE == pytest.approx(math.pi * 10_000.0 * LUX)
+    assert glowing(day, sky_of(day)) is day
+    again = glowing(replace(night), sky_of(night))
+    assert again.materials["lens"] is shown.materials["lens"]
+
+
+def test_a_lamp_of_something_movable_is_known_as_such() -> None:
+    assert [lamp.movable for lamp in lit(scene_with(Light(), movable=True))] == [True]
+    assert [lamp.movable for lamp in lit(scene_with(Light()))] == [False]

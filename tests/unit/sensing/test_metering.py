@@ -1,0 +1,49 @@
+"""The exposure that a camera chooses itself."""
+
+import numpy as np
+import pytest
+
+from valerie.sensing.metering import BRIGHTEST_EV, DARKEST_EV, DAYLIGHT, metered_ev
+from valerie.sensing.sensor import develop
+from valerie.sensing.settings import SensorSetting
+
+
+def grey(value: float) -> np.ndarray:
+    return np.full((8, 12, 3), value, np.float16)
+
+
+def test_a_picture_as_bright_as_a_street_by_day_needs_no_correction() -> None:
+    assert metered_ev(grey(DAYLIGHT)) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("stops", [-3.0, -1.0, 2.0, 6.0])
+def test_every_stop_less_light_is_a_stop_more_exposure(stops: float) -> None:
+    assert metered_ev(grey(DAYLIGHT * 2.0**stops)) == pytest.approx(-stops, abs=0.02)
+
+
+def test_the_choice_has_ends() -> None:
+    assert metered_ev(grey(0.0)) == BRIGHTEST_EV
+    assert metered_ev(grey(np.inf)) == DARKEST_EV
+    assert metered_ev(grey(np.nan)) == BRIGHTEST_EV
+
+
+def test_a_lamp_in_a_corner_hardly_counts() -> None:
+    lit = grey(0.01)
+    lit[0, 0] = 24.0
+    assert metered_ev(lit) == pytest.approx(metered_ev(grey(0.01)), abs=0.2)
+
+
+def test_a_metered_picture_is_the_one_of_that_exposure_and_a_correction_adds_to_it() -> None:
+    rng = np.random.default_rng(0)
+    night = (rng.random((16, 16, 3)) * 0.004).astype(np.float16)
+    ev = metered_ev(night)
+    for correction in (0.0, -1.5):
+        metered = SensorSetting(auto_exposure=True, exposure_ev=correction)
+        fixed = SensorSetting(exposure_ev=ev + correction)
+        np.testing.assert_array_equal(develop(night, metered), develop(night, fixed))
+
+
+def test_without_it_the_exposure_is_what_the_setting_says() -> None:
+    night = grey(0.0004)
+    assert develop(night, SensorSetting()).max() < 3
+    assert develop(night, SensorSetting(auto_exposure=True)).min() > 60

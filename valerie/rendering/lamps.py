@@ -1,0 +1,110 @@
+"""Lamps of a scene: which of them shine, where and how strong in the image's unit, and what of them is seen to glow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.scene_reading import lights
+from valerie.rendering.sky import LUX, Sky
+from valerie.scene.model import SWITCHES, Light, Material, Scene
+
+Vector = tuple[float, float, float]
+
+#: Lux below which a lamp counts as dark; light fades to exactly nothing where a bare lamp would give this (`Lamp.reach`).
+_DARK_LUX: Final = 0.02
+#: Metres beyond which no lamp shines.
+_FARTHEST: Final = 150.0
+_LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A lamp that is on, in the world.
+
+    A white Lambert surface that faces it from the distance d (metres) on its axis has the image value ``strength`` / d².
+
+    Attributes:
+        position: metres.
+        direction: unit vector along its axis.
+        strength: image value · m², linear RGB.
+        inner, outer: radians from the axis, see `Light`.
+        radius: metres, of the shining surface.
+        reach: metres, beyond which it gives exactly nothing.
+        movable: whether it hangs on something movable.
+    """
+
+    position: Vector
+    direction: Vector
+    strength: Vector
+    inner: float
+    outer: float
+    radius: float
+    reach: float
+    movable: bool
+
+
+def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
+    """The visible lamps that are on, in the scene's order."""
+    found: list[Lamp] = []
+    for item in lights(scene):
+        world, light = item.world, item.node.light
+        if light is None or light.intensity <= 0 or not is_on(light, scene, sky):
+            continue
+        color = np.array(light.color)
+        luminance = float(color @ _LUMINANCE)
+        if luminance <= 0:
+            continue
+        strength = color / luminance * (light.intensity * LUX)
+        axis = world[:3, 1] / np.linalg.norm(world[:3, 1])
+        reach = min(math.sqrt(light.intensity / _DARK_LUX), _FARTHEST)
+        found.append(
+            Lamp(
+                _vector(world[:3, 3]), _vector(axis), _vector(strength), light.inner, light.outer, light.radius, reach,
+                item.node.movable,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
+    """Whether the switch that a light hangs on is on; ``auto`` looks at how bright sun and sky make the ground."""
+    if not light.switch:
+        return True
+    position: str = getattr(scene.environment, f"{light.switch}_lamps")
+    return position == "on" or (position == "auto" and sky.lux < SWITCHES[light.switch])
+
+
+def glowing(scene: Scene, sky: Sky) -> Scene:
+    """The scene with the materials that lamps make glow; the same scene where none does.
+
+    A material glows if any lamp that names it is on, seen or not: it is one material. Equal materials come back as the same
+    object, which engines cache by.
+    """
+    changed: dict[str, Material] = {}
+    for node in scene.nodes.values():
+        light = node.light
+        if light is None or not light.glowing or light.luminance <= 0 or not is_on(light, scene, sky):
+            continue
+        for name in light.glowing:
+            material = scene.materials.get(name)
+            if material is not None:
+                changed[name] = _lit(material, light.color, light.luminance)
+    return replace(scene, materials={**scene.materials, **changed}) if changed else scene
+
+
+@lru_cache(maxsize=256)
+def _lit(material: Material, color: Vector, luminance: float) -> Material:
+    tint = np.array(color) / max(float(np.array(color) @ _LUMINANCE), 1e-9)
+    # A white Lambert surface of luminance L is lit by π L lux.
+    return replace(material, emissive=_vector(np.array(material.emissive) + tint * (math.pi * luminance * LUX)))
+
+
+def _vector(values: NDArray[np.float64]) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

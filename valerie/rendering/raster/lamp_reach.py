@@ -1,0 +1,172 @@
+"""Which lamps have shadow maps, and what of a picture movables change by lamplight: their shadows, and all of it where they carry
+lamps themselves. Numbers only: nothing is drawn here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from valerie.rendering.base import Rectangle, View
+from valerie.rendering.lamps import Lamp
+from valerie.rendering.raster.bounds import covered_rectangle, grown, union
+from valerie.rendering.raster.camera_math import Points, light_axes
+from valerie.rendering.raster.tiles import Mask, TileGrid
+from valerie.scene.model import Camera, Matrix
+
+#: Lamps with shadow maps, and texels per side of each.
+LAMP_TILES: Final = 8
+LAMP_MAP: Final = 1024
+#: Texels of a map that its filter, and the offset along the normal, reach.
+FILTER_TEXELS: Final = 4.0
+#: Radians: a wider cone has no useful projection, so such a lamp throws no shadow.
+_WIDEST: Final = math.radians(80.0)
+#: Metres from a lamp to the nearest thing in its map.
+_NEAR: Final = 0.25
+#: Pixels that samples of neighbours reach.
+_FILTERS: Final = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LampView:
+    """One lamp's map: what it sees.
+
+    Attributes:
+        lamp: whose.
+        clip_from_world: (4, 4).
+        texel: metres of a texel at a distance of one metre along the axis.
+    """
+
+    lamp: Lamp
+    clip_from_world: Matrix
+    texel: float
+
+    @classmethod
+    def of(cls, lamp: Lamp) -> LampView:
+        """The map's projection: a square around the cone."""
+        rows = light_axes(-np.array(lamp.direction))
+        view = np.eye(4)
+        view[:3, :3] = rows
+        view[:3, 3] = -rows @ np.array(lamp.position)
+        wide = math.tan(lamp.outer) * 1.02
+        clip = np.zeros((4, 4))
+        clip[0, 0] = clip[1, 1] = 1.0 / wide
+        clip[2, 2] = (lamp.reach + _NEAR) / (lamp.reach - _NEAR)
+        clip[2, 3] = -2.0 * lamp.reach * _NEAR / (lamp.reach - _NEAR)
+        clip[3, 2] = 1.0
+        return cls(lamp, clip @ view, 2.0 * wide / LAMP_MAP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameLamps:
+    """The lamps of a frame.
+
+    Attributes:
+        lit: all that shine.
+        shadowed: those of them with shadow maps.
+    """
+
+    lit: tuple[Lamp, ...]
+    shadowed: tuple[LampView, ...]
+
+    @property
+    def moving(self) -> bool:
+        """Whether a movable carries a lamp that shines."""
+        return any(lamp.movable for lamp in self.lit)
+
+    def in_order(self, *, movable: bool) -> tuple[Lamp, ...]:
+        """Those with maps first; without those of movables if told so."""
+        first = tuple(view.lamp for view in self.shadowed)
+        known = {id(lamp) for lamp in first}
+        return (*first, *(lamp for lamp in self.lit if id(lamp) not in known and (movable or not lamp.movable)))
+
+
+def with_shadows(lamps: Sequence[Lamp], camera: Camera) -> tuple[LampView, ...]:
+    """Views of the lamps whose shadows are drawn: the nearest to the camera, in the order of their distance."""
+    able = [lamp for lamp in lamps if not lamp.movable and lamp.outer <= _WIDEST]
+    able.sort(key=lambda lamp: float(np.linalg.norm(np.array(lamp.position) - camera.position)))
+    return tuple(LampView.of(lamp) for lamp in able[:LAMP_TILES])
+
+
+def with_lamps(
+    rectangle: Rectangle, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
+) -> Rectangle:
+    """The rectangle that movables change, with what they change by lamplight.
+
+    Args:
+        rectangle: what they change without lamps.
+        boxes: (8, 3) world corners of the movables' boxes.
+        lowest: metres, below which nothing receives light.
+    """
+    if lamps.moving:
+        return Rectangle(0, 0, view.width, view.height)
+    for box in boxes:
+        for lamp in lamps.shadowed:
+            rectangle = union(rectangle, _shadow(box, camera, view, lamp, lowest))
+    return rectangle
+
+
+def lamp_shadowed_tiles(
+    grid: TileGrid, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
+) -> Mask:
+    """The tiles in which movables may change lamplight; arguments as `with_lamps`."""
+    found = grid.none()
+    if lamps.moving:
+        return ~found
+    for box in boxes:
+        for lamp in lamps.shadowed:
+            shadow = _shadow(box, camera, view, lamp, lowest)
+            bottom = view.height - shadow.y - shadow.height
+            found |= grid.touching((shadow.x, bottom, shadow.width, shadow.height))
+    return found
+
+
+def _shadow(box: Points, camera: Camera, view: View, lamp: LampView, lowest: float) -> Rectangle:
+    hull = shadow_hull(box, lamp, lowest)
+    if hull is None:
+        return Rectangle(0, 0, view.width, view.height)
+    seen = covered_rectangle([hull], camera, view) if len(hull) else Rectangle(0, 0, 0, 0)
+    return seen if seen.empty else grown(seen, _FILTERS, view)
+
+
+def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None:
+    """(N, 3) points that span all places that a box keeps a lamp's light from; (0, 3) if the box is out of its reach.
+
+    Args:
+        corners: (8, 3) of the box, metres.
+        lowest: metres, below which nothing receives light.
+
+    Returns:
+        None if the box is so near that its shadow goes anywhere.
+    """
+    if not within_reach(corners, view.lamp):
+        return np.zeros((0, 3))
+    lamp = np.array(view.lamp.position)
+    middle = corners.mean(axis=0)
+    size = float(np.linalg.norm(corners - middle, axis=1).max())
+    distance = float(np.linalg.norm(middle - lamp))
+    # What the filter and the offset along the normal add, at the box.
+    more = 0.1 + FILTER_TEXELS * view.texel * (distance + size)
+    if distance < 2.0 * (size + more):
+        return None
+    outward = np.sign(corners - middle)
+    grown = corners + outward * more
+    way = grown - lamp
+    length = np.linalg.norm(way, axis=1)
+    # Twice the reach: chords between the ends of rays lie nearer than the rays' ends.
+    farthest = 2.0 * view.lamp.reach / length
+    with np.errstate(divide="ignore"):
+        down = np.where(way[:, 2] < -1e-6, (lowest - more - lamp[2]) / np.minimum(way[:, 2], -1e-6), np.inf)
+    ends = lamp + way * np.maximum(np.minimum(farthest, down), 1.0)[:, None]
+    return np.concatenate([grown, ends])
+
+
+def within_reach(corners: Points, lamp: Lamp) -> bool:
+    """Whether a lamp's light may reach a box."""
+    middle = corners.mean(axis=0)
+    size = float(np.linalg.norm(corners - middle, axis=1).max())
+    return float(np.linalg.norm(middle - np.array(lamp.position))) < lamp.reach + size

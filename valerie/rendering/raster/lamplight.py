@@ -1,0 +1,153 @@
+"""Light of lamps in the raster engine: a table of them for the shader, and shadow maps of the nearest.
+
+Every lamp lights what its cone and reach hold, as far away as its light counts. The `LAMP_TILES` nearest of those that stand
+still throw shadows, of statics and of movables; a vehicle's own lamps, and those further away, throw none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.lamps import Lamp
+from valerie.rendering.raster.camera_math import Points
+from valerie.rendering.raster.drawing import SurfaceDrawer
+from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, LampView, within_reach
+from valerie.rendering.raster.targets import Target
+
+if TYPE_CHECKING:
+    from valerie.rendering.raster.context import GraphicsContext
+    from valerie.rendering.raster.scenes import Prepared, Statics
+
+#: Tiles of an atlas, across and down.
+ATLAS: Final = (4, 2)
+#: Share of the lamps' light on the ground that comes back from it.
+_GROUND_ALBEDO: Final = 0.1
+#: RGBA texels per lamp.
+_TEXELS: Final = 4
+
+
+class LampMaps:
+    """Depth seen from lamps, one tile of an atlas each."""
+
+    def __init__(self, gl: moderngl.Context) -> None:
+        self.target = Target(gl, (ATLAS[0] * LAMP_MAP, ATLAS[1] * LAMP_MAP), (), depth=True)
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        assert self.target.depth is not None
+        return self.target.depth
+
+    def begin(self) -> None:
+        """Empty the atlas."""
+        framebuffer = self.target.framebuffer
+        framebuffer.viewport = (0, 0, *self.target.size)
+        self.target.use()
+        self.target.clear()
+
+    def tile(self, index: int) -> None:
+        """Draw into one tile from here on."""
+        framebuffer = self.target.framebuffer
+        framebuffer.viewport = (index % ATLAS[0] * LAMP_MAP, index // ATLAS[0] * LAMP_MAP, LAMP_MAP, LAMP_MAP)
+        framebuffer.use()
+
+    def release(self) -> None:
+        """Free the atlas."""
+        self.target.release()
+
+
+class LampShadows:
+    """Makes the maps."""
+
+    def __init__(self, context: GraphicsContext) -> None:
+        self._context = context
+        self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
+        self._movable: LampMaps | None = None
+
+    def static(self, statics: Statics, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
+        """The statics' maps."""
+        maps = LampMaps(self._context.gl)
+        maps.begin()
+        for index, view in enumerate(views):
+            maps.tile(index)
+            self._drawer.statics(statics, table, {"clip_from_world": view.clip_from_world})
+        return maps
+
+    def movable(self, prepared: Prepared, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
+        """The movables' maps; valid until the next call."""
+        if self._movable is None:
+            self._movable = LampMaps(self._context.gl)
+        self._movable.begin()
+        for index, view in enumerate(views):
+            if any(within_reach(mesh.corners, view.lamp) for mesh in prepared.placed):
+                self._movable.tile(index)
+                values = {"clip_from_world": view.clip_from_world}
+                self._drawer.movables(prepared.placed, prepared.statics.textures, table, values)
+        return self._movable
+
+    def release(self) -> None:
+        """Free the movables' maps."""
+        if self._movable is not None:
+            self._movable.release()
+            self._movable = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LampLight:
+    """All that the shader reads of lamps.
+
+    Attributes:
+        lamps: those that shine; the ones of ``views`` come first, in their order.
+        views: of those with maps.
+        static, movable: the maps; None where there are no movables.
+        bounce: (3,) radiance of the ground by lamps that stand still.
+    """
+
+    lamps: tuple[Lamp, ...]
+    views: tuple[LampView, ...]
+    static: LampMaps
+    movable: LampMaps | None
+    bounce: Points
+
+    def table(self) -> NDArray[np.float32]:
+        """(N, 4, 4) float32, per lamp: position, 1 / reach² · axis, cosine of the outer angle · strength, 1 / (difference of the
+        cosines) · tile (−1: none), texel at one metre, 0, 0.
+        """
+        rows = np.zeros((len(self.lamps), _TEXELS, 4), np.float32)
+        for index, (row, lamp) in enumerate(zip(rows, self.lamps, strict=True)):
+            outer, inner = math.cos(lamp.outer), math.cos(lamp.inner)
+            everywhere = lamp.outer >= math.pi
+            row[0] = (*lamp.position, 1.0 / lamp.reach**2)
+            row[1] = (*lamp.direction, -2.0 if everywhere else outer)
+            row[2] = (*lamp.strength, 1e3 if everywhere else 1.0 / max(inner - outer, 1e-3))
+            row[3, :2] = (index, self.views[index].texel) if index < len(self.views) else (-1.0, 0.0)
+        return rows
+
+    def matrices(self) -> NDArray[np.float32]:
+        """(LAMP_TILES, 4, 4) float32 world to clip space, column-major."""
+        matrices = np.zeros((LAMP_TILES, 4, 4), np.float32)
+        for index, view in enumerate(self.views):
+            matrices[index] = view.clip_from_world.T
+        return matrices
+
+
+def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
+    """(3,) radiance of the ground by lamps, as if their light fell evenly on all of it: an estimate of what walls get back.
+
+    Args:
+        lamps: those that stand still.
+        low, high: (3,) metres, corners of the street.
+    """
+    area = max(float(np.prod((high - low)[:2])), 1.0)
+    # The flux of a cone with a linear, squared fall-off is that of about a third of the way between its two angles.
+    flux = np.zeros(3)
+    for lamp in lamps:
+        angle = min(lamp.inner + (lamp.outer - lamp.inner) / 3.0, math.pi)
+        flux += np.array(lamp.strength) * 2.0 * math.pi * (1.0 - math.cos(angle))
+    return flux / area * _GROUND_ALBEDO

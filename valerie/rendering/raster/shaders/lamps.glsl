@@ -1,0 +1,62 @@
+// Light of lamps: inverse squares within cones, windowed to end at a lamp's reach, with shadow maps for the first of them.
+uniform sampler2D lamp_table;       // rows: see LampLight.table
+uniform int lamp_count;
+uniform sampler2D static_lamps;     // LAMP_ACROSS × … tiles of LAMP_MAP texels a side
+uniform sampler2D movable_lamps;
+uniform mat4 lamp_clip[LAMP_TILES];
+const int LAMP_TAPS = 6;
+
+// Share of a lamp's light that reaches a place. Loops of zero turns instead of branches: see shadow.glsl.
+float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
+    vec4 at = lamp_clip[max(tile, 0)] * vec4(p, 1.0);
+    // A texel's width along the normal keeps a surface from shadowing itself.
+    at = lamp_clip[max(tile, 0)] * vec4(p + face * (0.01 + 2.0 * texel * at.w), 1.0);
+    vec3 ndc = at.xyz / max(at.w, 1e-3);
+    bool inside = tile >= 0 && at.w > 0.0 && all(lessThan(abs(ndc), vec3(1.0)));
+    vec2 place = (ndc.xy * 0.5 + 0.5) * float(LAMP_MAP);
+    ivec2 corner = ivec2(tile % LAMP_ACROSS, tile / LAMP_ACROSS) * LAMP_MAP;
+    float depth = ndc.z * 0.5 + 0.5;
+    float hidden = 0.0;
+    int taps = inside ? LAMP_TAPS : 0;
+    for (int i = 0; i < taps; ++i) {
+        vec2 o = vogel(i, LAMP_TAPS, turn) * 1.5;
+        ivec2 s = corner + clamp(ivec2(place + o), ivec2(0), ivec2(LAMP_MAP - 1));
+        float nearest = texelFetch(static_lamps, s, 0).r;
+        if (has_movables) nearest = min(nearest, texelFetch(movable_lamps, s, 0).r);
+        hidden += nearest < depth ? 1.0 : 0.0;
+    }
+    return 1.0 - hidden / float(LAMP_TAPS);
+}
+
+// Radiance by all lamps: diffuse, through thin sheets, and the highlight of the same microfacets as the sun's.
+vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0, float roughness, float translucency) {
+    vec3 sum = vec3(0.0);
+    float facing = max(dot(normal, view), 1e-3);
+    float alpha = max(roughness * roughness, 0.01);
+    float turn = gradient_noise(gl_FragCoord.xy) * 6.2831853;
+    for (int k = 0; k < lamp_count; ++k) {
+        vec4 place = texelFetch(lamp_table, ivec2(0, k), 0), axis = texelFetch(lamp_table, ivec2(1, k), 0);
+        vec3 way = place.xyz - p;
+        float squared = max(dot(way, way), 1e-4);
+        vec3 l = way * inversesqrt(squared);
+        float window = squared * place.w;
+        float along = -dot(l, axis.xyz) - axis.w;
+        float cosine = dot(normal, l), face_cosine = dot(face, l);
+        float front = max(cosine, 0.0) * smoothstep(0.0, 0.08, face_cosine);
+        float behind = translucency * max(-cosine, 0.0);
+        int turns = window < 1.0 && along > 0.0 && front + behind > 0.0 ? 1 : 0;
+        for (int i = 0; i < turns; ++i) {
+            vec4 strength = texelFetch(lamp_table, ivec2(2, k), 0), shadow = texelFetch(lamp_table, ivec2(3, k), 0);
+            float spot = min(along * strength.w, 1.0), ends = 1.0 - window * window;
+            float seen = lamp_seen(p, face, int(shadow.x), shadow.y, turn);
+            vec3 light = strength.rgb * (spot * spot * ends * ends * seen / max(squared, 0.01));
+            vec3 h = normalize(view + l);
+            float nh = max(dot(normal, h), 0.0), lobe = nh * nh * (alpha * alpha - 1.0) + 1.0;
+            float v = 0.5 / mix(2.0 * max(cosine, 0.0) * facing, max(cosine, 0.0) + facing, alpha);
+            vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(view, h), 0.0), 5.0);
+            sum += diffuse * light * (front * (1.0 - 0.5 * translucency) + behind);
+            sum += fresnel * light * (front * v * alpha * alpha / (lobe * lobe));
+        }
+    }
+    return sum;
+}

@@ -1,0 +1,67 @@
+"""Lamps as KHR_lights_punctual writes them: point and spot lights in candela.
+
+A light of glTF shines along its node's −z, which is the node's +y here (`common`), so nodes need no further turn. The
+extension has no switches, no size and no materials that glow: those are in ``extras``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, Final
+
+from valerie.errors import InvalidInput
+from valerie.scene.gltf.common import EXTRAS_KEY, own_extras
+from valerie.scene.model import SWITCHES, Light
+
+#: Largest angle that a spot light of glTF may have.
+_WIDEST_SPOT: Final = math.pi / 2
+_DEFAULT: Final = Light()
+
+
+def read_light(given: Mapping[str, Any], path: str) -> Light:
+    """The lamp of a node; directional light is the sun, and read elsewhere.
+
+    Raises:
+        InvalidInput: no such kind of light, or numbers out of range.
+    """
+    kind = given.get("type")
+    if kind not in ("point", "spot"):
+        raise InvalidInput("no such kind of light", field=path, value=kind, limit="directional, point or spot")
+    spot, own = given.get("spot") or {}, own_extras(given.get("extras"))
+    red, green, blue = (float(value) for value in given.get("color", (1.0, 1.0, 1.0)))
+    everywhere = kind == "point"
+    light = Light(
+        color=(red, green, blue),
+        intensity=float(given.get("intensity", 1.0)),
+        inner=float(own.get("inner", 0.0 if everywhere else spot.get("innerConeAngle", 0.0))),
+        outer=float(own.get("outer", math.pi if everywhere else spot.get("outerConeAngle", math.pi / 4))),
+        radius=float(own.get("radius", _DEFAULT.radius)),
+        switch=str(own.get("switch", "")),
+        glowing=tuple(str(name) for name in own.get("glowing", ())),
+        luminance=float(own.get("luminance", 0.0)),
+    )
+    numbers = (*light.color, light.intensity, light.inner, light.outer, light.radius, light.luminance)
+    if not all(math.isfinite(value) and value >= 0 for value in numbers):
+        raise InvalidInput("not a usable light", field=path, value=dict(given), limit="numbers from 0 on")
+    if not light.inner <= light.outer <= math.pi:
+        raise InvalidInput("a cone is inner ≤ outer ≤ π", field=path, value=(light.inner, light.outer))
+    if light.switch and light.switch not in SWITCHES:
+        raise InvalidInput("no such switch", field=path, value=light.switch, limit=", ".join(SWITCHES))
+    return light
+
+
+def write_light(light: Light) -> dict[str, Any]:
+    """An entry of the file's list of lights."""
+    narrow = light.outer <= _WIDEST_SPOT
+    kind: dict[str, Any] = {"type": "point"}
+    if narrow:
+        # The extension wants a gap between the two.
+        inner = min(light.inner, max(light.outer - 1e-3, 0.0))
+        kind = {"type": "spot", "spot": {"innerConeAngle": inner, "outerConeAngle": light.outer}}
+    own = {
+        field.name: getattr(light, field.name) for field in fields(Light) if field.name not in ("color", "intensity")
+    }
+    own["glowing"] = list(light.glowing)
+    return {**kind, "color": list(light.color), "intensity": light.intensity, "extras": {EXTRAS_KEY: own}}
