@@ -6,6 +6,7 @@ States: *waiting* (inputs are missing) → *ready* (a message may be under way) 
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -74,6 +75,7 @@ _INPUTS_DONE = text(
 
 #: (digest, kind, route, cache group, inputs a, b and c) of a product that a run links to.
 Wanted = tuple[str, str, str, str, str | None, str | None, str | None]
+_digest_of = operator.itemgetter(0)
 _WANTED_COLUMNS = ("digest", "kind", "route", "cache_group", "input_a", "input_b", "input_c")
 
 
@@ -83,22 +85,27 @@ def want(connection: Connection, rows: Iterable[Wanted], now: float) -> list[Rea
     What is there already stays as it is, but what failed for good or was parked is tried again.
     """
     wanted = list(rows)
-    asked = {digest for row in wanted for digest in (row[0], *row[4:]) if digest is not None}
+    asked: set[str] = set()
+    for digest, _, _, _, *inputs in wanted:
+        asked.add(digest)
+        asked.update(filter(None, inputs))
     # Locked until the commit (SQLite: nobody else writes): a worker must not park what this transaction is about to link.
     known = select(Product.digest, Product.state).where(_among(connection, Product.digest, asked)).with_for_update()
     states: dict[str, str] = {row[0]: row[1] for row in connection.execute(known)}
+    done: set[str | None] = {None, *(digest for digest, state in states.items() if state == "done")}
     inserted: list[tuple[Any, ...]] = []
     ready: list[Ready] = []
     for row in wanted:
-        digest, kind, route, group, *inputs = row
-        if states.get(digest, "failed") not in ("failed", "parked"):
+        digest, kind, route, group, a, b, c = row
+        if digest in states and states[digest] not in ("failed", "parked"):
             continue
-        if all(states.get(one) == "done" for one in inputs if one is not None):
+        if a in done and b in done and c in done:
             inserted.append((*row, "ready", 0, now))
             if route != BROUGHT_ROUTE:
                 ready.append((digest, kind, route, group))
         else:
             inserted.append((*row, "waiting", 0, None))
+    inserted.sort(key=_digest_of)  # neighbours on the pages of the primary key, one after the other
     insert_rows(
         connection,
         Product,
