@@ -11,7 +11,7 @@ from urllib.parse import quote
 import httpx
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from valerie.errors import TransientError, ValerieError
+from valerie.errors import InvalidInput, TransientError, ValerieError
 
 
 class ServerProblemError(ValerieError):
@@ -101,8 +101,11 @@ class Client:
             url: e.g. ``http://127.0.0.1:8700``.
             token: bearer token, where the server wants one.
             transport: another way to the server, for tests.
+
+        Raises:
+            InvalidInput: ``url`` is no address.
         """
-        self.url = url.rstrip("/")
+        self.url = _address(url)
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         timeout = httpx.Timeout(30.0, connect=5.0)
         # A proxy of the environment must not see what goes to this machine.
@@ -261,6 +264,18 @@ class Client:
 
 
 _SPEC = {"Content-Type": "application/yaml"}
+
+
+def _address(url: str) -> str:
+    """An address without the slash at its end."""
+    try:
+        parsed = httpx.URL(url)
+        usable = parsed.scheme in ("http", "https") and bool(parsed.host)
+    except httpx.InvalidURL:
+        usable = False
+    if not usable:
+        raise InvalidInput("not the address of a server", field="url", value=url, limit="http://HOST:PORT or https://…")
+    return url.rstrip("/")
 
 
 def _problem(response: httpx.Response) -> ServerProblemError:

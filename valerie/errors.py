@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
+#: Known names that an error lists where none is near.
+_LISTED = 12
+
 
 class ValerieError(Exception):
     """Base of all errors that VALERIE raises on purpose; its text may be shown to a user as it is."""
@@ -51,13 +54,15 @@ class UnknownName(InvalidInput):
         name: the unknown name.
         known: all names of that kind.
         field: where the name was given.
+        limit: what else could have stood there.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], *, field: str = "") -> None:
+    def __init__(self, kind: str, name: str, known: Iterable[str], *, field: str = "", limit: object = None) -> None:
         self.kind, self.name, self.known = kind, name, tuple(sorted(known))
         close = get_close_matches(name, self.known, n=3, cutoff=0.5)
-        hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:12]) or 'none'}"
-        super().__init__(f"unknown {kind} {name!r}; {hint}", field=field)
+        more = f" and {len(self.known) - _LISTED} more" if len(self.known) > _LISTED else ""
+        hint = f"did you mean {', '.join(close)}?" if close else f"known: {', '.join(self.known[:_LISTED]) or 'none'}"
+        super().__init__(f"unknown {kind} {name!r}; {hint}{'' if close else more}", field=field, limit=limit)
 
 
 class NotFound(ValerieError):

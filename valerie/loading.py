@@ -68,6 +68,8 @@ def load_document(source: str | bytes | dict[str, Any], *, max_bytes: int = MAX_
             keys, aliases, tags, or a number that is not finite or beyond ±10¹² (a whole-number ``seed`` may be larger).
     """
     data = _read(_text(source, max_bytes)) if isinstance(source, str | bytes) else source
+    if data is None:
+        raise InvalidInput("the document is empty", limit="lines of the form  key: value")
     if not isinstance(data, dict):
         raise InvalidInput("the document is no mapping", value=type(data).__name__, limit="key: value")
     checked = _checked(data, "", 1)

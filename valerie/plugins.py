@@ -20,6 +20,7 @@ from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, Unkno
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.validation import problem_of
 
 if TYPE_CHECKING:
     from valerie.rendering.base import EngineSettings, Renderer
@@ -137,10 +138,7 @@ def engine_settings(name: str, given: Mapping[str, Any]) -> EngineSettings | Non
         settings: EngineSettings = model.model_validate(dict(given))
     except ValidationError as error:
         raise InvalidInputs(
-            [
-                InvalidInput(problem["msg"], field=f"renderer.{problem['loc'][0]}", value=problem["input"])
-                for problem in error.errors(include_url=False)
-            ]
+            [problem_of(detail, f"renderer.{detail['loc'][0]}") for detail in error.errors(include_url=False)]
         ) from None
     return settings
 

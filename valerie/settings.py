@@ -15,6 +15,7 @@ from pydantic import Field, SecretStr, ValidationError, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.validation import problem_of
 
 PREFIX: Final = "VALERIE_"
 #: Variables that belong to set-up and tests, not to a running process.
@@ -224,5 +225,4 @@ def _problem(detail: Any) -> InvalidInput:
     place = ".".join(str(part) for part in detail["loc"])
     field = PREFIX + place.upper() if place else ""
     secret = place == "api_token"
-    message = detail["msg"].removeprefix("Value error, ")
-    return InvalidInput(message, field=field, value=None if secret or not place else detail["input"])
+    return problem_of({**detail, "input": None} if secret or not place else detail, field)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -10,9 +10,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from services.api import examples
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
+from valerie.runs.moments import in_utc
 
-#: SQLite keeps no time zone: what it gives back was written in UTC.
-Moment = Annotated[datetime, AfterValidator(lambda moment: moment if moment.tzinfo else moment.replace(tzinfo=UTC))]
+Moment = Annotated[datetime, AfterValidator(in_utc)]
 
 
 class Read(BaseModel):

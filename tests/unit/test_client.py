@@ -7,6 +7,7 @@ import httpx
 import pytest
 
 from valerie.client import Client, ServerProblemError, ServerUnavailableError
+from valerie.errors import InvalidInput
 
 RUN = {
     "id": "r1",
@@ -73,6 +74,14 @@ def test_a_problem_is_shown_by_its_detail() -> None:
         client.submit(b"x")
     assert caught.value.status == 422
     assert caught.value.is_callers_fault
+
+
+@pytest.mark.parametrize("url", ["foo", "foo:8700", "127.0.0.1:8700", "ftp://host", "http://", "", "http://[::1"])
+def test_what_is_no_address_is_refused_with_the_right_form(url: str) -> None:
+    with pytest.raises(InvalidInput, match="not the address of a server") as caught:
+        Client(url)
+    assert caught.value.field == "url"
+    assert "http://HOST:PORT" in str(caught.value)
 
 
 def test_a_missing_token_is_explained() -> None:

@@ -85,3 +85,9 @@ def test_an_error_names_its_field() -> None:
 
 def test_a_seed_may_have_64_bits() -> None:
     assert load_document("seed: 9007199254740993") == {"seed": 9007199254740993}
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "# only a comment\n", "~"])
+def test_an_empty_document_is_called_empty(text: str) -> None:
+    with pytest.raises(InvalidInput, match="the document is empty"):
+        load_document(text)

@@ -74,9 +74,9 @@ def test_what_pictures_cost_follows_the_samples() -> None:
     ("name", "given", "message"),
     [
         ("cycles", {"sample": 4}, r"renderer.sample: unknown setting of cycles 'sample'; did you mean samples"),
-        ("cycles", {"samples": 0}, r"renderer.samples: .*greater than or equal to 1"),
-        ("cycles", {"samples": "64"}, r"renderer.samples: .*valid integer"),
-        ("cycles", {"quality": "best"}, r"renderer.quality: .*'draft', 'standard', 'high' or 'paper'"),
+        ("cycles", {"samples": 0}, r"renderer.samples: .*got 0; limit: >= 1"),
+        ("cycles", {"samples": "64"}, r"renderer.samples: .*whole number is needed here; got 64"),
+        ("cycles", {"quality": "best"}, "renderer.quality: unknown value 'best'; known: draft, high, paper, standard"),
         ("raster", {"samples": 4}, r"renderer.samples: the renderer 'raster' has no settings"),
     ],
 )

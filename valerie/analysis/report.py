@@ -25,6 +25,7 @@ from valerie.analysis.reading import READING, STATEMENT
 from valerie.analysis.report_model import ReportInput
 from valerie.analysis.trends import AXES, Axis
 from valerie.errors import MissingDependency
+from valerie.runs.moments import moment_text
 
 
 def build_report(source: ReportInput) -> str:
@@ -97,7 +98,7 @@ def _header(source: ReportInput, name: str) -> Html:
     facts, summary = source.provenance, source.summary
     functions = len({row.function for row in summary.rows}) or len(facts.functions)
     cameras = len(source.table.codes("camera").names)
-    finished = "still running" if facts.finished is None else f"finished {facts.finished:%d %B %Y, %H:%M %Z}"
+    finished = "still running" if facts.finished is None else f"finished {moment_text(facts.finished)}"
     lead = (
         f"{summary.frames:,} frames from {cameras} camera{'s' if cameras != 1 else ''}, seen by {functions} "
         f"function{'s' if functions != 1 else ''}; {finished}."

@@ -16,6 +16,7 @@ from valerie.analysis.regression import Curve
 from valerie.analysis.report_model import Failure, PictureKind, PictureSource, Provenance
 from valerie.analysis.summary import OCCLUDED, EmptyFrames, OcclusionShare, Summary, SummaryRow
 from valerie.analysis.trends import Trend, axis_of
+from valerie.runs.moments import moment_text
 
 DASH: Final = "–"
 
@@ -282,8 +283,8 @@ def provenance_list(facts: Provenance) -> Html:
         *((f"Numeric class, {stage}", text) for stage, text in facts.numeric_classes.items()),
         *((f"Function {f.name}", f"{f.architecture} · {f.engine} {f.precision} · {f.digest}") for f in facts.functions),
         *((f"{f.name}: {key}", text) for f in facts.functions for key, text in f.provenance.items()),
-        ("Submitted", facts.submitted.isoformat(sep=" ", timespec="seconds")),
-        ("Finished", "not yet" if facts.finished is None else facts.finished.isoformat(sep=" ", timespec="seconds")),
+        ("Submitted", moment_text(facts.submitted)),
+        ("Finished", "not yet" if facts.finished is None else moment_text(facts.finished)),
         ("Software", facts.software),
         *facts.more.items(),
     ]

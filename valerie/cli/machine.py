@@ -5,28 +5,19 @@ from __future__ import annotations
 import json
 import os
 import sys
-from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from valerie.cli.shell import DataDir, Exit, Json, console, context_of, settings_of
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
     from valerie.pipeline.replay import Replayed
 
 
-class Stage(StrEnum):
-    """What a worker does."""
-
-    RENDER = "render"
-    INFER = "infer"
-    EVAL = "eval"
-
-
 def worker(
-    stage: Annotated[Stage, typer.Argument(metavar="render|infer|eval", help="Which work it takes.")],
+    stage: Annotated[str, typer.Argument(metavar="render|infer|eval", help="Which work it takes.")],
     engines: Annotated[
         str | None,
         typer.Option(
@@ -45,9 +36,11 @@ def worker(
     from valerie.embedded.process import python_command
     from valerie.embedded.supervisor import WORKERS, service_environment
 
+    if stage not in WORKERS:
+        raise UnknownName("stage", stage, WORKERS, field="render|infer|eval")
     settings = settings_of(data_dir)
     if engines is not None:
-        if stage is not Stage.RENDER:
+        if stage != "render":
             raise InvalidInput("only a render worker has engines", field="--engines", value=engines)
         for engine in engines.split(","):
             plugins.require_renderer(engine, field="--engines")

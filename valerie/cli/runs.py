@@ -256,7 +256,9 @@ def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path 
 
     dusk = "{name: dusk, exposure_ev: -2}"
     has_sensors = "sensors" in parse(text).model_fields_set
-    change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  sensors: [{dusk}]  to {spec}"
+    # The first of the two is what the run had so far.
+    line = f"sensors: [{{name: day}}, {dusk}]"
+    change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  {line}  to {spec}"
     command = ["run", str(spec), *([] if functions is None else ["--functions", functions])]
     return (
         f"Try next  {change}; then {_again(*command, data_dir=data_dir)}\n"
@@ -279,14 +281,18 @@ def _list(found: list[Run], *, as_json: bool) -> None:
     if not found:
         say(f"no runs yet; start one with: {command_name()} run SPEC")
         return
+    from datetime import datetime
+
     from rich.table import Table
+
+    from valerie.runs.moments import moment_text
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("run", "name", "state", "created", "reason"):
         table.add_column(column, no_wrap=column != "reason")
     table.add_column("variants", justify="right")
     for run in found:
-        created = run.created_at[:16].replace("T", " ")
+        created = moment_text(datetime.fromisoformat(run.created_at))
         table.add_row(run.id, run.name, run.state, created, run.reason or "", f"{run.variant_count:,}")
     console().print(table)
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
 
 import typer
 
@@ -120,6 +121,7 @@ def show_error(text: str) -> None:
 def guarded(command: Callable[[], None], *, debug: bool) -> NoReturn:
     """Run a command line and end the process with the exit code that fits."""
     stop_on_signals()
+    sys.stdout, sys.stderr = _Stream.of(sys.stdout), _Stream.of(sys.stderr)
     try:
         command()
     except ValerieError as error:
@@ -127,16 +129,55 @@ def guarded(command: Callable[[], None], *, debug: bool) -> NoReturn:
             raise
         show_error(str(error))
         sys.exit(exit_code_of(error))
-    except BrokenPipeError:
-        # Whoever read our output has seen enough; nothing more can be written, not even at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(Exit.OK)
     except Exception as error:
         if debug:
             raise
         show_error(f"a defect of VALERIE ({type(error).__name__}: {error}); `valerie --debug …` shows where")
         sys.exit(Exit.DEFECT)
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(SystemExit):  # the command is done, and keeps its exit code
+                stream.flush()
     sys.exit(Exit.OK)
+
+
+class _Stream(io.TextIOWrapper):
+    """A standard stream whose reader may leave (``valerie plan … | head``): then the command ends, and that is no error.
+
+    Neither click nor rich hears of it: both would exit with 1.
+    """
+
+    @classmethod
+    def of(cls, stream: TextIO | None) -> TextIO:
+        """The same stream; what goes to one that was closed before this process began goes nowhere."""
+        if stream is None:
+            return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123  open as long as this process
+        if not isinstance(stream, io.TextIOWrapper):
+            return stream
+        return cls(
+            stream.buffer,
+            encoding=stream.encoding,
+            errors=stream.errors,
+            line_buffering=stream.line_buffering,
+            write_through=stream.write_through,
+        )
+
+    def write(self, text: str, /) -> int:
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            self._end()
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except BrokenPipeError:
+            self._end()
+
+    def _end(self) -> NoReturn:
+        # Nothing more can be written here, not even at exit what the buffer still holds.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+        raise SystemExit(Exit.OK)
 
 
 def stop_on_signals() -> None:

@@ -216,7 +216,7 @@ def _show_products(plan: Plan) -> None:
             str(product.kind),
             product.maker,
             f"{product.needed:,}",
-            f"{product.present:,}",
+            "unknown" if product.present is None else f"{product.present:,}",
             f"{product.to_make:,}",
             duration(product.cpu_seconds),
             _bytes(product.bytes),

@@ -70,6 +70,9 @@ def train(
     if context.invoked_subcommand is not None:
         return
     if run is None:
+        sources = [context.get_parameter_source(option) for option in context.params]
+        if any(source is not None and source.name != "DEFAULT" for source in sources):
+            raise InvalidInput("this is needed too", field="--from", limit="the id of the run that found the weakness")
         typer.echo(context.get_help())
         raise typer.Exit
     if where is None:

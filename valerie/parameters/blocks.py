@@ -246,5 +246,5 @@ def at(place: str, problem: InvalidInput) -> InvalidInput:
     """The same problem with its field below ``place``."""
     field = f"{place}.{problem.field}" if problem.field else place
     if isinstance(problem, UnknownName):
-        return UnknownName(problem.kind, problem.name, problem.known, field=field)
+        return UnknownName(problem.kind, problem.name, problem.known, field=field, limit=problem.limit)
     return InvalidInput(problem.message, field=field, value=problem.value, limit=problem.limit)

@@ -48,6 +48,8 @@ _TOKEN: Final = re.compile(
     r")"
 )
 _WORDS: Final = frozenset({"and", "or", "not", "true", "false"})
+#: What an expression may hold, for errors.
+_GRAMMAR: Final = "names, numbers, 'text', < <= > >= == !=, + - * /, and, or, not, ( )"
 _SAME_SIGN: Final = {"−": "-", "×": "*", "÷": "/"}
 _COMPARE: Final[dict[str, Callable[[Any, Any], bool]]] = {
     "<": operator.lt,
@@ -189,12 +191,12 @@ class _Parser:
         for end in sorted(ends, reverse=True):
             if run[:end] in self._names or run[:end] in _WORDS:
                 return run[:end]
-        raise UnknownName(self._word, run, self._names, field=self._field)
+        raise UnknownName(self._word, run, self._names, field=self._field, limit=_GRAMMAR)
 
     def _error(self, message: str, place: int | None = None) -> InvalidInput:
         if place is None:
             place = self._tokens[self._next].place if self._next < len(self._tokens) else len(self._text)
-        return InvalidInput(f"{message} (character {place + 1})", field=self._field, value=self._text)
+        return InvalidInput(f"{message} (character {place + 1})", field=self._field, value=self._text, limit=_GRAMMAR)
 
     def _peek(self) -> str:
         """The next word or sign; a number, text or name shows as itself and never equals one of these."""

@@ -31,6 +31,7 @@ from valerie.parameters.assignment import digest
 from valerie.perception.base import FunctionCard
 from valerie.perception.class_maps import CLASS_LISTS, MAX_CLASSES, class_lookup
 from valerie.perception.options import OPTIONS, Options
+from valerie.validation import problem_of
 
 #: Raised when the meaning of the document changes; the first part of every digest.
 _SCHEME: Final = 1
@@ -299,11 +300,7 @@ def _problem(problem: Any, kind: str) -> InvalidInput:
     field = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
         return UnknownName("field", str(last), _fields(parents, kind), field=field)
-    if problem["type"] == "missing":
-        return InvalidInput("this field is missing", field=field)
-    message = problem["msg"].removeprefix("Value error, ")
-    given = problem["input"]
-    return InvalidInput(message, field=field, value=None if isinstance(given, dict) else given)
+    return problem_of(problem, field)
 
 
 def _fields(parents: list[Any], kind: str) -> list[str]:

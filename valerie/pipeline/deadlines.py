@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from valerie.runs.moments import moment_text
 from valerie.settings import Settings
 
 _KIND: Final = "predictions"
@@ -33,7 +34,7 @@ def deadlines(pins: Mapping[str, Any] | None) -> dict[str, float]:
 
 def until(deadline: float) -> str:
     """A deadline for people: ``2026-11-21 14:05 UTC``."""
-    return datetime.fromtimestamp(deadline, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return moment_text(datetime.fromtimestamp(deadline, UTC))
 
 
 def awaiting_reason(count: int, pins: Mapping[str, Any] | None) -> str | None:

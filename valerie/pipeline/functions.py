@@ -10,7 +10,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +22,7 @@ from valerie.db.engine import writing
 from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents import FunctionDocument
 from valerie.pipeline.context import Context
+from valerie.runs.moments import in_utc
 from valerie.storage.keys import function_key
 
 _PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
@@ -233,6 +234,4 @@ def _require_digest(sha256: str, document: FunctionDocument) -> None:
 
 
 def _registered(row: Any) -> Registered:
-    # SQLite keeps no time zone: what it gives back was written in UTC.
-    moment = row.created_at if row.created_at.tzinfo else row.created_at.replace(tzinfo=UTC)
-    return Registered(FunctionDocument.model_validate(row.document), row.version, moment)
+    return Registered(FunctionDocument.model_validate(row.document), row.version, in_utc(row.created_at))

@@ -16,7 +16,7 @@ in the one form already passes unchanged.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
@@ -123,6 +123,8 @@ class Normalization:
         for i, (name, entry) in enumerate(pairs):
             field = f"{written}.{i if name is None else name}"
             self.places[f"{place}.{i}"] = field
+            for word in _short_words(entry):
+                self.places[f"{place}.{i}.{_WORDS[word]}"] = f"{field}.{word}"
             try:
                 found.append(read(entry, name, field))
             except InvalidInput as problem:
@@ -254,6 +256,15 @@ def _distribution(word: Any, field: str) -> str:
     if distribution not in _LISTS:
         raise UnknownName("distribution", str(word), (*_LISTS, *(name.lower() for name in _LISTS)), field=field)
     return distribution
+
+
+def _short_words(entry: Any) -> Iterator[str]:
+    """The short words that an entry uses, also within its distribution."""
+    if isinstance(entry, dict):
+        for key, value in entry.items():
+            if key in _WORDS:
+                yield key
+            yield from _short_words(value)
 
 
 def _spelled(entry: dict[str, Any], field: str) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class ProductPlan(BaseModel):
     Attributes:
         kind, maker: what and by which engine or function.
         needed: distinct products that the run links to.
-        present: of these, stored already.
+        present: of these, stored already; None where that is not known, and nothing counts as stored.
         cpu_seconds, bytes: of the rest.
         basis: where the cost is known from.
     """
@@ -56,14 +56,14 @@ class ProductPlan(BaseModel):
     kind: ProductKind
     maker: str
     needed: int
-    present: int
+    present: int | None
     cpu_seconds: float
     bytes: int
     basis: Basis
 
     @property
     def to_make(self) -> int:
-        return self.needed - self.present
+        return self.needed - (self.present or 0)
 
 
 class PlannedVariant(BaseModel):
@@ -148,6 +148,7 @@ def plan(
         costs: recorded timings; None takes the shipped table.
     """
     warnings = list(resolved.warnings)
+    known = pins is not None
     if pins is None:
         pins, present = _any_pins(resolved), None
         warnings.append("no running workers offer renderer and functions: what is there already is not known")
@@ -166,7 +167,7 @@ def plan(
     frames = accepted * len(resolved.cameras) * moments
     products = [
         _product_plan(resolved, kind, maker, digests, scale=None if indexes is None else size / looked_at,
-                      present=present, costs=costs)
+                      present=present, known=known, costs=costs)
         for (kind, maker), digests in seen.digests.items()
     ]  # fmt: skip
     if indexes is not None:
@@ -272,6 +273,7 @@ def _product_plan(
     *,
     scale: float | None,
     present: Present | None,
+    known: bool,
     costs: CostTable,
 ) -> ProductPlan:
     distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
@@ -293,7 +295,7 @@ def _product_plan(
         kind=kind,
         maker=maker,
         needed=needed,
-        present=found,
+        present=found if known else None,
         cpu_seconds=(needed - found) * cost.cpu_seconds * work,
         bytes=round((needed - found) * cost.bytes),
         basis=basis,

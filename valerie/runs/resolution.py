@@ -487,7 +487,7 @@ def _too_many(count: int, limit: int, place: str, value: object = None) -> Inval
 
 def _without_field(problem: InvalidInput) -> InvalidInput:
     if isinstance(problem, UnknownName):
-        return UnknownName(problem.kind, problem.name, problem.known)
+        return UnknownName(problem.kind, problem.name, problem.known, limit=problem.limit)
     return InvalidInput(problem.message, value=problem.value, limit=problem.limit)
 
 

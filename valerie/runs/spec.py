@@ -26,6 +26,7 @@ from valerie.runs.documents import (
 )
 from valerie.runs.notation import Normalization
 from valerie.runs.resolution import MAX_VARIANTS, ResolvedRun, resolve
+from valerie.validation import problem_of
 
 __all__ = [
     "MAX_VARIANTS",
@@ -84,40 +85,10 @@ def _problems(error: ValidationError, places: Mapping[str, str]) -> list[Invalid
 
 
 def _problem(problem: Any, place: str) -> InvalidInput:
-    given, limit = problem["input"], problem.get("ctx", {})
     if problem["type"] == "extra_forbidden":
         *parents, name = problem["loc"]
         return UnknownName("field", str(name), _fields(parents), field=place)
-    if problem["type"] == "missing":
-        return InvalidInput("this field is missing", field=place)
-    bound = next((f"{sign} {limit[key]}" for key, sign in _BOUNDS.items() if key in limit), None)
-    message = _MESSAGES.get(problem["type"], problem["msg"][:1].lower() + problem["msg"][1:])
-    return InvalidInput(message, field=place, value=None if isinstance(given, dict) else given, limit=bound)
-
-
-_BOUNDS: Final = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<", "max_length": "at most", "min_length": "at least"}
-_MESSAGES: Final = {
-    **dict.fromkeys(
-        (
-            "greater_than",
-            "greater_than_equal",
-            "less_than",
-            "less_than_equal",
-            "too_long",
-            "too_short",
-            "string_too_long",
-            "string_too_short",
-        ),
-        "out of bounds",
-    ),
-    "int_type": "a whole number is needed here",
-    "float_type": "a number is needed here",
-    "string_type": "text is needed here",
-    "bool_type": "true or false is needed here",
-    "tuple_type": "a list is needed here",
-    "dict_type": "a mapping is needed here",
-    "union_tag_not_found": "a distribution is needed here",
-}
+    return problem_of(problem, place)
 
 
 def _fields(parents: list[Any]) -> list[str]:

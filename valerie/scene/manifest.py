@@ -23,6 +23,7 @@ from valerie.scene.placements import Coordinate, PlacedCamera, PlacedFile, requi
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.solar import ANGLES, CLOCK_PATHS
 from valerie.scene.trajectory import Trajectory, check_trajectory
+from valerie.validation import problem_of
 
 Point = tuple[Coordinate, Coordinate]
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
@@ -258,12 +259,8 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     except ValidationError as error:
         raise InvalidInputs(
             [
-                InvalidInput(
-                    problem["msg"],
-                    field=".".join((source, *map(str, problem["loc"]))),
-                    value=None if isinstance(problem["input"], dict) else problem["input"],
-                )
-                for problem in error.errors(include_url=False)
+                problem_of(detail, ".".join((source, *map(str, detail["loc"]))))
+                for detail in error.errors(include_url=False)
             ]
         ) from None
 

@@ -24,10 +24,11 @@ export function ago(moment) {
   if (seconds < 45) return "just now";
   if (seconds < 5400) return `${Math.max(1, Math.round(seconds / 60))} min ago`;
   if (seconds < 129_600) return `${Math.round(seconds / 3600)} h ago`;
-  return new Date(moment).toLocaleDateString("en-GB", { day: "numeric", month: "short", year: "numeric" });
+  return clock(moment).slice(0, 10);
 }
 
-export const clock = (moment) => new Date(moment).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "medium" });
+// As in reports and on the command line: 2026-11-21 14:05 UTC.
+export const clock = (moment) => `${new Date(moment).toISOString().slice(0, 16).replace("T", " ")} UTC`;
 
 export const ACTIVE = new Set(["submitted", "running", "paused", "finishing"]);
 const LOOKS = {

@@ -13,7 +13,7 @@ def test_the_next_step_repeats_the_command_with_the_functions_and_the_folder_it_
     text = next_step(Path("my spec.yaml"), SPEC.encode(), functions="my-net,other", data_dir=Path("/data here"))
     assert "run 'my spec.yaml' --functions my-net,other --data-dir '/data here'\n" in text
     plain = next_step(Path("s.yaml"), SPEC.encode(), functions=None, data_dir=None)
-    assert "add the line  sensors: [{name: dusk, exposure_ev: -2}]  to s.yaml; then" in plain
+    assert "add the line  sensors: [{name: day}, {name: dusk, exposure_ev: -2}]  to s.yaml; then" in plain
     assert "run s.yaml\n" in plain
 
 

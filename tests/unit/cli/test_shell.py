@@ -9,7 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from valerie.cli.main import app
 from valerie.cli.shell import Exit, exit_code_of
 from valerie.client import ServerProblemError, ServerUnavailableError
 from valerie.errors import (
@@ -235,3 +237,53 @@ def test_the_version_is_shown_without_a_command(tmp_path: Path) -> None:
     done = _valerie("--version", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stdout.startswith("valerie")
+
+
+@pytest.mark.parametrize("lines", [1, 20_000])
+def test_a_reader_that_leaves_ends_the_command_quietly(lines: int) -> None:
+    # As `valerie plan … | head -0`: few lines break the pipe at the end, many on the way.
+    program = f"""
+import typer
+from valerie.cli.shell import console, guarded
+
+def command():
+    for number in range({lines}):
+        (typer.echo if number % 2 else console().print)("x" * 40)
+
+app = typer.Typer()
+app.command()(command)
+guarded(lambda: app(args=[]), debug=False)
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    said = process.stderr.read()
+    process.stderr.close()
+    assert said == ""
+    assert process.wait() == 0
+
+
+def test_training_where_without_a_run_says_what_is_missing() -> None:
+    result = CliRunner().invoke(app, ["train", "--where", "pacc < 0.5"])
+    assert isinstance(result.exception, InvalidInput)
+    assert result.exception.field == "--from"
+
+
+def test_training_without_anything_shows_its_help() -> None:
+    result = CliRunner().invoke(app, ["train"])
+    assert result.exit_code == 0
+    assert "--where" in result.output
+
+
+@pytest.mark.parametrize("command", [["status"], ["report", "r1"], ["cancel", "r1"], ["submit", "-"]])
+def test_without_a_server_the_message_says_which_command_starts_one(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VALERIE_API_PORT", "9")
+    result = CliRunner().invoke(app, [*command, "--data-dir", str(tmp_path)], input="name: a\nasset: urban-street\n")
+    assert isinstance(result.exception, ServerUnavailableError)
+    assert "start one with `valerie up`" in str(result.exception)

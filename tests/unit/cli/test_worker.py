@@ -35,6 +35,7 @@ def test_without_being_told_it_offers_what_the_settings_say(started: list[dict[s
     [
         (["render", "--engines", "cycels"], "did you mean cycles"),
         (["infer", "--engines", "cycles"], "only a render worker has engines"),
+        (["paint"], "unknown stage 'paint'; known: eval, infer, render"),
     ],
 )
 def test_a_wrong_choice_is_named_and_nothing_starts(

@@ -92,6 +92,12 @@ def test_an_unknown_name_is_refused_and_never_executed(text: str) -> None:
         compile_constraint(text, NAMES)
 
 
+def test_an_error_says_what_a_constraint_may_hold() -> None:
+    for text in ("import os", "p1 = 3"):
+        with pytest.raises(InvalidInput, match="limit: names, numbers, 'text', < <= > >= == !="):
+            compile_constraint(text, NAMES)
+
+
 def test_an_unknown_choice_lists_near_matches() -> None:
     with pytest.raises(UnknownName, match="did you mean yellow-shirt"):
         compile_constraint("character == 'yelow-shirt'", NAMES)

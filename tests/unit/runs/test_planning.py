@@ -94,9 +94,11 @@ def test_adding_a_function_only_infers(street: Manifest, pins: dict[str, Any]) -
     assert products(more)["prediction deeplabv3plus-small"][1] == more.inferences
 
 
-def test_without_workers_nothing_counts_as_present_and_the_plan_says_so(street: Manifest) -> None:
+def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_so(street: Manifest) -> None:
     found = plan(resolved(street, vary=PLACES), present=lambda digests: digests)
     assert found.renders > 0
+    assert {one.present for one in found.products} == {None}
+    assert all(one["present"] is None for one in found.model_dump(mode="json")["products"])
     assert "what is there already is not known" in found.warnings[-1]
 
 

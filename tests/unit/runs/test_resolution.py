@@ -214,7 +214,7 @@ def test_a_stored_run_outlives_what_was_installed(street: Manifest) -> None:
         ({"renderer": "rastr"}, "renderer", "did you mean raster"),
         ({"renderer": {"name": "rastr", "samples": 4}}, "renderer", "did you mean raster"),
         ({"renderer": {"name": "cycles", "sample": 4}}, "renderer.sample", "did you mean samples"),
-        ({"renderer": {"name": "cycles", "samples": -1}}, "renderer.samples", "greater than or equal to 1"),
+        ({"renderer": {"name": "cycles", "samples": -1}}, "renderer.samples", "limit: >= 1"),
         ({"functions": ["deeplab-small"]}, "functions.0", "did you mean deeplabv3plus-small"),
         ({"cameras": ["camera-4"]}, "cameras.0", "did you mean camera-"),
         ({"design": "sobel", "count": 2}, "design", "did you mean sobol"),

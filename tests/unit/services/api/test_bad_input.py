@@ -44,6 +44,12 @@ def problem(answer: httpx.Response, status: int) -> dict[str, Any]:
         ({"seed": -1}, "seed", "0"),
         ({"seed": "one"}, "seed", "whole number"),
         ({"nmae": "x"}, "nmae", "did you mean name"),
+        ({"renderer": {"name": "cycles", "quality": "drft"}}, "renderer.quality", "did you mean draft"),
+        ({"sensors": [{"name": "a", "curve": "filmc"}]}, "sensors.0.curve", "did you mean filmic"),
+        ({"constraints": ["import os"]}, "constraints.0", "< <= > >= == !="),
+        ({"parameters": {"p": {"path": X, "type": "FLOT"}}}, "parameters.p.type", "did you mean FLOAT"),
+        ({"parameters": {"p": {"path": X, "type": "FLOAT", "from": 9, "to": 1}}}, "parameters.p.from", "minimum"),
+        ({"vary": {X: {"homogeneous": {"from": -99, "to": 1, "step": 1}}}}, f"vary.{X}.from", "-10"),
         ({"resolution": {"width": 100_000, "height": 10}}, "resolution", "8192"),
         ({"detection_threshold": 0}, "detection_threshold", "0"),
         ({"parent_run": "r0"}, None, "parent run"),
@@ -71,7 +77,7 @@ def test_numbers_that_are_none_are_refused(api: httpx.Client, number: str) -> No
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        (b"", "mapping"),
+        (b"", "empty"),
         (b"[1, 2]", "mapping"),
         (b"\xff\xfe\x00bad", "UTF-8"),
         (b"name: \xc3\x28", "UTF-8"),

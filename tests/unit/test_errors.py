@@ -1,0 +1,14 @@
+"""What errors say."""
+
+from valerie.errors import UnknownName
+
+
+def test_near_names_come_first() -> None:
+    assert str(UnknownName("asset", "urban-stret", ["urban-street", "box"])) == (
+        "unknown asset 'urban-stret'; did you mean urban-street?"
+    )
+
+
+def test_of_many_names_some_are_listed_and_the_rest_is_counted() -> None:
+    text = str(UnknownName("parameter", "?", [f"p{number:02d}" for number in range(15)], limit="names"))
+    assert text.endswith("p10, p11 and 3 more; limit: names")
