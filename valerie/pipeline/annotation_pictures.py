@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from valerie.rendering.annotations.boxes import EDGES, Boxes
+from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 
 #: Edges at the back and at the sides of a box, and those at its front, towards its heading.
@@ -20,6 +21,23 @@ def paint_normals(normals: Normals) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: x, y and z of the world from −1…1 as red, green and blue; black where there is no surface."""
     painted: NDArray[np.uint8] = np.rint((normals.vectors() + 1.0) * 127.5).astype(np.uint8)
     painted[~normals.defined] = 0
+    return painted
+
+
+def paint_flow(flow: FlowMap) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8: direction as hue (red to the right, then yellow-green downwards), length as saturation up to the longest.
+
+    White stands still, grey is not defined (colour wheel as of S. Baker et al., "A database and evaluation methodology for
+    optical flow", IJCV 92, 2011, doi:10.1007/s11263-010-0390-2, in HSV).
+    """
+    x, y = np.nan_to_num(flow.vectors[..., 0]), np.nan_to_num(flow.vectors[..., 1])
+    length = np.hypot(x, y)
+    longest = max(float(length.max(initial=0.0)), 1e-6)
+    turn = (np.arctan2(y, x) / (2.0 * np.pi)) % 1.0
+    sector = (turn[..., None] * 6.0 + np.array([5.0, 3.0, 1.0])) % 6.0
+    taken = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0) * (length / longest)[..., None]
+    painted: NDArray[np.uint8] = np.rint(255.0 * (1.0 - taken)).astype(np.uint8)
+    painted[~flow.defined] = 128
     return painted
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import orjson
@@ -91,7 +92,9 @@ class Feeder:
                 continue
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                background, layer, truth, evaluations, annotations = self._inputs.frame(moment, camera)
+                background, layer, truth, evaluations, annotations = self._inputs.frame(
+                    moment, camera, near=partial(resolved.near, assignment, time)
+                )
                 want(background, (background, "background", engine_route, background, None, None, None))
                 want(layer, (layer, "layer", engine_route, background, None, None, None))
                 want(truth, (truth, "truth", truth_route, background, None, None, None))

@@ -11,7 +11,7 @@ from PIL import Image
 
 from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
-from valerie.pipeline.annotation_pictures import paint_boxes, paint_normals
+from valerie.pipeline.annotation_pictures import paint_boxes, paint_flow, paint_normals
 from valerie.pipeline.capture import Capture
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -65,6 +65,10 @@ class FramePainter:
             return _depth(capture.seen_truth(self._reader).depth)
         if kind == AnnotationKind.NORMALS and annotation is not None:
             return capture.seen_map(paint_normals(self._reader.normals(annotation)))
+        if kind == AnnotationKind.FLOW and annotation is not None:
+            return capture.seen_map(paint_flow(self._reader.flow(annotation)))
+        if kind == AnnotationKind.VELOCITY and annotation is not None:
+            return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)

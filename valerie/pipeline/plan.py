@@ -47,7 +47,7 @@ def _costs(
     pixels = resolution.width * resolution.height
     makers: dict[tuple[str, str], str] = {
         (ProductKind.TRUTH, pins["truth"]["route"]): "",
-        **{(ProductKind(kind), pins["truth"]["route"]): "" for kind in spec.annotations},
+        **{(ProductKind(kind), pins["truth"]["route"]): "" for kind in resolved.annotations},
         (ProductKind.EVALUATION, "eval"): "",
     }
     if not resolved.engine_inputs:

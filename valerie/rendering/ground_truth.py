@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import PERSON, SKY
+from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, PersonTruth, Rectangle, TruthLayer, View, bounds
 from valerie.rendering.raster.bounds import covered_rectangle
@@ -23,6 +24,7 @@ from valerie.rendering.raster.cache import LeastRecentlyUsed
 from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
+from valerie.rendering.raster.flow_pass import FlowPass
 from valerie.rendering.raster.movable_geometry import PlacedMesh
 from valerie.rendering.raster.normals_pass import NormalsPass
 from valerie.rendering.raster.scenes import Prepared
@@ -56,6 +58,7 @@ class TruthPass:
         self._work: LeastRecentlyUsed[_Labels] = LeastRecentlyUsed(1)
         self._canvas: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
         self._normals: NormalsPass | None = None
+        self._flows: FlowPass | None = None
 
     @property
     def numeric_class(self) -> str:
@@ -101,10 +104,24 @@ class TruthPass:
             self._normals = NormalsPass(self._context)
         return self._normals.normals(scene, view)
 
+    def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
+        """Where what is seen is seen at another moment; see `FlowPass.flow`."""
+        return FlowMap(self._flow_pass().flow(now, then, view, truth))
+
+    def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
+        """How fast what is seen moves, from where it is so many seconds later; see `FlowPass.velocity`."""
+        return FlowMap(self._flow_pass().velocity(now, after, view, truth, seconds))
+
+    def _flow_pass(self) -> FlowPass:
+        if self._flows is None:
+            self._flows = FlowPass(self._context)
+        return self._flows
+
     def close(self) -> None:
         """Free what this pass holds; the context stays with who made it (the process, by default)."""
-        if self._normals is not None:
-            self._normals.close()
+        for one in (self._normals, self._flows):
+            if one is not None:
+                one.close()
         if not self._context.closed:
             with self._context.current():
                 self._statics.clear()

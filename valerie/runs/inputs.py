@@ -5,7 +5,7 @@ Per frame (variant, camera): ::
     background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
-    annotation   truth; of kind light: background, layer, truth, truth pass
+    annotation   truth; of kind light: background, layer, truth, truth pass; of flow and velocity also the truth of a later moment
     prediction   background, layer, sensor response, function; truth, where the sensor needs depth
     evaluation   prediction, truth
 
@@ -17,7 +17,7 @@ digests.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -26,6 +26,7 @@ import orjson
 from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.sensors import Response, response, sensor_values
 from valerie.runs.states import ProductKind
@@ -35,9 +36,19 @@ from valerie.sensing.sensor import REVISION as SENSING_REVISION
 #: Raised by hand whenever equal predictions and truths give other counts.
 EVALUATION_REVISION: Final = 1
 #: Raised by hand whenever an annotation of equal truth differs.
-ANNOTATION_REVISIONS: Final = {AnnotationKind.NORMALS: 1, AnnotationKind.BOXES: 1, AnnotationKind.LIGHT: 1}
+ANNOTATION_REVISIONS: Final = {
+    AnnotationKind.NORMALS: 1,
+    AnnotationKind.BOXES: 1,
+    AnnotationKind.LIGHT: 1,
+    AnnotationKind.FLOW: 1,
+    AnnotationKind.VELOCITY: 1,
+}
 #: Raised by hand whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
+
+
+#: The assignment of a moment so many seconds later.
+Near = Callable[[float], Mapping[str, Value]]
 
 
 class EvaluationDigests(NamedTuple):
@@ -129,14 +140,21 @@ class ProductInputs:
                     *((_pinned(pins["truth"]),) if kind is AnnotationKind.LIGHT else ()),
                 ),
             )
-            for kind in spec.annotations
+            for kind in resolved.annotations
         ]
+        self._later = {AnnotationKind.FLOW: resolved.times.step or 0.0, AnnotationKind.VELOCITY: VELOCITY_SPAN_S}
         # Most variants of a run share the light, and so the background.
         self._background_digest = lru_cache(maxsize=1024)(self._hash_background)
         self._responses = lru_cache(maxsize=1024)(self._respond)
 
-    def frame(self, assignment: Mapping[str, Value], camera_index: int) -> FrameDigests:
-        """The products of the frame that ``resolved.cameras[camera_index]`` takes of a variant at a moment (`ResolvedRun.at`)."""
+    def frame(self, assignment: Mapping[str, Value], camera_index: int, *, near: Near | None = None) -> FrameDigests:
+        """The products of the frame that a camera takes of a variant at a moment.
+
+        Args:
+            assignment: of the moment (`ResolvedRun.at`).
+            camera_index: of ``resolved.cameras``.
+            near: of later moments (`ResolvedRun.near`), which flow and velocity depend on.
+        """
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
         background = self._background_digest(camera_index, inputs.background)
         layer = self._layer.digest(background, inputs.layer)
@@ -155,8 +173,17 @@ class ProductInputs:
         annotations = []
         for kind, prefix in self._annotations:
             made_from = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
-            annotations.append(AnnotationDigest(ProductKind(kind), prefix.digest(*made_from), made_from))
+            product = prefix.digest(*made_from, *self._later_truth(kind, camera_index, near))
+            annotations.append(AnnotationDigest(ProductKind(kind), product, made_from))
         return FrameDigests(background, layer, truth, tuple(evaluations), tuple(annotations))
+
+    def _later_truth(self, kind: AnnotationKind, camera_index: int, near: Near | None) -> tuple[str, ...]:
+        """Digest of what is seen at the later moment that an annotation depends on; nobody has to make it."""
+        if kind not in self._later:
+            return ()
+        assert near is not None, "flow and velocity depend on a later moment too"
+        inputs = split(near(self._later[kind]), self._manifest, self._cameras[camera_index])
+        return (self._truth[camera_index].digest(inputs.geometry),)
 
     def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
         # As bytes, not as JSON: the digests of all backgrounds so far.

@@ -13,6 +13,8 @@ from valerie.scene.manifest import Manifest
 from valerie.scene.naming import ROOT
 from valerie.scene.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory, check_trajectory
 
+#: Velocities are measured over this many seconds from a frame's moment on.
+VELOCITY_SPAN_S: Final = 0.005
 #: How specs call the moment of the first frame.
 _TIME_NAMES: Final = frozenset({TIME, TIME_PATH})
 #: Decimals of a frame's time: microseconds.

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -218,7 +219,7 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
             (ProductKind.BACKGROUND, spec.engine): bytearray(),
             (ProductKind.LAYER, spec.engine): bytearray(),
             (ProductKind.TRUTH, ""): bytearray(),
-            **{(ProductKind(kind), ""): bytearray() for kind in spec.annotations},
+            **{(ProductKind(kind), ""): bytearray() for kind in resolved.annotations},
             **{(ProductKind.PREDICTION, name): bytearray() for name in spec.functions},
             (ProductKind.EVALUATION, ""): bytearray(),
         },
@@ -232,7 +233,7 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
         for time in range(len(resolved.times.elapsed)):
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
-                _note(seen, resolved, inputs.frame(moment, camera))
+                _note(seen, resolved, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
     return seen
 
 

@@ -23,6 +23,7 @@ from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
 from valerie.plugins import RENDERERS, WITHOUT
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.sensors import focal_length_path, needed_by
@@ -56,6 +57,7 @@ class ResolvedRun:
         space: the variants.
         cameras: names, in the spec's order.
         engine_inputs: settings of the renderer that its pixels depend on, complete; empty for one without settings.
+        annotations: those that the spec asks for, and those that its sensors need.
         times: the moments of each variant and what moves.
         warnings: what the user may not have meant.
         notes: what was assumed where the spec left it open.
@@ -68,6 +70,7 @@ class ResolvedRun:
     space: ParameterSpace
     cameras: tuple[str, ...]
     engine_inputs: Mapping[str, Any] = field(default_factory=dict)
+    annotations: tuple[AnnotationKind, ...] = ()
     times: Times = field(default_factory=Times)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -81,6 +84,13 @@ class ResolvedRun:
         """
         motion = self.times.motion
         return assignment if motion is None else motion.at(assignment, self.times.elapsed[time_index])
+
+    def near(self, assignment: Mapping[str, Value], time_index: int, seconds: float) -> Mapping[str, Value]:
+        """The assignment of the moment so many seconds after a frame, held within declared ranges."""
+        motion = self.times.motion
+        if motion is None:
+            return assignment
+        return motion.at(assignment, self.times.elapsed[time_index] + seconds, within=True)
 
     def seconds(self, assignment: Mapping[str, Value], time_index: int) -> float:
         """When a frame is taken, in seconds; 0 in a run without time."""
@@ -144,6 +154,7 @@ def resolve(
     blocks = [resolver.block(block, f"blocks.{i}", max_variants, samplers) for i, block in enumerate(spec.blocks)]
     constants = resolver.values(spec.constants, "constants")
     space = resolver.space(definitions, blocks, constants, samplers)
+    resolver.check_annotations()
     if space is None or resolver.problems:
         raise InvalidInputs([_placed(spec, problem) for problem in resolver.problems])
     if max_variants is not None and space.size > max_variants:
@@ -166,6 +177,7 @@ def resolve(
         space=space,
         cameras=spec.cameras if spec.cameras is not None else manifest.cameras,
         engine_inputs=engine_inputs,
+        annotations=spec.annotations,
         times=times,
         warnings=tuple(resolver.warnings),
         notes=tuple(resolver.notes()),
@@ -398,6 +410,17 @@ class _Resolver:
         except InvalidInput as problem:
             self.problems.append(problem)
             return None
+
+    def check_annotations(self) -> None:
+        """Flow leads to the next frame, and velocity needs something that can move."""
+        for i, kind in enumerate(self.spec.annotations):
+            if kind is AnnotationKind.FLOW and self.times.step is None:
+                problem, limit = "flow leads to the next frame of a sequence", "sequence: {frames: …, step: …}"
+            elif kind is AnnotationKind.VELOCITY and self.times.motion is None:
+                problem, limit = "nothing moves in this run", "sequence, time or trajectories"
+            else:
+                continue
+            self.problems.append(InvalidInput(problem, field=f"annotations.{i}", value=kind.value, limit=limit))
 
     def check_sensors(self, space: ParameterSpace) -> None:
         """What sensors need of the cameras is declared; warn of what they cost and of values without effect."""

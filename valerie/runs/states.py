@@ -71,6 +71,8 @@ class ProductKind(StrEnum):
     NORMALS = AnnotationKind.NORMALS.value
     BOXES = AnnotationKind.BOXES.value
     LIGHT = AnnotationKind.LIGHT.value
+    FLOW = AnnotationKind.FLOW.value
+    VELOCITY = AnnotationKind.VELOCITY.value
     #: A function's map of train ids.
     PREDICTION = "prediction"
     #: Confusion counts of a prediction against a truth.

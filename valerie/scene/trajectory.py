@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
+from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, ParameterType, Value, wrap
 from valerie.scene.naming import ROOT
 from valerie.scene.splines import Spline, linear, smooth, unwrapped
 
@@ -169,12 +169,13 @@ class Motion:
         self._own = frozenset(definition.path for definition in self.parameters)
         self._start = start
 
-    def at(self, assignment: Mapping[str, Value], elapsed: float) -> dict[str, Value]:
+    def at(self, assignment: Mapping[str, Value], elapsed: float, *, within: bool = False) -> dict[str, Value]:
         """The assignment of one moment: path to value, without time and trajectories.
 
         Args:
             assignment: of a variant.
             elapsed: seconds since the variant's first frame.
+            within: hold values at the ends of their declared ranges, for moments that no frame is taken at.
 
         Raises:
             InvalidInput: the variant puts keyframes out of order.
@@ -182,7 +183,8 @@ class Motion:
         found = {path: value for path, value in assignment.items() if path not in self._own}
         time = self.seconds(assignment, elapsed)
         for thing in self._things:
-            found |= thing.at(assignment, time)
+            values = thing.at(assignment, time)
+            found |= thing.held(values) if within else values
         return found
 
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:
@@ -254,7 +256,23 @@ class _Thing:
 
     def _rounded(self, name: str, value: float) -> float:
         rounded = round(value, _DECIMALS)
-        return rounded % 360.0 if self._declared[name].type is ParameterType.ANGLE else rounded
+        return rounded % TURN if self._declared[name].type is ParameterType.ANGLE else rounded
+
+    def held(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """The values, none of them beyond its declared range."""
+        held: dict[str, Value] = {}
+        for path, value in values.items():
+            definition = self._declared[path.removeprefix(f"{self.trajectory.path}.")]
+            low, high = definition.minimum, definition.maximum
+            if definition.type is ParameterType.ANGLE and low is not None and high is not None:
+                turned = wrap(float(value), low)
+                # Beyond both ends: the nearer one.
+                held[path] = turned if turned <= high else (high if turned - high < low + TURN - turned else low)
+            else:
+                held[path] = min(
+                    max(float(value), -math.inf if low is None else low), math.inf if high is None else high
+                )
+        return held
 
     def outside(self, values: Mapping[str, Value]) -> str | None:
         """In words which declared range is left."""

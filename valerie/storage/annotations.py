@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from valerie.errors import CorruptArtifact
 from valerie.rendering.annotations.boxes import Boxes
+from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.storage import frames
 
-Annotation = Normals | Boxes
+Annotation = Normals | Boxes | FlowMap
 
 #: Array of boxes to its type and what follows the number of instances in its shape.
 _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
@@ -49,6 +50,19 @@ def decode_normals(data: bytes, *, key: str = "") -> Normals:
     if found is None or found.dtype != np.int16 or found.ndim != 3 or found.shape[2] != 2:
         raise CorruptArtifact(f"{key or 'artifact'}: the normals are not (height, width, 2) int16")
     return Normals(found)
+
+
+def decode_flow(data: bytes, *, kind: AnnotationKind = AnnotationKind.FLOW, key: str = "") -> FlowMap:
+    """The inverse of `encode_annotation`, of flow or velocity.
+
+    Raises:
+        CorruptArtifact: not whole, consistent vectors.
+    """
+    arrays, _ = frames.unpack(kind.value, data, key=key)
+    found = arrays.get("vectors")
+    if found is None or found.dtype != np.float32 or found.ndim != 3 or found.shape[2] != 2:
+        raise CorruptArtifact(f"{key or 'artifact'}: the {kind.value} is not (height, width, 2) float32")
+    return FlowMap(found)
 
 
 def decode_boxes(data: bytes, *, key: str = "") -> Boxes:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, instance_id
 from valerie.perception.base import FunctionCard
+from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View
 from valerie.rendering.person_light import Received
@@ -95,6 +96,14 @@ class BlankTruthPass:
         """See `valerie.rendering.ground_truth.TruthPass`: everything faces up."""
         return Normals.of(np.broadcast_to(np.array([0.0, 0.0, 1.0]), (view.height, view.width, 3)))
 
+    def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
+        """See `valerie.rendering.ground_truth.TruthPass`: the square moves to the right by the metres that the person does."""
+        return FlowMap(_sideways(truth, _first_x(then) - _first_x(now), view))
+
+    def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
+        """See `valerie.rendering.ground_truth.TruthPass`: the same per second."""
+        return FlowMap(_sideways(truth, (_first_x(after) - _first_x(now)) / seconds, view))
+
 
 class BlankFunction:
     """Sees a person where the picture is darker than middle grey in its centre square."""
@@ -115,6 +124,17 @@ class BlankFunction:
 
 def _square(view: View) -> Rectangle:
     return Rectangle(view.width // 4, view.height // 4, view.width // 2, view.height // 2)
+
+
+def _first_x(scene: Scene) -> float:
+    node = next((node for node in scene.nodes.values() if node.label_id == PERSON.id), None)
+    return 0.0 if node is None else float(node.transform[0, 3])
+
+
+def _sideways(truth: GroundTruth, pixels: float, view: View) -> NDArray[np.float32]:
+    vectors = np.zeros((view.height, view.width, 2), np.float32)
+    vectors[truth.class_map == PERSON.id, 0] = pixels
+    return vectors
 
 
 def _movables(scene: Scene) -> bytes:

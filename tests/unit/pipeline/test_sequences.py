@@ -10,6 +10,9 @@ from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
+from valerie.errors import InvalidInputs
+from valerie.pipeline import frames
+from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.replay import replay_frame
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import choose_frames, run_where
@@ -75,5 +78,33 @@ def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipelin
     run_id = pipeline.submit(document)
     assert pipeline.run(run_id) == "completed"
     with reading(pipeline.context.engine) as connection:
-        frames = results.frames_page(connection, run_id, after=(-1, -1, -1), limit=100)
-    assert [(frame.variant_index, frame.time_index) for frame in frames] == [(0, index) for index in range(5)]
+        found = results.frames_page(connection, run_id, after=(-1, -1, -1), limit=100)
+    assert [(frame.variant_index, frame.time_index) for frame in found] == [(0, index) for index in range(5)]
+
+
+def test_flow_leads_to_the_next_frame_and_velocity_is_per_second(pipeline: Pipeline) -> None:
+    run_id = pipeline.submit(moving(annotations=["flow", "velocity"], functions=[]))
+    assert pipeline.run(run_id) == "completed"
+    # From 1 s on nothing moves: the flow of the last three moments is one product, and so is their velocity.
+    assert pipeline.made() == {"background": 1, "layer": 3, "truth": 3, "flow": 3, "velocity": 3}
+    reader = ProductReader(pipeline.context.store)
+    steps, speeds = [], []
+    with reading(pipeline.context.engine) as connection:
+        for index in range(5):
+            links = results.frame_annotations(connection, run_id, 0, 0, index)
+            steps.append(float(reader.flow(links["flow"].product).vectors[18, 32, 0]))
+            speeds.append(float(reader.velocity(links["velocity"].product).vectors[18, 32, 0]))
+    # The blank engine's square moves a pixel for each metre: 2 m in 1 s.
+    assert steps == pytest.approx([1, 1, 0, 0, 0], abs=1e-5)
+    assert speeds == pytest.approx([2, 2, 0, 0, 0], abs=1e-3)
+    painted = frames.draw(pipeline.context, frames.find(pipeline.context, run_id, 0, 0, 0, kind="flow"))
+    assert [painted[18, 32].tolist(), painted[0, 0].tolist()] == [[255, 0, 0], [255, 255, 255]]
+    assert all(one.agrees for one in replay_frame(pipeline.context, run_id, 0, 0, 4))
+
+
+def test_what_flow_needs_is_asked_for(pipeline: Pipeline) -> None:
+    still = spec(xs=1, ys=1)
+    with pytest.raises(InvalidInputs, match="flow leads to the next frame of a sequence"):
+        pipeline.submit({**still, "annotations": ["flow"]})
+    with pytest.raises(InvalidInputs, match="nothing moves in this run"):
+        pipeline.submit({**still, "annotations": ["velocity"]})

@@ -15,6 +15,8 @@ def test_every_product_has_the_stage_that_makes_it() -> None:
         "normals": Stage.RENDER,
         "boxes": Stage.RENDER,
         "light": Stage.RENDER,
+        "flow": Stage.RENDER,
+        "velocity": Stage.RENDER,
         "prediction": Stage.INFER,
         "evaluation": Stage.EVAL,
     }

@@ -7,11 +7,12 @@ import pytest
 
 from valerie.errors import CorruptArtifact
 from valerie.rendering.annotations.boxes import Boxes, measure_boxes
+from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, View
 from valerie.storage import frames
-from valerie.storage.annotations import decode_boxes, decode_normals, encode_annotation
+from valerie.storage.annotations import decode_boxes, decode_flow, decode_normals, encode_annotation
 from valerie.testing.assets import simple_asset
 
 
@@ -50,3 +51,16 @@ def test_one_kind_is_not_taken_for_another() -> None:
 def test_normals_of_another_shape_are_refused() -> None:
     with pytest.raises(CorruptArtifact, match="int16"):
         decode_normals(frames.pack("normals", {"octahedral": np.zeros((4, 4, 3), np.int16)}, {}))
+
+
+def test_flow_comes_back_as_it_was_and_is_no_velocity() -> None:
+    vectors = np.random.default_rng(0).normal(size=(5, 7, 2)).astype(np.float32)
+    vectors[2, 3] = np.nan
+    data = encode_annotation(AnnotationKind.FLOW, FlowMap(vectors))
+    back = decode_flow(data)
+    np.testing.assert_array_equal(back.vectors, vectors)
+    assert back.defined.sum() == 34
+    with pytest.raises(CorruptArtifact):
+        decode_flow(data, kind=AnnotationKind.VELOCITY)
+    with pytest.raises(CorruptArtifact, match="height, width, 2"):
+        decode_flow(encode_annotation(AnnotationKind.FLOW, FlowMap(vectors[0])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from collections.abc import Callable
 from typing import Any
 
 from valerie.db.products import Job
@@ -10,18 +11,29 @@ from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import View
 from valerie.rendering.person_light import LightPass, measure_light
+from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.scene.model import Scene
 from valerie.storage.annotations import Annotation, encode_annotation
 
 
 def annotate(
-    kind: AnnotationKind, scene: Scene, view: View, *, truth: str, reader: ProductReader, truth_pass: Any
+    kind: AnnotationKind,
+    scene: Scene,
+    view: View,
+    *,
+    near: Callable[[float], Scene],
+    step: float,
+    truth: str,
+    reader: ProductReader,
+    truth_pass: Any,
 ) -> bytes:
     """The stored form of one annotation.
 
     Args:
         kind: which.
         scene, view: of the frame.
+        near: the scene so many seconds later.
+        step: seconds until the next frame.
         truth: digest of the frame's truth.
         reader: reads it.
         truth_pass: of this process (`valerie.rendering.ground_truth.TruthPass`).
@@ -32,6 +44,10 @@ def annotate(
     annotation: Annotation
     if kind is AnnotationKind.NORMALS:
         annotation = truth_pass.normals(scene, view)
+    elif kind is AnnotationKind.FLOW:
+        annotation = truth_pass.flow(scene, near(step), view, reader.truth(truth))
+    elif kind is AnnotationKind.VELOCITY:
+        annotation = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, reader.truth(truth), VELOCITY_SPAN_S)
     else:
         from valerie.rendering.annotations.boxes import measure_boxes
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from valerie.errors import CorruptArtifact, NotFound
 from valerie.pipeline.stages import MissingInput
 from valerie.rendering.annotations.boxes import Boxes
+from valerie.rendering.annotations.flow import FlowMap
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.storage import codecs
-from valerie.storage.annotations import decode_boxes, decode_normals
+from valerie.storage.annotations import decode_boxes, decode_flow, decode_normals
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -48,6 +51,14 @@ class ProductReader:
         if statics.class_map.shape != stored.layer.size:
             raise MissingInput("truth", digest)
         return stored.layer.over(statics)
+
+    def flow(self, digest: str) -> FlowMap:
+        """Optical flow of a frame."""
+        return self._read("flow", digest, decode_flow)
+
+    def velocity(self, digest: str) -> FlowMap:
+        """Velocities in a frame."""
+        return self._read("velocity", digest, partial(decode_flow, kind=AnnotationKind.VELOCITY))
 
     def normals(self, digest: str) -> Normals:
         """Normals of a frame."""

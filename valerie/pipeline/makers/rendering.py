@@ -45,7 +45,8 @@ class RenderMaker:
         started, elsewhere, engine = time.process_time(), 0.0, None
         run = self._runs.run(job.run_id)
         resolved = run.resolved
-        scene = apply(resolved.at(job.assignment, job.time_index), self._runs.asset(run))
+        asset = self._runs.asset(run)
+        scene = apply(resolved.at(job.assignment, job.time_index), asset)
         resolution = resolved.spec.resolution
         view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
         views: tuple[dict[str, Any], ...] = ()
@@ -67,7 +68,16 @@ class RenderMaker:
         elif job.kind in _ANNOTATIONS:
             truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
             kind = AnnotationKind(job.kind)
-            data = annotate(kind, scene, view, truth=job.truth, reader=self._reader, truth_pass=truth_pass)
+            data = annotate(
+                kind,
+                scene,
+                view,
+                near=lambda seconds: apply(resolved.near(job.assignment, job.time_index, seconds), asset),
+                step=resolved.times.step or 0.0,
+                truth=job.truth,
+                reader=self._reader,
+                truth_pass=truth_pass,
+            )
         else:
             engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
             elsewhere = _cpu_seconds_elsewhere(engine)

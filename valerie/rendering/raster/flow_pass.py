@@ -28,8 +28,6 @@ from valerie.rendering.raster.targets import Target, gl_rectangle
 from valerie.rendering.scene_reading import camera_of
 from valerie.scene.model import Camera, Scene
 
-#: Raised by hand whenever the flow of some movement changes; part of every flow's digest.
-REVISION: Final = 1
 #: A movable is what the truth shows where its depth is the truth's up to this share (another program may round it otherwise).
 _SAME_DEPTH: Final = 1e-5
 
@@ -80,22 +78,23 @@ class FlowPass:
         _put_in(found, drawn, truth, rectangle)
         return found
 
-    def velocity(self, before: Scene, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> Flow:
-        """The velocity of what is seen at each pixel, from where it is shortly before and after.
+    def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> Flow:
+        """The velocity of what is seen at each pixel, from where it is shortly after.
+
+        Not before: what begins to move at this very moment moves.
 
         Bodies move as a whole: a walk is drawn at a few instants of its cycle, and jumps between them are no velocity.
 
         Args:
-            before, now, after: the same asset at three moments.
+            now, after: the same asset at two moments.
             view, truth: as for `flow`.
-            seconds: from ``before`` to ``after``.
+            seconds: from the one to the other.
 
         Returns:
-            (H, W, 2) float32, pixels per second to the right and down; 0 where `flow` is undefined at either moment.
+            (H, W, 2) float32, pixels per second to the right and down; 0 where `flow` is undefined.
         """
-        forth = self.flow(now, after, view, truth, deforming=False)
-        back = self.flow(now, before, view, truth, deforming=False)
-        velocity: Flow = np.nan_to_num((forth - back) / np.float32(seconds), copy=False, nan=0.0)
+        flow = self.flow(now, after, view, truth, deforming=False)
+        velocity: Flow = np.nan_to_num(flow / np.float32(seconds), copy=False, nan=0.0)
         return velocity
 
     def close(self) -> None:

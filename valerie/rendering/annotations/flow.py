@@ -1,0 +1,30 @@
+"""Vectors of movement in the image: optical flow and velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.scene.model import freeze
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowMap:
+    """How what is seen at each pixel moves across the image.
+
+    Attributes:
+        vectors: (H, W, 2) float32, to the right and down: pixels until the next frame of the sequence (flow), or pixels per
+            second (velocity). NaN where it is not defined.
+    """
+
+    vectors: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        freeze(self.vectors)
+
+    @property
+    def defined(self) -> NDArray[np.bool_]:
+        """(H, W) bool."""
+        return np.isfinite(self.vectors[..., 0]) & np.isfinite(self.vectors[..., 1])
