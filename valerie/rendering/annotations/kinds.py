@@ -19,6 +19,7 @@ class AnnotationKind(StrEnum):
     def stored(self) -> bool:
         """Whether it has an object in the store; one that has none is rows of the database."""
         return self is not AnnotationKind.LIGHT
+
     #: Where what is seen in every pixel is seen in the next frame of the sequence.
     FLOW = "flow"
     #: How fast what is seen in every pixel moves across the image.
