@@ -116,7 +116,7 @@ def train(
         registered, new = register_retrained(deployment, made, called)
     _say_made(made, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
-    say(f"functions: [{weakness.function}, {registered.reference}]")
+    say(f"functions: [{weakness.reference}, {registered.reference}]")
     comparison = _compare(run, [weakness.function, registered.reference], where, threads, data_dir)
     _show(comparison, as_json=as_json)
 

@@ -15,6 +15,7 @@ from valerie.errors import InvalidInput
 from valerie.perception.catalog import FUNCTIONS
 from valerie.perception.documents import FunctionDocument
 from valerie.pipeline.context import Context
+from valerie.pipeline.functions import SHORT
 from valerie.pipeline.opening import pinned_network
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import evaluated_rows, function_index, run_where
@@ -56,6 +57,12 @@ class Weakness:
         seen = [int(n) for n in re.findall(r"\d+", self.document.provenance.get("frames-street-seeds", ""))]
         first = max(seen, default=_UNSEEN_SEED - 1) + 1
         return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
+
+    @property
+    def reference(self) -> str:
+        """What a spec writes to mean exactly the version that the run saw, also when there are newer ones."""
+        name = self.function.partition("@")[0]
+        return name if name in FUNCTIONS else f"{name}@{self.document.digest[:SHORT]}"
 
     @property
     def next_name(self) -> str:

@@ -1,5 +1,6 @@
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,9 @@ def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(dra
     seen = weakness.document.provenance["frames-street-seeds"]
     assert weakness.first_seed() == int(seen.split("-")[-1]) + 1
     assert weakness.first_seed() in SEEDS["train"]
+    assert (weakness.reference, weakness.next_name) == ("semantic-fpn-small", "semantic-fpn-small-retrained")
+    ours = replace(weakness, function="my-net")
+    assert (ours.reference, ours.next_name) == (f"my-net@{weakness.document.digest[:12]}", "my-net")
     assert (weakness.asset, weakness.asset_seed) == ("urban-street", 0)
     assert selected_region(*drawn, FAR, "semantic-fpn-small") == weakness.region
 
