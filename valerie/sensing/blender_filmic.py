@@ -25,7 +25,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 _LOWEST_STOP: Final = -12.473931188
 _STOPS: Final = 25.0
@@ -95,6 +94,8 @@ def _interpolated(lattice: Floats, place: Floats) -> Floats:
 @cache
 def _tables() -> tuple[Floats, Floats]:
     """The lattice as (3, 33³), its values cut off at white, and the curve as (4096,): both float32 in [0, 1]."""
+    from scipy.interpolate import PchipInterpolator  # 25 MB and 0.15 s that only this curve shall cost
+
     steps = np.arange(_SIZE)
     linear = 2.0 ** (_LOWEST_STOP + _STOPS * steps / (_SIZE - 1))
     shares = np.where(steps > max(_SHARES), 1.0, 0.0)
