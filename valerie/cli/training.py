@@ -208,7 +208,7 @@ def _say_street(shard: Shard) -> None:
 def _say_made(made: Retrained, folder: Path) -> None:
     first, last = made.street_seeds
     say(f"{made.frames:,} frames kept of {made.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
-    say(f"wrote {made.file}, digest {made.digest[:12]}, after {made.steps} steps")
+    say(f"wrote {made.file}, digest {made.digest[:12]}, after {made.steps} steps; how it went: {made.curve}")
 
 
 class _Steps:

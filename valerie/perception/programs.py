@@ -48,7 +48,8 @@ def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
             )
     except Exception as error:  # programs fail in all ways
         reason = str(error).strip().partition("\n")[0]
-        raise InvalidInput(f"it cannot be loaded and exported ({reason})", field=path.name) from error
+        hint = "" if size else "; if it takes one size only, the document has to say it: input: {size: [width, height]}"
+        raise InvalidInput(f"it cannot be loaded and exported ({reason}){hint}", field=path.name) from error
     return exported.getvalue()
 
 

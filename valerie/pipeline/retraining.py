@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -32,6 +32,10 @@ from valerie.pipeline.weakness import Weakness
 
 if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
+
+
+#: Looks at the held-out frames, the last one at the end.
+_VALIDATIONS: Final = 3
 
 
 class RetrainSettings(BaseModel):
@@ -89,6 +93,7 @@ class Retrained:
         frames: training frames.
         drawn: scenes drawn to get them; as many as ``frames`` where every draw was taken.
         steps: training steps.
+        curve: picture of loss and held-out figures over the steps.
         street_seeds: of the training frames, first and last.
     """
 
@@ -98,6 +103,7 @@ class Retrained:
     frames: int
     drawn: int
     steps: int
+    curve: Path
     street_seeds: tuple[int, int]
 
 
@@ -128,6 +134,7 @@ def retrain(
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
         RenderingError, MissingDependency: as the raster engine and torch.
     """
+    from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
 
     wanted = _wanted(weakness, settings)
@@ -136,11 +143,17 @@ def retrain(
     start.write_bytes(beginning(weakness.document, weakness.file))
     frames = _frames(folder / "frames", wanted, processes, on_street)
     held_out = _held_out(folder / "held-out", settings, wanted, processes)
+    curve = TrainingCurve(folder / "curve.json")
+
+    def note(now: TrainingProgress) -> None:
+        curve(now)
+        on_step(now)
+
     model = train(
         _training_settings(weakness.document, settings),
         frames,
         held_out=held_out if held_out is not None else (),
-        progress=on_step,
+        progress=note,
         checkpoint=folder / "checkpoint.safetensors",
         start_from=start,
         threads=threads,
@@ -165,6 +178,7 @@ def retrain(
         frames=len(frames),
         drawn=drawn,
         steps=model.steps,
+        curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
         street_seeds=(seeds[0], seeds[-1]),
     )
 
@@ -268,6 +282,7 @@ def _training_settings(document: FunctionDocument, settings: RetrainSettings) ->
             **known,
             "architecture": document.architecture,
             "time_budget_s": None,
+            "validate_every": max(1, settings.steps // _VALIDATIONS),
             "warmup_steps": min(20, settings.steps),
             **settings.model_dump(include={"steps", "learning_rate", "batch", "seed"}),
         }

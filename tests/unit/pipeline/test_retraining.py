@@ -128,6 +128,7 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     assert frames.street_seeds == {weakness.first_seed()}
     assert made.drawn >= 2
     assert int(frames.listing.provenance["scenes-drawn"]) == made.drawn
+    assert made.curve == tmp_path / "work" / "curve.png"
     context = drawn[0]
     registered, new = register_retrained(context, made, weakness.next_name)
     assert new

@@ -59,6 +59,7 @@ def _frames(options: argparse.Namespace) -> None:
 
 
 def _fit(options: argparse.Namespace) -> None:
+    from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import TrainingProgress, train
     from valerie.perception.training.settings import TrainingSettings
 
@@ -67,8 +68,13 @@ def _fit(options: argparse.Namespace) -> None:
     }
     settings = TrainingSettings.model_validate(given)
     frames, held_out = FrameFolder(options.frames), FrameFolder(options.held_out)
+    curve_file = options.out.with_suffix(".curve.json")
+    if options.checkpoint is None or not options.checkpoint.exists():
+        curve_file.unlink(missing_ok=True)
+    curve = TrainingCurve(curve_file)
 
     def tell(now: TrainingProgress) -> None:
+        curve(now)
         if now.step % 50 == 0 or now.figures is not None:
             _say(f"step {now.step} ({now.fraction:.1%}), loss {now.loss:.4f}, {now.elapsed_s:.0f} s")
         if now.figures is not None:
@@ -91,6 +97,7 @@ def _fit(options: argparse.Namespace) -> None:
     _say(f"{options.out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
     if model.figures is not None:
         _say(f"held out: {model.figures.as_text()}")
+    _say(f"curve: {curve.finish(model.steps, model.figures, title=f'{options.out.stem}, {len(frames)} frames')}")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -31,6 +31,7 @@ def test_fit_writes_a_function_with_its_provenance(folders: tuple[Path, Path], t
     assert card.provenance["steps"] == "1"
     assert "held-out-person-iou" in card.provenance
     assert "after 1 steps" in capsys.readouterr().out
+    assert out.with_suffix(".curve.png").stat().st_size > 1000
 
 
 def test_a_missing_folder_is_said_in_one_line(tmp_path: Path, capsys) -> None:
