@@ -121,7 +121,7 @@ def test_programs_of_torch_are_kept_as_onnx_where_the_operator_allows_them(
 ) -> None:
     path = saved_program(tmp_path, suffix)
     side = SIDE + "input: {mode: resize, size: [96, 64]}\n"
-    with pytest.raises(InvalidInput, match="its operator can allow it with VALERIE_IMPORT_PROGRAMS"):
+    with pytest.raises(InvalidInput, match="who operates this deployment can allow it with VALERIE_IMPORT_PROGRAMS"):
         bring(path, work, settings, side)
     found = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
     assert found.document.kind == "onnx"
