@@ -1,4 +1,4 @@
-"""Which comparisons a run is asked for: neighbouring bins, pedestrians, functions, false positives."""
+"""Which comparisons a run is asked for: neighbouring bins, values of what was varied, pedestrians, functions, false positives."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from valerie.analysis.frames import ALL, UNNAMED, Group, characters, frame_counts, rows_of, settings
 from valerie.analysis.intervals import MIN_SITUATIONS, Resampler
+from valerie.analysis.levels import levels_of
 from valerie.analysis.table import EvaluationTable, combine
 from valerie.analysis.trends import Axis, Trends, axis_of
 
@@ -24,6 +25,7 @@ HEAVY: Final = 0.5
 
 class FindingKind(StrEnum):
     BINS = "bins"
+    VALUES = "values"
     CHARACTERS = "characters"
     FUNCTIONS = "functions"
     FALSE_POSITIVES = "false positives"
@@ -36,7 +38,7 @@ class Comparison:
     Attributes:
         kind: which comparison.
         function, other: who looked; ``other`` only where two functions are compared.
-        sensor, column: behind which sensor setting, along which axis (or empty).
+        sensor, column: behind which sensor setting, along which axis or varied parameter (or empty).
         estimate: the effect; positive where ``function``, the first character or the later bin has more.
         replicates: (B,) bootstrap replicates of it.
         situations: drawn units that it rests on (of two sides, the smaller number).
@@ -73,6 +75,7 @@ def compare_all(table: EvaluationTable, trends: Trends, resampler: Resampler) ->
     if not len(table):
         return
     yield from _between_bins(table, trends, resampler)
+    yield from _between_values(table, resampler)
     yield from _between_characters(table, resampler)
     yield from _between_functions(table, resampler)
     yield from _false_positives(table, resampler)
@@ -113,6 +116,43 @@ def _between_bins(table: EvaluationTable, trends: Trends, resampler: Resampler) 
                 {"from": a.n, "to": b.n},
                 say,
             )
+
+
+def _between_values(table: EvaluationTable, resampler: Resampler) -> Iterator[Comparison]:
+    """Each value (or range) of each varied parameter against all the others; characters are compared apart."""
+    pacc = table.numbers("pacc")
+    for path in table.parameters:
+        levels = () if path.rpartition(".")[2] == "character" else levels_of(table, path)
+        if len(levels) < 2:
+            continue
+        name, anywhere = path.removeprefix("scene."), np.any([level.rows for level in levels], axis=0)
+        # Of two values, the second against the first says it all.
+        for level in levels[1:] if len(levels) == 2 else levels:
+            rest = f"where it is {levels[0].text}" if len(levels) == 2 else "elsewhere"
+            for function, sensor in settings(table):
+                rows = rows_of(table, Group(function, sensor, ALL)) & anywhere
+                difference = _unpaired(pacc, rows & level.rows, rows & ~level.rows, resampler)
+                if difference is None:
+                    continue
+                ends = (function + _behind(table, sensor), f"where {name} is {level.text}", rest, difference.counted)
+
+                def say(positive: bool, size: str, interval: str, ends: tuple[str, str, str, str] = ends) -> str:
+                    who, where, rest, counted = ends
+                    more = "higher" if positive else "lower"
+                    return f"{who}: pACC is {more} by {size} {where} than {rest}, on average ({interval}; {counted})."
+
+                yield Comparison(
+                    FindingKind.VALUES,
+                    function,
+                    "",
+                    sensor,
+                    path,
+                    difference.estimate,
+                    difference.replicates,
+                    difference.situations,
+                    difference.n,
+                    say,
+                )
 
 
 def _between_characters(table: EvaluationTable, resampler: Resampler) -> Iterator[Comparison]:

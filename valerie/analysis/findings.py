@@ -31,7 +31,7 @@ class Finding:
         kind: which comparison.
         sentence: for people; holds the effect, its interval and every n.
         function, sensor: who looked (of two functions, the one with the higher pACC).
-        column: the x column of a comparison between bins, else empty.
+        column: the x column of a comparison between bins, the path of one between values, else empty.
         effect: a difference of pACC (0…1 scale), or by how much the share of false person pixels passes one half.
         interval: simultaneous 95 % interval of ``effect``; never holds 0.
         evidence: effect / standard error, without sign; findings are sorted by it.
@@ -56,7 +56,7 @@ class Findings:
     """What a run shows at first sight.
 
     Attributes:
-        items: strongest evidence first; of several changes along one axis only the clearest.
+        items: strongest evidence first; of several changes along one axis or parameter only the clearest.
         examined: number of comparisons made.
         held: number whose interval leaves out "no effect".
         level: joint confidence of all intervals.
@@ -82,7 +82,7 @@ class Findings:
 
 
 def find_findings(table: EvaluationTable, trends: Trends, *, resampler: Resampler) -> Findings:
-    """Compare bins, characters, functions and false positives; say what holds.
+    """Compare bins, values of every varied parameter, characters, functions and false positives; say what holds.
 
     Args:
         table: the run's evaluations.
@@ -123,12 +123,12 @@ def _finding(comparison: Comparison, half: float, error: float) -> Finding:
 
 
 def _clearest(found: list[Finding]) -> tuple[Finding, ...]:
-    """All but those that repeat a clearer change along the same axis."""
+    """All but those that repeat a clearer change along the same axis or parameter."""
     kept: list[Finding] = []
     said: set[tuple[str, str, str]] = set()
     for finding in found:
         axis = (finding.function, finding.sensor, finding.column)
-        if finding.kind is FindingKind.BINS:
+        if finding.kind in (FindingKind.BINS, FindingKind.VALUES):
             if axis in said:
                 continue
             said.add(axis)

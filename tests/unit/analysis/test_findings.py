@@ -36,6 +36,42 @@ def test_a_function_without_a_drop_gets_no_sentence_about_distance(dropping_tabl
     assert not [f for f in found if f.function == "b-net"]
 
 
+def sun_law(rows, path, values, drop):
+    """The same rows under several values of one more parameter; pACC drops under the last."""
+    made = []
+    for number, value in enumerate(values):
+        for row in rows:
+            pacc = max(0.0, row["pacc"] - (drop if value == values[-1] else 0.0))
+            tp = round(pacc * row["pixel_area"])
+            index = number * 10_000 + row["variant_index"]
+            made.append(
+                {**row, path: value, "variant_index": index, "frame_id": f"{index}-{row['camera']}",
+                 "tp": tp, "fn": row["pixel_area"] - tp, "pacc": tp / row["pixel_area"]}
+            )  # fmt: skip
+    return made
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "values", "words"),
+    [
+        ("ANGLE", "scene.sun-1.azimuth", (40.0, 180.0, 300.0), "where sun-1.azimuth is 300° than elsewhere"),
+        ("BOOL", "scene.car-3.visible", (False, True), "where car-3.visible is true than where it is false"),
+        ("CATEGORICAL", "scene.car-3.colour", ("red", "tan"), "where car-3.colour is tan than where it is red"),
+        ("FLOAT", "sensor.exposure_ev", (0.0, -1.0, -3.0), "where sensor.exposure_ev is -3 than elsewhere"),
+    ],
+)
+def test_every_varied_parameter_is_looked_at(synthetic, parameters, of, kind, path, values, words):
+    rows = synthetic(lambda *law: 0.9 + 0.02 * law[-1], functions=("net",), xs=GRID["xs"][::3], ys=GRID["ys"][::2])
+    rows = [row for row in rows if row["pacc"] is not None]
+    table = EvaluationTable.from_rows(sun_law(rows, path, values, 0.3), {**parameters, path: kind})
+    (found,) = [f for f in of(analyze(table, resamples=500), FindingKind.VALUES) if f.column == path]
+
+    assert found.effect == pytest.approx(-0.3, abs=0.02)
+    assert found.interval.low < -0.3 < found.interval.high < 0
+    assert words in found.sentence
+    assert "pACC is lower by" in found.sentence
+
+
 def test_characters_are_compared_within_the_same_situations(dropping_table, of):
     (found,) = of(analyze(dropping_table), FindingKind.CHARACTERS)
 
