@@ -21,7 +21,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 
 #: Kinds that are drawn from the ground truth alone, and from the picture alone (a prediction apart).
 _OF_TRUTH = ("truth", "instances", "depth")
-_OF_IMAGE = ("picture", "overlay", "boxes")
+_OF_IMAGE = ("picture", "overlay", "boxes", "joints")
 
 
 @dataclass(frozen=True, slots=True)

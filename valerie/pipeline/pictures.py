@@ -11,7 +11,7 @@ from PIL import Image
 
 from valerie.errors import UnknownName
 from valerie.labels import PERSON, VOID, colorize, to_label_ids, to_train_ids
-from valerie.pipeline.annotation_pictures import paint_boxes, paint_flow, paint_normals
+from valerie.pipeline.annotation_pictures import paint_boxes, paint_flow, paint_joints, paint_normals
 from valerie.pipeline.capture import Capture
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -72,9 +72,12 @@ class FramePainter:
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
-        if kind == AnnotationKind.BOXES and annotation is not None:
+        if kind in (AnnotationKind.BOXES, AnnotationKind.JOINTS) and annotation is not None:
             height, width = picture.shape[:2]
-            lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
+            if kind == AnnotationKind.BOXES:
+                lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
+            else:
+                lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
             return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
         if kind == "truth-overlay":
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)

@@ -206,7 +206,7 @@ class RunSpec(Document):
         cameras: names of the asset's cameras; None takes all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
-        annotations: truth of every frame beyond labels and depth: normals, boxes, light, flow, velocity.
+        annotations: truth of every frame beyond labels and depth: normals, boxes, joints, light, flow, velocity.
         sensors: one picture of each frame for each of them.
         functions: names of the perception functions under test; none: frames and truth alone.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.

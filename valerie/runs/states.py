@@ -70,6 +70,7 @@ class ProductKind(StrEnum):
     #: Annotations (`valerie.rendering.annotations.kinds`), each under its own word.
     NORMALS = AnnotationKind.NORMALS.value
     BOXES = AnnotationKind.BOXES.value
+    JOINTS = AnnotationKind.JOINTS.value
     LIGHT = AnnotationKind.LIGHT.value
     FLOW = AnnotationKind.FLOW.value
     VELOCITY = AnnotationKind.VELOCITY.value

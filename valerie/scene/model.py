@@ -124,6 +124,15 @@ POSES: Final = ("walking", "standing", "phone", "waving")
 CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
 
 
+#: The joints of a figure, left and right being its own. ``head`` is where the skull sits on the neck, ``toes`` the ball of
+#: the foot.
+JOINTS: Final = (
+    "pelvis", "spine", "chest", "neck", "head", "head_top", "left_eye", "right_eye",
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_toes", "right_toes",
+)  # fmt: skip
+
+
 class Figure(Protocol):
     """A body that can hold itself in more than one way; a node's meshes are those of its figure's stance."""
 
@@ -133,6 +142,11 @@ class Figure(Protocol):
     @property
     def meshes(self) -> tuple[Mesh, ...]:
         """Of this stance; the same objects each time, and made when their arrays are first looked at."""
+        ...
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """(len(JOINTS), 3) metres in the frame of ``meshes``: where the joints are in this stance."""
         ...
 
     def taking(self, stance: Stance) -> Figure:

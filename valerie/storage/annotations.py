@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, Final
 
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 from valerie.errors import CorruptArtifact
 from valerie.rendering.annotations.boxes import Boxes
 from valerie.rendering.annotations.flow import FlowMap
+from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
+from valerie.scene.model import JOINTS
 from valerie.storage import frames
 
-Annotation = Normals | Boxes | FlowMap
+Annotation = Normals | Boxes | FlowMap | Joints
 
 #: Array of boxes to its type and what follows the number of instances in its shape.
 _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
@@ -30,6 +33,15 @@ _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "projected_boxes": (np.float32, (4,)),
     "corners": (np.float32, (8, 3)),
     "projected_corners": (np.float32, (8, 2)),
+}
+#: The same of joints.
+_JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
+    "instances": (np.int64, ()),
+    "known": (np.uint8, ()),
+    "places": (np.float32, (len(JOINTS), 3)),
+    "camera_places": (np.float32, (len(JOINTS), 3)),
+    "pixels": (np.float32, (len(JOINTS), 2)),
+    "visibility": (np.uint8, (len(JOINTS),)),
 }
 
 
@@ -71,12 +83,28 @@ def decode_boxes(data: bytes, *, key: str = "") -> Boxes:
     Raises:
         CorruptArtifact: not whole, consistent boxes.
     """
-    arrays, _ = frames.unpack(AnnotationKind.BOXES.value, data, key=key)
+    return Boxes(**_rows(AnnotationKind.BOXES, _BOXES, data, key))
+
+
+def decode_joints(data: bytes, *, key: str = "") -> Joints:
+    """The inverse of `encode_annotation`.
+
+    Raises:
+        CorruptArtifact: not whole, consistent joints.
+    """
+    return Joints(**_rows(AnnotationKind.JOINTS, _JOINTS, data, key))
+
+
+def _rows(
+    kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes, key: str
+) -> dict[str, NDArray[Any]]:
+    """Arrays of one row per instance, each of its type and shape."""
+    arrays, _ = frames.unpack(kind.value, data, key=key)
     count = len(arrays.get("instances", ()))
     checked: dict[str, NDArray[Any]] = {}
-    for name, (dtype, rest) in _BOXES.items():
+    for name, (dtype, rest) in shapes.items():
         array = arrays.get(name)
         if array is None or array.dtype != dtype or array.shape != (count, *rest):
             raise CorruptArtifact(f"{key or 'artifact'}: {name} is not {(count, *rest)} {np.dtype(dtype)}")
         checked[name] = array
-    return Boxes(**checked)
+    return checked

@@ -3,9 +3,9 @@ import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
 import { count, fixed, percent, short, value, words } from "./format.js";
 
-const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", flow: "Flow", velocity: "Velocity" };
+const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
-const OPTIONAL = new Set(["normals", "boxes", "flow", "velocity"]); // there only if the run asked for them
+const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // there only if the run asked for them
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // covers the picture
 const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
 

@@ -177,7 +177,9 @@ def image(
     summary="The stored object of a product",
 )
 def artifact(
-    kind: Literal["background", "layer", "statics", "truth", "normals", "boxes", "flow", "velocity", "prediction"],
+    kind: Literal[
+        "background", "layer", "statics", "truth", "normals", "boxes", "joints", "flow", "velocity", "prediction"
+    ],
     digest: Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs")],
     context: ContextDependency,
     conditions: ConditionsDependency,

@@ -20,8 +20,8 @@ from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_table
 from valerie.runs.spec import parse
 
-FRAMES = 24
-ASKED = spec(xs=4, ys=3, annotations=["normals", "boxes"])
+FRAMES = 8
+ASKED = spec(xs=2, ys=2, annotations=["normals", "boxes"])
 ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
 
 
@@ -35,7 +35,7 @@ def test_a_run_that_asks_gets_one_product_per_frame_and_kind(pipeline: Pipeline)
 
 
 def test_asking_afterwards_makes_the_annotations_and_nothing_else(pipeline: Pipeline) -> None:
-    pipeline.run(pipeline.submit(spec(xs=4, ys=3)))
+    pipeline.run(pipeline.submit(spec(xs=2, ys=2)))
     assert pipeline.made() == ALL
     before = plan_run(pipeline.context, parse(ASKED))
     assert (before.renders, before.inferences) == (2 * FRAMES, 0)
@@ -74,6 +74,17 @@ def test_they_are_read_back_and_shown(pipeline: Pipeline) -> None:
     assert 0 < (drawn != picture).any(axis=2).sum() < picture[..., 0].size
 
 
+def test_joints_are_made_also_where_nobody_has_a_skeleton(pipeline: Pipeline) -> None:
+    run = pipeline.submit(spec(xs=2, ys=2, annotations=["joints"]))
+    assert pipeline.run(run) == "completed"
+    with reading(pipeline.context.engine) as connection:
+        link = results.frame_annotations(connection, run, 0, 0)["joints"]
+    assert ProductReader(pipeline.context.store).joints(link.product).known.tolist() == [0]
+    drawn = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="joints"))
+    picture = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="picture"))
+    assert np.array_equal(drawn, picture)
+
+
 def test_a_run_that_did_not_ask_has_no_such_picture(pipeline: Pipeline) -> None:
     run = pipeline.submit()
     pipeline.run(run)
@@ -108,7 +119,7 @@ def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: 
 
 
 class TestLight:
-    LIT = spec(xs=4, ys=3, annotations=["light"])
+    LIT = spec(xs=2, ys=2, annotations=["light"])
 
     def test_its_columns_come_with_the_run_that_asks(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(self.LIT)

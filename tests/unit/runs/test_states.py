@@ -14,6 +14,7 @@ def test_every_product_has_the_stage_that_makes_it() -> None:
         "truth": Stage.RENDER,
         "normals": Stage.RENDER,
         "boxes": Stage.RENDER,
+        "joints": Stage.RENDER,
         "light": Stage.RENDER,
         "flow": Stage.RENDER,
         "velocity": Stage.RENDER,

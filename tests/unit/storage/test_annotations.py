@@ -8,11 +8,12 @@ import pytest
 from valerie.errors import CorruptArtifact
 from valerie.rendering.annotations.boxes import Boxes, measure_boxes
 from valerie.rendering.annotations.flow import FlowMap
+from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, View
 from valerie.storage import frames
-from valerie.storage.annotations import decode_boxes, decode_flow, decode_normals, encode_annotation
+from valerie.storage.annotations import decode_boxes, decode_flow, decode_joints, decode_normals, encode_annotation
 from valerie.testing.assets import simple_asset
 
 
@@ -34,6 +35,16 @@ def test_boxes_come_back_as_they_were() -> None:
     assert len(back.instances) == 2
     for one in fields(boxes):
         assert getattr(back, one.name).tobytes() == getattr(boxes, one.name).tobytes()
+
+
+def test_joints_come_back_as_they_were() -> None:
+    view = View("camera-1", 16, 9)
+    truth = GroundTruth(np.zeros((9, 16), np.uint8), np.zeros((9, 16), np.uint16), np.ones((9, 16), np.float32), ())
+    joints = measure_joints(simple_asset().base, view, truth)
+    back = decode_joints(encode_annotation(AnnotationKind.JOINTS, joints))
+    assert len(back.instances) == 1
+    for one in fields(joints):
+        assert getattr(back, one.name).tobytes() == getattr(joints, one.name).tobytes()
 
 
 def test_boxes_of_different_lengths_are_refused() -> None:

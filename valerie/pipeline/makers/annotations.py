@@ -8,6 +8,8 @@ from typing import Any
 
 from valerie.db.products import Job
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.rendering.annotations.boxes import measure_boxes
+from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import View
 from valerie.rendering.person_light import LightPass, measure_light
@@ -49,9 +51,8 @@ def annotate(
     elif kind is AnnotationKind.VELOCITY:
         annotation = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, reader.truth(truth), VELOCITY_SPAN_S)
     else:
-        from valerie.rendering.annotations.boxes import measure_boxes
-
-        annotation = measure_boxes(scene, view, reader.truth(truth))
+        measure = measure_joints if kind is AnnotationKind.JOINTS else measure_boxes
+        annotation = measure(scene, view, reader.truth(truth))
     return encode_annotation(kind, annotation)
 
 

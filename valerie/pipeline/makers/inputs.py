@@ -14,11 +14,12 @@ from valerie.errors import CorruptArtifact, NotFound
 from valerie.pipeline.stages import MissingInput
 from valerie.rendering.annotations.boxes import Boxes
 from valerie.rendering.annotations.flow import FlowMap
+from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.storage import codecs
-from valerie.storage.annotations import decode_boxes, decode_flow, decode_normals
+from valerie.storage.annotations import decode_boxes, decode_flow, decode_joints, decode_normals
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -67,6 +68,10 @@ class ProductReader:
     def boxes(self, digest: str) -> Boxes:
         """Boxes of a frame's instances."""
         return self._read("boxes", digest, decode_boxes)
+
+    def joints(self, digest: str) -> Joints:
+        """Joints of a frame's persons."""
+        return self._read("joints", digest, decode_joints)
 
     def prediction(self, digest: str) -> NDArray[np.uint8]:
         """(H, W) uint8 train ids."""

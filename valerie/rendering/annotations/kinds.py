@@ -12,6 +12,8 @@ class AnnotationKind(StrEnum):
     NORMALS = "normals"
     #: Place, size and heading of every instance in the world and before the camera, and its rectangles in the image.
     BOXES = "boxes"
+    #: Of every person with a skeleton the joints in the world, before the camera and in the image, and what is seen of them.
+    JOINTS = "joints"
     #: Of every person the light that arrives on the body, its share in shadow and its contrast: columns, no arrays.
     LIGHT = "light"
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from valerie.errors import UnknownName
-from valerie.scene.model import CARRIED, POSES, Mesh, Stance
+from valerie.scene.model import CARRIED, JOINTS, POSES, Mesh, Stance
 from valerie.scene.procedural.human import data, figure, stances, surface
 from valerie.scene.procedural.human.catalogue import LOOKS
 from valerie.scene.procedural.human.figure import Model, StanceKey
@@ -192,3 +192,29 @@ def test_everybody_can_carry_everything(name: str, carries: str) -> None:
         assert np.isfinite(mesh.positions).all()
         assert mesh.positions[:, 2].min() > -0.005, mesh.material
         np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-4)
+
+
+def joint_places(name: str, stance: Stance) -> dict[str, NDArray[np.float64]]:
+    return dict(zip(JOINTS, figure(name).taking(stance).joints, strict=True))
+
+
+@pytest.mark.parametrize("stance", [*(Stance("walking", phase) for phase in (0.2, 0.5, 0.8)), *map(Stance, POSES)])
+def test_joints_keep_the_lengths_of_the_limbs_in_every_stance(stance: Stance) -> None:
+    first, here = joint_places("yellow-shirt", Stance()), joint_places("yellow-shirt", stance)
+    for side in ("left", "right"):
+        for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):
+            ends = f"{side}_{a}", f"{side}_{b}"
+            lengths = [float(np.linalg.norm(places[ends[0]] - places[ends[1]])) for places in (first, here)]
+            assert lengths[1] == pytest.approx(lengths[0], abs=1e-9)
+    assert here["left_hip"][0] < here["right_hip"][0]
+
+
+def test_joints_lie_within_what_is_drawn() -> None:
+    walker = figure("yellow-shirt")
+    points = np.concatenate([mesh.positions for mesh in walker.meshes])
+    joints = walker.joints
+    assert (joints >= points.min(axis=0)).all()
+    assert (joints <= points.max(axis=0)).all()
+    places = dict(zip(JOINTS, joints, strict=True))
+    assert points[:, 2].max() - places["head_top"][2] < 0.1
+    assert max(places["left_toes"][2], places["right_toes"][2]) < 0.12

@@ -113,6 +113,11 @@ class Figure:
         rename = self._rename or (lambda name: name)
         return tuple(DeferredMesh(partial(model.mesh, key, part), rename(name)) for part, name in full.items())
 
+    @cached_property
+    def joints(self) -> NDArray[np.float64]:
+        """See `valerie.scene.model.Figure`."""
+        return self._model.joints(self._key)
+
     def taking(self, stance: Stance) -> Figure:
         """The figure in another stance; the same object each time for stances that look alike."""
         if stance.pose not in POSES:
@@ -239,14 +244,23 @@ class Model:
         posed = self._first[1] if first else self.posed(key)
         full = self._first[0] if first else self._full_shapes(posed)
         shapes = self._slimmed(full)
-        soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
-        middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
-        ground = np.concatenate(soles)[:, 2].min()
-        origin = np.array([middle[0], middle[1], ground])
+        origin = self._origin(posed)
+        ground = origin[2]
         worn = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
         for part, thing in carried.build(key.carries, key.pose, self.body, posed, worn, float(ground)).items():
             shapes[part] = Shape(*thing)
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
+
+    def _origin(self, posed: pose.Posed) -> Points:
+        """(3,) in the body's frame: on the ground, between the soles."""
+        soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
+        middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
+        return np.array([middle[0], middle[1], np.concatenate(soles)[:, 2].min()])
+
+    def joints(self, key: StanceKey) -> Points:
+        """(len(JOINTS), 3) where the joints are in a stance, in the frame of its meshes."""
+        posed = self.posed(key)
+        return pose.joints(self.body, posed) - self._origin(posed)
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Points]:
         """See `Figure.seated`."""

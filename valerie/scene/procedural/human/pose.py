@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from valerie.errors import InvalidInput
+from valerie.scene.model import JOINTS
 from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.body import Body
 from valerie.scene.procedural.human.surface import Points, normalize
@@ -26,6 +27,12 @@ _HIP: Final = {0: 28, 10: 24, 20: 15, 30: 6, 40: -4, 50: -11, 60: -5, 70: 12, 80
 _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 47, 90: 17, 96: 4}
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
 _TOES: Final = {0: 8, 8: 0, 30: 0, 45: 8, 55: 26, 62: 20, 70: 5, 85: 8}
+
+#: Joint to the bone that begins at it; of a limb without its side.
+_BONES: Final = {
+    "pelvis": "pelvis", "spine": "spine_02", "chest": "spine_03", "neck": "neck_01", "head": "head", "shoulder": "upperarm",
+    "elbow": "lowerarm", "wrist": "hand", "hip": "thigh", "knee": "calf", "ankle": "foot", "toes": "ball",
+}  # fmt: skip
 
 #: Feet whose soles differ by more than this in height (metres) are not both on the ground.
 _DOUBLE_SUPPORT: Final = 0.08
@@ -73,6 +80,29 @@ class Posed:
         blended = np.einsum("vb,bij->vij", weights, self.transforms[:, :3, :], optimize=True)
         moved: Points = np.einsum("vij,vj->vi", blended[:, :, :3], points) + blended[:, :, 3]
         return moved
+
+
+def joints(body: Body, posed: Posed) -> Points:
+    """(len(JOINTS), 3) the joints of a posed body in its frame."""
+    bones = data.rig().bones
+    found = []
+    for name in JOINTS:
+        bone, place = _joint(body, name)
+        transform = posed.transforms[bones.index(bone)]
+        found.append(transform[:3, :3] @ place + transform[:3, 3])
+    return np.array(found)
+
+
+def _joint(body: Body, name: str) -> tuple[str, Points]:
+    """The bone that carries a joint, and where the joint is in the rest pose."""
+    if name == "head_top":
+        return "head", body.tail("head")
+    side, _, part = name.rpartition("_")
+    if part == "eye":
+        group = data.base_mesh().groups[f"helper-{side[0]}-eye"]
+        return "head", body.vertices[np.unique(group.quads)].mean(axis=0)
+    bone = _BONES[part] + (f"_{side[0]}" if side else "")
+    return bone, body.head(bone)
 
 
 def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:

@@ -1,0 +1,137 @@
+"""Joints of persons against scenes with a known answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from valerie.rendering.annotations.joints import (
+    HIDDEN,
+    LIMBS,
+    OUTSIDE,
+    SELF_HIDDEN,
+    VISIBLE,
+    Joints,
+    measure_joints,
+)
+from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.ground_truth import TruthPass
+from valerie.scene.model import JOINTS, Material, Scene
+from valerie.scene.procedural.human.figure import figure
+from valerie.scene.transforms import camera_transform, place
+from valerie.testing.assets import simple_asset
+
+VIEW = View("camera-1", 320, 180)
+PERSON, CAR = 24001, 26001
+
+
+def with_joints(places: NDArray[np.float64], *, x: float = 0.0, y: float = 10.0, heading: float = 0.0) -> Scene:
+    """The scene of boxes whose person has a skeleton; its camera stands at (0, 0, 1) and looks along +y."""
+    base = simple_asset().base
+    nodes = dict(base.nodes)
+    nodes["scene.person-1"] = replace(nodes["scene.person-1"], transform=place(x, y, 0.0, heading))
+    body = nodes["scene.person-1.red-coat"]
+    figure_: Any = SimpleNamespace(joints=places)
+    nodes[body.path] = replace(body, figure=figure_)
+    camera = replace(base.cameras["camera-1"], transform=camera_transform((0.0, 0.0, 1.0), 0.0, 0.0, 0.0))
+    return replace(base, nodes=nodes, cameras={"camera-1": camera})
+
+
+def at(point: tuple[float, float, float]) -> NDArray[np.float64]:
+    return np.tile(np.array(point), (len(JOINTS), 1))
+
+
+def truth_of(instance: int, depth: float) -> GroundTruth:
+    shape = (VIEW.height, VIEW.width)
+    return GroundTruth(
+        np.full(shape, 7, np.uint8), np.full(shape, instance, np.uint16), np.full(shape, depth, np.float32), ()
+    )
+
+
+def one(scene: Scene, truth: GroundTruth) -> Joints:
+    joints = measure_joints(scene, VIEW, truth)
+    assert joints.instances.tolist() == [PERSON]
+    return joints
+
+
+def test_places_follow_the_person_and_the_pin_hole_formula() -> None:
+    # 0.3 m to the person's right and 1.4 m up; it faces the camera from 10 m away, so its right is on the left.
+    joints = one(with_joints(at((0.3, 0.0, 1.4)), heading=180.0), truth_of(PERSON, 9.9))
+    np.testing.assert_allclose(joints.places[0, 0], (-0.3, 10.0, 1.4), atol=1e-6)
+    np.testing.assert_allclose(joints.camera_places[0, 0], (-0.3, 0.4, -10.0), atol=1e-6)
+    focal = simple_asset().base.cameras["camera-1"].focal_length_mm / 36.0 * VIEW.width
+    np.testing.assert_allclose(joints.pixels[0, 0], (160 - focal * 0.03, 90 - focal * 0.04), rtol=1e-5)
+    assert joints.known.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("instance", "depth", "expected"),
+    [
+        (PERSON, 9.9, VISIBLE),  # its own skin, 10 cm before the joint
+        (PERSON, 9.7, SELF_HIDDEN),  # its own trunk
+        (CAR, 6.0, HIDDEN),
+        (0, 9.95, HIDDEN),
+        (0, 30.0, VISIBLE),  # nothing is before it, though the mask has a gap there
+    ],
+)
+def test_what_is_before_a_joint_decides_whether_it_is_seen(instance: int, depth: float, expected: int) -> None:
+    joints = one(with_joints(at((0.0, 0.0, 1.0))), truth_of(instance, depth))
+    assert (joints.visibility == expected).all()
+
+
+@pytest.mark.parametrize("x", [-8.0, 8.0])
+def test_beyond_the_border_a_joint_has_a_place_and_is_not_seen(x: float) -> None:
+    joints = one(with_joints(at((0.0, 0.0, 1.0)), x=x), truth_of(PERSON, 9.9))
+    assert (joints.visibility == OUTSIDE).all()
+    assert (joints.pixels[0, 0, 0] < 0) == (x < 0)
+
+
+def test_behind_the_camera_a_joint_is_projected_nowhere() -> None:
+    joints = one(with_joints(at((0.0, 0.0, 1.0)), y=-3.0), truth_of(PERSON, 9.9))
+    assert (joints.visibility == OUTSIDE).all()
+    assert np.isnan(joints.pixels).all()
+    assert joints.camera_places[0, 0, 2] == pytest.approx(3.0)
+
+
+def test_a_person_without_a_skeleton_is_said_and_not_guessed() -> None:
+    joints = one(simple_asset().base, truth_of(PERSON, 9.9))
+    assert joints.known.tolist() == [0]
+    assert np.isnan(joints.places).all()
+    assert (joints.visibility == OUTSIDE).all()
+
+
+def test_limbs_join_every_joint_but_the_eyes() -> None:
+    joined = {joint for limb in LIMBS for joint in limb}
+    assert {JOINTS[i] for i in set(range(len(JOINTS))) - joined} == {"left_eye", "right_eye"}
+
+
+@pytest.mark.gl
+def test_a_generated_person_shows_its_joints_where_its_body_is(truth_pass: TruthPass) -> None:
+    body = figure("yellow-shirt")
+    scene = with_joints(body.joints, y=6.0, heading=180.0)
+    node = scene.nodes["scene.person-1.red-coat"]
+    scene = replace(
+        scene,
+        nodes={**scene.nodes, node.path: replace(node, figure=body, meshes=body.meshes)},
+        materials={**scene.materials, **{mesh.material: Material(mesh.material) for mesh in body.meshes}},
+    )
+    truth = truth_pass.truth(scene, VIEW)
+    joints = one(scene, truth)
+    mask = truth.instance_map == PERSON
+    x, y = joints.pixels[0].astype(int).T
+    on_the_body = {name for name, inside in zip(JOINTS, mask[y, x], strict=True) if inside}
+    assert set(JOINTS) - on_the_body <= {"head_top"}
+    # Nothing stands before it: what is not visible is hidden by the body itself, and face and shoulders are seen.
+    flags = dict(zip(JOINTS, joints.visibility[0].tolist(), strict=True))
+    assert set(flags.values()) <= {VISIBLE, SELF_HIDDEN}
+    assert {flags[name] for name in ("left_eye", "right_eye", "left_shoulder", "right_shoulder", "right_knee")} == {
+        VISIBLE
+    }
+    # Seen from the front, its left is on the right.
+    pixels = dict(zip(JOINTS, joints.pixels[0].tolist(), strict=True))
+    assert pixels["left_shoulder"][0] > pixels["right_shoulder"][0]

@@ -1,0 +1,128 @@
+"""Joints of persons: in the world, before the camera and in the image. Pure numpy, from the scene and its ground truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import PERSON
+from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.raster.camera_math import project, view_from_world
+from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
+from valerie.scene.model import JOINTS, Camera, Scene, freeze
+
+#: What is said of a joint: it lies outside of the image or behind the camera; something else is before it; the person's own body
+#: is before it; it is visible.
+OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE = 0, 1, 2, 3
+#: A joint lies within the body. It counts as visible if the person's surface at its pixel is at most this far before it, metres:
+#: more than flesh and clothes around a shoulder, a hip or a head, less than a trunk.
+DEPTH_WITHIN_M: Final = 0.2
+
+#: Pairs of joints that a limb joins, for drawings.
+LIMBS: Final = tuple(
+    (JOINTS.index(a), JOINTS.index(b))
+    for a, b in (
+        ("pelvis", "spine"), ("spine", "chest"), ("chest", "neck"), ("neck", "head"), ("head", "head_top"),
+        *(
+            (f"{side}_{a}" if a not in ("neck", "pelvis") else a, f"{side}_{b}")
+            for side in ("left", "right")
+            for a, b in (
+                ("neck", "shoulder"), ("shoulder", "elbow"), ("elbow", "wrist"),
+                ("pelvis", "hip"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toes"),
+            )
+        ),
+    )
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joints:
+    """The joints of every person who is drawn, by ascending instance id; of J = ``len(JOINTS)`` in the order of `JOINTS`.
+
+    Attributes:
+        instances: (N,) int64, label id × 1000 + n.
+        known: (N,) uint8, 1 where the person has a skeleton; 0 for one whose shape came without: nothing is guessed, the other
+            arrays hold NaN and `OUTSIDE`.
+        places: (N, J, 3) float32, metres in the world.
+        camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, −z is where it looks).
+        pixels: (N, J, 2) float32, x and y in the image, also beyond its border; NaN behind the camera.
+        visibility: (N, J) uint8: `OUTSIDE`, `HIDDEN`, `SELF_HIDDEN` or `VISIBLE`.
+    """
+
+    instances: NDArray[np.int64]
+    known: NDArray[np.uint8]
+    places: NDArray[np.float32]
+    camera_places: NDArray[np.float32]
+    pixels: NDArray[np.float32]
+    visibility: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            freeze(getattr(self, name))
+
+
+def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
+    """The joints of a scene's persons seen by a camera.
+
+    Args:
+        scene: who stands where, and how.
+        view: which camera looks, and into how many pixels.
+        truth: of this scene and view: what hides what.
+
+    Raises:
+        UnknownName: the scene has no such camera.
+    """
+    camera = camera_of(scene, view)
+    bodies: dict[int, DrawItem | None] = {}
+    for item in (*draw_items(scene, movable=False), *draw_items(scene, movable=True)):
+        if item.node.label_id == PERSON.id and item.node.instance_id:
+            bodies.setdefault(item.node.instance_id, None)
+            if item.node.figure is not None:
+                bodies[item.node.instance_id] = item
+    numbers = sorted(bodies)
+    places = np.full((len(numbers), len(JOINTS), 3), np.nan)
+    for i, number in enumerate(numbers):
+        body = bodies[number]
+        if body is not None and body.node.figure is not None:
+            places[i] = body.node.figure.joints @ body.world[:3, :3].T + body.world[:3, 3]
+    to_camera = view_from_world(camera)
+    pixels, depths = _pixels(places, camera, view)
+    return Joints(
+        instances=np.array(numbers, np.int64),
+        known=np.isfinite(places).all(axis=(1, 2)).astype(np.uint8),
+        places=places.astype(np.float32),
+        camera_places=(places @ to_camera[:3, :3].T + to_camera[:3, 3]).astype(np.float32),
+        pixels=pixels.astype(np.float32),
+        visibility=np.array(
+            [
+                [_visibility(number, tuple(place), depth, truth) for place, depth in zip(row, along, strict=True)]
+                for number, row, along in zip(numbers, pixels.tolist(), depths.tolist(), strict=True)
+            ],
+            np.uint8,
+        ).reshape(len(numbers), len(JOINTS)),
+    )
+
+
+def _pixels(places: NDArray[np.float64], camera: Camera, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, J, 2) pixels, NaN behind the camera, and (N, J) depths along the optical axis."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = project(places.reshape(-1, 3), camera, view.width, view.height)
+    found[~(found[:, 2] >= camera.near), :2] = np.nan
+    shape = places.shape[:2]
+    return found[:, :2].reshape(*shape, 2), found[:, 2].reshape(shape)
+
+
+def _visibility(number: int, place: tuple[float, float], depth: float, truth: GroundTruth) -> int:
+    height, width = truth.class_map.shape
+    x, y = place
+    if not (math.isfinite(x) and 0 <= x < width and 0 <= y < height):
+        return OUTSIDE
+    pixel = int(y), int(x)
+    surface = float(truth.depth[pixel])
+    if truth.instance_map[pixel] == number:
+        return VISIBLE if surface >= depth - DEPTH_WITHIN_M else SELF_HIDDEN
+    return HIDDEN if surface < depth else VISIBLE
