@@ -107,6 +107,16 @@ CONDITIONS: Final = (
         },
         sensor={"exposure_ev": 1.0},
     ),
+    Condition(
+        "night, street and car lamps",
+        {"sun-1.elevation": -12.0, "car-101.kind": "sedan", "car-101.pos.x": 1.6, "car-101.pos.y": 30.0},
+        {
+            "person-1": person("yellow-shirt", 3.2, 8.0, 180.0),
+            "person-2": person("black-outfit", 1.4, 13.0, 250.0),
+            "person-3": person("blue-dress", 6.9, 6.0, 180.0),
+        },
+        sensor={"auto_exposure": True},
+    ),
 )
 
 
