@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.datasets.frame import LabelledFrame
-from valerie.labels import BY_ID, TRAIN_LABELS, VOID
+from valerie.labels import BY_ID, PERSON, TRAIN_LABELS, VOID
 
 #: The 19 evaluated classes; ``isthing`` where single objects are told apart.
 CATEGORIES: Final = tuple(
@@ -83,15 +83,28 @@ def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
 
 
 def assemble(
-    images: Sequence[Mapping[str, Any]], annotations: Sequence[Mapping[str, Any]], description: str
+    images: Sequence[Mapping[str, Any]],
+    annotations: Sequence[Mapping[str, Any]],
+    description: str,
+    *,
+    key_points: Sequence[str] = (),
+    limbs: Sequence[tuple[int, int]] = (),
 ) -> dict[str, Any]:
-    """A whole COCO document of images and annotations that have their ids."""
+    """A whole COCO document of images and annotations that have their ids.
+
+    ``key_points`` and ``limbs`` (pairs of their places, from 0) describe persons' key points, where an annotation has any.
+    """
+    pointed = any("keypoints" in annotation for annotation in annotations)
+    named = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
     return {
         "info": {"description": description},
         "licenses": [],
         "images": list(images),
         "annotations": list(annotations),
-        "categories": list(CATEGORIES),
+        "categories": [
+            {**category, **named} if pointed and category["name"] == PERSON.name else category
+            for category in CATEGORIES
+        ],
     }
 
 

@@ -31,6 +31,7 @@ from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailab
 from valerie.parameters.assignment import digest
 from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
+from valerie.pipeline.dataset_annotations import key_points, read_annotations, write_annotations
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.makers.resolved import RunCache, StoredRun
@@ -44,8 +45,12 @@ from valerie.pipeline.selection import (
     sensor_index,
 )
 from valerie.pipeline.tables import read_table
+from valerie.rendering.annotations.joints import LIMBS, Joints
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.conditions import with_sun_angles
+from valerie.scene.model import JOINTS
 from valerie.scene.variation import apply
+from valerie.storage.annotations import Annotation
 
 Format = Literal["cityscapes", "coco", "parquet"]
 FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "parquet")
@@ -238,7 +243,11 @@ class _Export:
         if capture.distorted:
             seen = capture.seen_truth(self._reader)
             frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
-        made = self._labelled(frame, capture)
+        annotations = {}
+        if self.resolved.spec.annotations:
+            annotations = read_annotations(self.context, self._reader, self.run_id, frame.key, self.name(frame))
+            write_annotations(root, split, self.name(frame), annotations)
+        made = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
         picture = cityscapes.write_picture(root, split, made)
         height, width = made.class_map.shape
         fragment: dict[str, Any] = {"name": str(made.name), "split": split}
@@ -276,7 +285,7 @@ class _Export:
             truth=frame.truth,
         )
 
-    def _labelled(self, frame: ChosenFrame, capture: Capture) -> LabelledFrame:
+    def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Annotation | None) -> LabelledFrame:
         spec = self.resolved.spec
         truth = capture.seen_truth(self._reader)
         camera: dict[str, Any] = {}
@@ -291,6 +300,10 @@ class _Export:
             for row in frame.persons
             if row["instance_id"] is not None
         }
+        # Joints are of the pin-hole camera.
+        if isinstance(joints, Joints) and not capture.distorted:
+            for number, points in key_points(joints).items():
+                persons.setdefault(number, {}).update(points)
         return LabelledFrame(
             name=self.name(frame),
             picture=capture.picture(self._reader),
@@ -345,6 +358,7 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
         "asset_digest": resolved.asset_digest,
         "pins": export.stored.pins,
         "sensor": resolved.spec.sensors[export.sensor].model_dump(mode="json"),
+        "annotations": [kind.value for kind in resolved.spec.annotations if kind.stored],
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
@@ -364,7 +378,7 @@ def _write_coco(folder: Path, split: str, fragments: Iterator[dict[str, Any]], d
         for annotation in fragment["annotations"]:
             instances.append({"id": len(instances) + 1, "image_id": number, **annotation})
     for name, entries in (("instances", instances), ("panoptic", panoptic)):
-        document = coco.assemble(images, entries, description)
+        document = coco.assemble(images, entries, description, key_points=JOINTS, limbs=LIMBS)
         (folder / f"{name}_{split}.json").write_text(json.dumps(document))
 
 

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
+from valerie.datasets import coco
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, RenderingError, UnknownName
 from valerie.pipeline import frames, gc, lifecycle
+from valerie.pipeline.dataset_annotations import key_points
+from valerie.pipeline.datasets import ExportSettings, export_run
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.plan import plan_run
 from valerie.pipeline.replay import replay_frame
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_table
+from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
 from valerie.runs.spec import parse
+from valerie.scene.model import JOINTS
 
 FRAMES = 8
 ASKED = spec(xs=2, ys=2, annotations=["normals", "boxes"])
@@ -83,6 +91,43 @@ def test_joints_are_made_also_where_nobody_has_a_skeleton(pipeline: Pipeline) ->
     drawn = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="joints"))
     picture = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="picture"))
     assert np.array_equal(drawn, picture)
+
+
+def test_an_export_takes_their_arrays_along(pipeline: Pipeline, tmp_path: Path) -> None:
+    run = pipeline.submit(spec(xs=2, ys=2, annotations=["normals", "boxes", "joints", "light"]))
+    pipeline.run(run)
+    export_run(pipeline.context, run, tmp_path / "set", ExportSettings(formats=("coco", "parquet")))
+    files = sorted(path.name for path in (tmp_path / "set/annotations/val/boxes-camera-1").iterdir())
+    assert files[:3] == [f"boxes-camera-1_000000_000000_{kind}.npz" for kind in ("boxes", "joints", "normals")]
+    assert len(files) == 3 * FRAMES // 2
+    with np.load(tmp_path / "set/annotations/val/boxes-camera-1" / files[0]) as stored:
+        assert stored["instances"].tolist() == [24001, 26001]
+    rows = pq.read_table(tmp_path / "set/index.parquet").to_pylist()
+    assert {row["irradiance"] for row in rows if row["pixel_area"]} == {0.5}
+    document = json.loads((tmp_path / "set/coco/instances_val.json").read_text())
+    assert not any("keypoints" in one for one in document["annotations"])  # nobody has a skeleton
+    assert not any("keypoints" in one for one in document["categories"])
+
+
+def test_joints_become_key_points_with_cocos_flags() -> None:
+    count = len(JOINTS)
+    flags = np.zeros((1, count), np.uint8)
+    flags[0, :4] = OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE
+    pixels = np.full((1, count, 2), (12.345, 6.0), np.float32)
+    pixels[0, 0] = np.nan
+    empty = np.zeros((1, count, 3), np.float32)
+    joints = Joints(np.array([24001]), np.array([1], np.uint8), empty, empty, pixels, flags)
+    (person,) = key_points(joints).values()
+    assert [person["keypoints"][2 + 3 * k] for k in range(5)] == [0, 1, 1, 2, 0]
+    assert person["keypoints"][:3] == [0.0, 0.0, 0]
+    assert person["keypoints"][9:12] == pytest.approx([12.345, 6.0, 2], abs=0.0051)
+    assert person["num_keypoints"] == 3
+    document = coco.assemble([], [person], "one", key_points=JOINTS, limbs=LIMBS)
+    (category,) = [one for one in document["categories"] if "keypoints" in one]
+    assert category["name"] == "person"
+    assert len(category["keypoints"]) == count
+    assert min(min(limb) for limb in category["skeleton"]) >= 1
+    assert max(max(limb) for limb in category["skeleton"]) <= count
 
 
 def test_a_run_that_did_not_ask_has_no_such_picture(pipeline: Pipeline) -> None:

@@ -19,7 +19,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, LinearImage
 from valerie.storage import codecs
-from valerie.storage.annotations import decode_boxes, decode_flow, decode_joints, decode_normals
+from valerie.storage.annotations import Annotation, decode_boxes, decode_flow, decode_joints, decode_normals
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
@@ -60,6 +60,17 @@ class ProductReader:
     def velocity(self, digest: str) -> FlowMap:
         """Velocities in a frame."""
         return self._read("velocity", digest, partial(decode_flow, kind=AnnotationKind.VELOCITY))
+
+    def annotation(self, kind: AnnotationKind, digest: str) -> Annotation:
+        """An annotation of any kind that is stored."""
+        readers: dict[AnnotationKind, Callable[[str], Annotation]] = {
+            AnnotationKind.NORMALS: self.normals,
+            AnnotationKind.BOXES: self.boxes,
+            AnnotationKind.JOINTS: self.joints,
+            AnnotationKind.FLOW: self.flow,
+            AnnotationKind.VELOCITY: self.velocity,
+        }
+        return readers[kind](digest)
 
     def normals(self, digest: str) -> Normals:
         """Normals of a frame."""
