@@ -29,6 +29,7 @@ class PlacedFile(BaseModel):
         heading_deg: of the node, as every heading: 0 faces +y.
         turn_deg: turns the model within its node, about its origin; 180 for a model whose front is glTF's +Z.
         scale: of the model within its node; 0.01 for one in centimetres.
+        offset: moves the turned and scaled model within its node, metres: a person's feet belong at the origin.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -39,6 +40,7 @@ class PlacedFile(BaseModel):
     heading_deg: Angle = 0.0
     turn_deg: Angle = 0.0
     scale: float = Field(default=1.0, gt=0.0, le=10_000.0, allow_inf_nan=False)
+    offset: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
 
     @field_validator("file")
     @classmethod
@@ -64,6 +66,7 @@ class PlacedFile(BaseModel):
         """(4, 4) the file's world to the node."""
         matrix = np.eye(4)
         matrix[:3, :3] = rotation(0.0, 0.0, self.turn_deg) * self.scale
+        matrix[:3, 3] = self.offset
         return matrix
 
 

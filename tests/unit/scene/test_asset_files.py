@@ -183,6 +183,7 @@ def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera
         "heading_deg": 90.0,
         "turn_deg": 180.0,
         "scale": 0.5,
+        "offset": [0.0, 0.0, 0.25],
     }
     fixed = {"persons": [], "movable": [], "grounded": [], "obstacles": [], "parameters": []}
     cameras = {"cameras": ["front"], "placed_cameras": [{"name": "front", "position": [0, 1, 2], "yaw_deg": 90.0}]}
@@ -194,7 +195,7 @@ def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera
     assert node.label_id == scene.nodes["scene.static-9"].label_id != simple_asset().base.nodes["scene.car-1"].label_id
     # 180° within the node and 90° of the node are 270°: x goes to −y, y to x.
     x, y, z = (0.5 * simple_asset().base.world_transform("scene.car-1"))[:3, 3]
-    np.testing.assert_allclose(scene.world_transform(node.path)[:3, 3], [3.0 + y, 20.0 - x, 0.5 + z])
+    np.testing.assert_allclose(scene.world_transform(node.path)[:3, 3], [3.0 + y, 20.0 - x, 0.75 + z])
 
 
 def test_one_file_placed_twice_has_materials_of_its_own_each_time(folder: Path) -> None:

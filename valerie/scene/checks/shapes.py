@@ -25,6 +25,10 @@ HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
     "motorcycle": (0.6, 2.6),
     "bicycle": (0.5, 2.6),
 }
+#: Classes that people and cars stand on.
+GROUND_CLASSES: Final = frozenset({"road", "sidewalk", "parking", "terrain", "ground", "rail-track", "bridge"})
+#: How far the top of the ground may be from where persons are put, metres.
+_GROUND_M: Final = 1.0
 #: How far a person's lowest point may be from its origin, metres.
 _FEET_M: Final = 0.15
 #: How far a person's middle may be from its origin over the ground, metres.
@@ -51,6 +55,7 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
     yield from _sizes(scene, boxes)
     yield from _origins(scene, manifest, boxes)
     yield from _extent(manifest, boxes)
+    yield from _ground(scene, manifest, boxes)
 
 
 def object_boxes(scene: Scene) -> dict[str, NDArray[np.float64]]:
@@ -173,3 +178,21 @@ def _extent(manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Ite
             f"scene from ({low[0]:.3g}, {low[1]:.3g}) to ({high[0]:.3g}, {high[1]:.3g}) m",
             f"({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) m",
         )
+
+
+def _ground(scene: Scene, manifest: Manifest, boxes: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+    x0, y0, x1, y1 = manifest.extent
+    lowest = min([0.0, *(region.height for region in manifest.ground)])
+    for owner, (low, high) in boxes.items():
+        if BY_ID[scene.nodes[owner].label_id].node_class not in GROUND_CLASSES:
+            continue
+        below = low[0] <= x1 and high[0] >= x0 and low[1] <= y1 and high[1] >= y0
+        if below and low[2] <= lowest + _GROUND_M and high[2] >= lowest - _GROUND_M:
+            return
+    yield Finding(
+        Severity.WARNING,
+        "no-ground",
+        "extent",
+        f"nothing to stand on: no {', '.join(sorted(GROUND_CLASSES))} lies below it",
+        limit=f"z within {_GROUND_M:g} m of {lowest:g} m",
+    )

@@ -130,6 +130,15 @@ def test_a_scene_in_another_unit_than_its_extent_is_suspected(tmp_path: Path) ->
     assert found.limit == "(3000, 3000) to (4000, 4000) m"
 
 
+def test_a_street_that_lies_elsewhere_leaves_nothing_to_stand_on(tmp_path: Path) -> None:
+    nodes = dict(BASE.nodes)
+    for path in ("scene.road-1", "scene.sidewalk-1"):
+        sunk = nodes[path].transform.copy()
+        sunk[2, 3] -= 86.0
+        nodes[path] = replace(nodes[path], transform=sunk)
+    assert only(asset_findings(written(tmp_path, nodes)), "no-ground").limit == "z within 1 m of 0 m"
+
+
 def test_a_file_without_sun_is_noted(tmp_path: Path) -> None:
     placed = {"file": "simple.glb", "node": "static-1"}
     findings = asset_findings(
