@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
 from valerie import plugins
-from valerie.errors import InferenceError, TransientError
+from valerie.errors import TransientError
 from valerie.testing.blank import BlankFunction
 
 Picture = NDArray[np.uint8]
@@ -82,7 +82,7 @@ def test_a_picture_that_fails_harms_no_other(opened) -> None:  # type: ignore[no
 
     def refuse(picture: Picture) -> Exception | None:
         seen.append(picture.tobytes())
-        return InferenceError("not this one") if seen[-1] == seen[0] else None
+        return ValueError("not this one") if seen[-1] == seen[0] else None
 
     failed = []
     for number, function in enumerate((Batches(refuse), Alone(refuse))):

@@ -85,7 +85,7 @@ class InferMaker:
         if len(pictures) > 1 and isinstance(function, BatchFunction):
             try:
                 predictions = function.predict_many(pictures)
-            except ValerieError:
+            except Exception:  # a plug-in may raise anything, and each picture is to fail for itself
                 predictions = None
         if predictions is None:
             predictions = [function.predict(pictures[0])]
