@@ -92,7 +92,7 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     from rich.text import Text
 
     here = f"{result.root.name}/{result.split}"
-    columns = [(f"{one.card.name}\n{here}", one.scores) for one in result.functions]
+    columns = [(f"{one.name}\n{here}", one.scores) for one in result.functions]
     columns += [(f"{name}\nrun {beside}", scores) for name, scores in also.items()]
 
     persons = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
@@ -124,7 +124,7 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
                 label.name, *(f"{_percent(cell.iou.pooled)} / {_percent(cell.pacc.pooled)}" for cell in cells)
             )
     people = [
-        f"{one.card.name}: {one.person_pacc.defined:,} persons, mean pACC {_percent(one.person_pacc.mean)}"
+        f"{one.name}: {one.person_pacc.defined:,} persons, mean pACC {_percent(one.person_pacc.mean)}"
         for one in result.functions
         if one.person_pacc.defined
     ]

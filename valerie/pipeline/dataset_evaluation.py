@@ -31,6 +31,7 @@ from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.pipeline.context import Context
+from valerie.pipeline.opening import display_name
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import function_index
 from valerie.storage import codecs
@@ -43,6 +44,7 @@ class FunctionResult:
     """One function on all frames.
 
     Attributes:
+        name: what results call it, see `valerie.pipeline.opening.display_name`: two versions of one function differ in it.
         card, numeric_class: of what really ran.
         names: of the frames, in order.
         matrices: (19, 20) per frame.
@@ -51,6 +53,7 @@ class FunctionResult:
         seconds: wall time of reading, predicting and counting.
     """
 
+    name: str
     card: FunctionCard
     numeric_class: str
     names: tuple[str, ...]
@@ -92,7 +95,7 @@ class DatasetResult:
             "has_instances": self.has_instances,
             "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
             "functions": {
-                one.card.name: {
+                one.name: {
                     "card": asdict(one.card),
                     "numeric_class": one.numeric_class,
                     "seconds": round(one.seconds, 3),
@@ -160,12 +163,13 @@ def evaluate_dataset(
         CorruptArtifact: a broken file.
         InferenceError: a function failed or answered another size.
     """
-    if not references or len(set(references)) < len(references):
-        raise InvalidInput("name each function once", field="--function", value=list(references))
+    called = [display_name(reference) for reference in references]
+    if not references or len(set(called)) < len(called):
+        raise InvalidInput("name each function once", field="--function", value=called)
     total, done, started = len(folder) * len(references), 0, time.monotonic()
     made: list[FunctionResult] = []
     seen = hashlib.sha256()
-    for number, reference in enumerate(references):
+    for number, (name, reference) in enumerate(zip(called, references, strict=True)):
         function = open_function(reference)
         began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
@@ -175,17 +179,18 @@ def evaluate_dataset(
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
                         seen.update(part)
-                matrix, rows = _evaluate(function, frame, index, folder)
+                matrix, rows = _evaluate(function, name, frame, index, folder)
                 matrices.append(matrix)
                 persons += rows
                 done += 1
                 rate = done / max(time.monotonic() - started, 1e-9)
-                progress(EvaluationProgress(function.card.name, done, total, rate))
+                progress(EvaluationProgress(name, done, total, rate))
             made.append(
                 FunctionResult(
+                    name=name,
                     card=function.card,
                     numeric_class=function.numeric_class,
-                    names=tuple(str(name) for name in folder.names),
+                    names=tuple(str(one) for one in folder.names),
                     matrices=tuple(matrices),
                     scores=collection_scores(matrices),
                     persons=tuple(persons),
@@ -194,20 +199,15 @@ def evaluate_dataset(
             )
         finally:
             function.close()
-    names = [one.card.name for one in made]
-    if len(set(names)) < len(names):
-        raise InvalidInput("two functions have the same name", field="--function", value=names)
     return DatasetResult(folder.root, folder.split, seen.hexdigest(), folder.has_instances, tuple(made))
 
 
 def _evaluate(
-    function: PerceptionFunction, frame: LabelledFrame, index: int, folder: CityscapesFolder
+    function: PerceptionFunction, name: str, frame: LabelledFrame, index: int, folder: CityscapesFolder
 ) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
     predicted = function.predict(frame.picture)
     if predicted.shape != frame.class_map.shape:
-        raise InferenceError(
-            f"{function.card.name} answered {predicted.shape} for a picture of {frame.picture.shape[:2]}"
-        )
+        raise InferenceError(f"{name} answered {predicted.shape} for a picture of {frame.picture.shape[:2]}")
     truth = to_train_ids(frame.class_map)
     matrix = confusion_matrix(truth, predicted)
     if not folder.has_instances:
@@ -219,7 +219,7 @@ def _evaluate(
         "frame_id": str(frame.name),
         "camera": frame.name.city,
         "sensor": "as recorded",
-        "function": function.card.name,
+        "function": name,
         "precision": scores.precision,
         "iou": scores.iou,
         "pixel_accuracy": scores.pixel_accuracy,
@@ -251,7 +251,7 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "frame": name,
-                    "function": one.card.name,
+                    "function": one.name,
                     **asdict(scores.counts),
                     **{
                         column: getattr(scores, column)

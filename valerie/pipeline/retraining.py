@@ -222,7 +222,10 @@ def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
     return {
         "start": _digest(weakness.document),
         "frames": _wanted(weakness, settings).model_dump(mode="json"),
-        "training": settings.model_dump(mode="json"),
+        "wanted": settings.model_dump(mode="json"),
+        "training": _training_settings(weakness.document, settings).model_dump(
+            mode="json", exclude={"loader_threads", "device"}
+        ),
     }
 
 

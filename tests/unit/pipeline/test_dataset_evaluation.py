@@ -159,3 +159,14 @@ def test_a_function_is_named_once(folder: CityscapesFolder) -> None:
         evaluate_dataset(folder, ["good", "good"], open_function=opener)
     with pytest.raises(InvalidInput, match="--function"):
         evaluate_dataset(folder, [], open_function=opener)
+    with pytest.raises(InvalidInput, match="--function"):
+        evaluate_dataset(folder, ["one/good.safetensors", "two/good.safetensors"], open_function=opener)
+
+
+def test_two_versions_of_one_function_stay_apart(folder: CityscapesFolder) -> None:
+    qualities = {"net@aaaaaa": 0.5, "net@bbbbbb": 0.9}
+    versions = evaluate_dataset(
+        folder, list(qualities), open_function=lambda name: Forgetful("net", qualities[name])
+    ).as_document()["functions"]
+    assert list(versions) == ["net@aaaaaa", "net@bbbbbb"]
+    assert versions["net@aaaaaa"]["person_pacc"]["mean"] < versions["net@bbbbbb"]["person_pacc"]["mean"]
