@@ -21,7 +21,7 @@ from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.asset import load_asset
+from valerie.scene.asset import SceneAsset, load_asset
 from valerie.scene.model import Scene
 from valerie.scene.transforms import camera_transform
 from valerie.scene.variation import apply
@@ -97,9 +97,15 @@ def test_any_camera_is_in_step(
     assert_in_step(holder, truth_pass, replace(scene, cameras={"camera-1": camera}), View("camera-1", 240, 180))
 
 
+@pytest.fixture(scope="module")
+def street() -> SceneAsset:
+    """Built once: equal meshes are sent to Blender once."""
+    return load_asset("urban-street")
+
+
 @pytest.mark.parametrize("pose", STREET)
 @pytest.mark.parametrize("camera", ["camera-1", "camera-2"])
 def test_the_street_is_in_step(
-    holder: BlenderHolder, truth_pass: TruthPass, pose: Mapping[str, float | str], camera: str
+    holder: BlenderHolder, truth_pass: TruthPass, street: SceneAsset, pose: Mapping[str, float | str], camera: str
 ) -> None:
-    assert_in_step(holder, truth_pass, apply(pose, load_asset("urban-street")), View(camera, 480, 270))
+    assert_in_step(holder, truth_pass, apply(pose, street), View(camera, 480, 270))
