@@ -47,11 +47,14 @@ def render_pairs() -> Iterator[Pair]:
     renderer, truth_pass = RasterRenderer(context), TruthPass(context)
     for street in STREETS:
         crowd = crowd_asset(load_asset({"name": "urban-street", "seed": street}))
-        assert set(crowd.manifest.movable) == set(crowd.manifest.persons)
         for number in range(FRAMES_PER_STREET):
-            drawn = draw_scene(crowd, np.random.default_rng([training_scenes.REVISION, street, number, 0]))
+            drawn = draw_scene(
+                crowd, np.random.default_rng([training_scenes.REVISION, street, number, 0]), people_only=True
+            )
             view = View(drawn.camera, *SIZE)
-            # People are all that moves here, so the background is the frame without them.
+            # Movables that nobody asked for are hidden, so the background is the frame without its people.
+            shown = [n for n in drawn.scene.nodes.values() if n.movable and n.visible and n.meshes]
+            assert all(n.label_id == PERSON.id for n in shown)
             background = renderer.background(drawn.scene, view)
             whole = renderer.layer(drawn.scene, view).over(background)
             yield Pair(

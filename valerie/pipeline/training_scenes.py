@@ -129,13 +129,16 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
     )
 
 
-def draw_scene(asset: SceneAsset, rng: np.random.Generator, *, as_made: float = AS_MADE) -> TrainingScene:
+def draw_scene(
+    asset: SceneAsset, rng: np.random.Generator, *, as_made: float = AS_MADE, people_only: bool = False
+) -> TrainingScene:
     """Draw one frame's scene from an asset that `crowd_asset` made.
 
     Args:
         asset: the street with its crowd.
         rng: all choices come from it.
         as_made: share of worn things that keep the character's own colour.
+        people_only: nothing else moves, and the weather is the asset's.
 
     Raises:
         InvalidInput: no free place for a camera was found.
@@ -146,8 +149,9 @@ def draw_scene(asset: SceneAsset, rng: np.random.Generator, *, as_made: float = 
     count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
     for person in rng.permutation(manifest.persons)[:count]:
         _draw_person(str(person), camera, assignment, manifest, rng)
-    _draw_traffic(camera, assignment, manifest, rng)
-    _draw_weather(assignment, manifest, rng)
+    if not people_only:
+        _draw_traffic(camera, assignment, manifest, rng)
+        _draw_weather(assignment, manifest, rng)
     _draw_number(assignment, manifest, "scene.sun-1.azimuth", 0.0, 359.9, rng)
     _draw_number(assignment, manifest, "scene.sun-1.elevation", 8.0, 72.0, rng)
     _draw_number(assignment, manifest, "scene.sun-1.irradiance", 0.6, 1.3, rng)
