@@ -74,6 +74,8 @@ ENGINE_HINTS: Final = MappingProxyType({"cycles": "`make cycles` installs it"})
 #: What an engine cannot show: name to the attributes of the environment that a spec with it may not name.
 _WEATHER: Final = frozenset({"cloud_cover", "visibility", "rain"})
 WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_lamps"}, "cycles": frozenset({"rain"})})
+#: Engines that need the sun above the horizon.
+BY_DAY_ONLY: Final = frozenset({"pyrender"})
 _RENDERERS: Final = _Kind(
     "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
 )

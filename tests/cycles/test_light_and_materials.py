@@ -15,9 +15,9 @@ from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.rendering.sky import EXPOSURE, sky_of
-from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
-from valerie.scene.transforms import camera_transform, place
+from valerie.rendering.sky import EXPOSURE, LUX, sky_of
+from valerie.scene.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.transforms import Pose, camera_transform, place
 from valerie.testing.assets import box_mesh
 
 pytestmark = pytest.mark.gl
@@ -266,6 +266,43 @@ def with_texture(scene: Scene) -> Scene:
     post = Node("scene.pole-1", place(1.9, 1.2), (box_mesh((-0.05, -0.05, 0), (0.05, 0.05, 0.01), "dark"),))
     dark = Material("dark", (0.1, 0.1, 0.1), specular=0.0)
     return replace(scene, nodes={**scene.nodes, post.path: post}, materials={**scene.materials, "dark": dark})
+
+
+def under_a_lamp(light: Light, height: float, *, lens: bool = False) -> Scene:
+    """A grey ground by night, with a lamp above the middle of the picture, above the camera; perhaps with a glowing lens."""
+    grey = Material("ground", (0.5, 0.5, 0.5), roughness=1.0, specular=0.0)
+    lamp = Node("scene.pole-1", Pose((0, 0, height), (270, 0, 0)).matrix(), light=light, label_id=17)
+    plate = Node("scene.pole-2", place(0, 0, height + 0.1), (box_mesh((-0.2, -0.2, 0), (0.2, 0.2, 0.02), "lens"),))
+    scene = ground(grey, sun=Sun(0.0, math.radians(-18)), extra=(lamp, plate) if lens else (lamp,))
+    return replace(scene, materials={**scene.materials, "lens": Material("lens", (0.1, 0.1, 0.1))})
+
+
+@pytest.mark.parametrize("outer", [1.2, math.pi])
+def test_a_lamp_in_candela_lights_the_ground_by_inverse_squares(cycles: CyclesRenderer, outer: float) -> None:
+    color = (1.0, 0.7, 0.4)
+    for height in (8.0, 16.0):
+        scene = under_a_lamp(Light(color, 2000.0, inner=min(outer, 1.1), outer=outer), height)
+        middle = cycles.full(scene, VIEW).pixels[12:20, 20:28].astype(np.float64).mean(axis=(0, 1))
+        expected = np.array(color) / (np.array(color) @ [0.2126, 0.7152, 0.0722]) * 0.5 * 2000.0 * LUX / height**2
+        np.testing.assert_allclose(middle, expected, rtol=0.05)
+
+
+def test_a_lens_glows_and_gives_no_light_beside_its_lamps(cycles: CyclesRenderer) -> None:
+    light = Light((1.0, 1.0, 1.0), 1000.0, inner=1.1, outer=1.2, glowing=("lens",), luminance=50_000.0)
+    bare, with_lens = (cycles.full(under_a_lamp(light, 4.0, lens=lens), VIEW).pixels for lens in (False, True))
+    shown = with_lens[15:17, 23:25].astype(np.float64).mean()
+    assert shown > 0.8 * math.pi * 50_000.0 * LUX
+    edge = np.s_[:, :8]
+    np.testing.assert_allclose(with_lens[edge].astype(float).mean(), bare[edge].astype(float).mean(), rtol=0.1)
+
+
+def test_from_dusk_to_night_the_ground_is_as_bright_as_sun_and_sky_make_it(cycles: CyclesRenderer) -> None:
+    for elevation in (1.0, -5.0, -15.0):
+        scene = with_texture(ground(WHITE, sun=Sun(0.4, math.radians(elevation))))
+        sky = sky_of(scene)
+        expected = sky.sun * max(math.sin(scene.sun.elevation), 0.0) + sky.sky_irradiance
+        luminance = np.array([0.2126, 0.7152, 0.0722])
+        assert mean(cycles, scene) @ luminance == pytest.approx(float(expected @ luminance), rel=0.08)
 
 
 def with_lamp(material: Material) -> Scene:

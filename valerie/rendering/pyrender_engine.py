@@ -27,6 +27,8 @@ from valerie.scene.model import Material, Mesh, Scene, Texture
 
 #: Brightest value of the linear image.
 HEADROOM: Final = 4.0
+#: Below this its pictures are black: a white wall is then step 7 of 255.
+DARKEST_LUX: Final = 50.0
 _GAMMA: Final = 2.2
 #: Texels per side of the shadow map, which covers the whole scene.
 _SHADOW_MAP: Final = 4096
@@ -112,6 +114,10 @@ class PyrenderRenderer:
         """(height, width, 3) linear."""
         camera = camera_of(scene, view)
         sky = sky_of(scene)
+        if sky.lux < DARKEST_LUX:
+            raise RenderingError(
+                f"pyrender shows no night: the ground has {sky.lux:.3g} lx, its 8 bits begin at {DARKEST_LUX:g} lx"
+            )
         library = self._library
         target = library.Scene(bg_color=_encoded(sky.haze), ambient_light=_ambient(sky) / HEADROOM)
         used: set[Hashable] = set()

@@ -22,7 +22,7 @@ from valerie.parameters.distributions import (
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
-from valerie.plugins import RENDERERS, WITHOUT
+from valerie.plugins import BY_DAY_ONLY, RENDERERS, WITHOUT
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
 from valerie.runs.motion import Times, resolve_times
@@ -30,7 +30,7 @@ from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT
-from valerie.scene.solar import require_one_notation
+from valerie.scene.solar import ELEVATION, require_one_notation
 from valerie.scene.trajectory import TIME_PATH
 
 #: Variants of a run, unless the caller allows another number.
@@ -206,6 +206,9 @@ class _Resolver:
         """The asset's declarations and those of time and trajectories, with the spec's own names and ranges in force."""
         of_time = () if self.times.motion is None else self.times.motion.parameters
         self._by_path = {definition.path: definition for definition in (*self.manifest.parameters, *of_time)}
+        risen = self._by_path.get(ELEVATION)
+        if self.spec.engine in BY_DAY_ONLY and risen is not None and risen.minimum is not None:
+            self._by_path[ELEVATION] = risen.model_copy(update={"minimum": max(risen.minimum, 0.0)})
         self._paths = {definition.name: path for path, definition in self._by_path.items()}
         self._paths |= {path: path for path in self._by_path}
         declared: dict[str, int] = {}

@@ -71,6 +71,16 @@ def test_an_engine_without_lamps_is_refused_where_a_spec_switches_them(street: M
     resolved(street, renderer="cycles", constants=constants)
 
 
+def test_an_engine_for_the_day_takes_no_sun_below_the_horizon(street: Manifest) -> None:
+    elevation = street.by_path["scene.sun-1.elevation"].model_copy(update={"minimum": -20.0})
+    others = (p for p in street.parameters if p.path != elevation.path)
+    street = street.model_copy(update={"parameters": (*others, elevation)})
+    vary = [["sun-1.elevation", "HOMOGENEOUS", -10.0, 10.0, 5.0]]
+    (found,) = problems(street, renderer="pyrender", vary=vary).values()
+    assert "0…75 deg" in found
+    assert resolved(street, renderer="raster", vary=vary).space.size == 5
+
+
 def with_a_clock(street: Manifest) -> Manifest:
     return street.model_copy(update={"parameters": (*street.parameters, *(row.definition() for row in CLOCK))})
 

@@ -1,0 +1,82 @@
+"""Makes the pictures of docs/light.md: ``docs/images/light.jpg``, one tile per light and weather, by the raster engine.
+
+``python -m tools.light_pictures`` runs it; a minute of CPU time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from valerie.parameters.definitions import Value
+from valerie.rendering.base import View
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.asset import load_asset
+from valerie.scene.variation import apply
+from valerie.sensing.sensor import develop
+from valerie.sensing.settings import SensorSetting
+
+OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "light.jpg"
+TILE: Final = (320, 180)
+ACROSS: Final = 3
+_CAPTION: Final = 18
+#: Largest size of the sheet in bytes.
+LARGEST: Final = 150_000
+
+
+class Tile(NamedTuple):
+    """A picture: what is assigned below ``scene.``, and the camera's setting."""
+
+    caption: str
+    values: dict[str, Value]
+    sensor: dict[str, Value]
+
+
+_METERED: Final[dict[str, Value]] = {"auto_exposure": True}
+TILES: Final = (
+    Tile("sun-1: 12 h on day 172, 50° N", {"sun-1.time_of_day": 12.0, "sun-1.day_of_year": 172}, {}),
+    Tile("sun-1: 19 h on the same day", {"sun-1.time_of_day": 19.0, "sun-1.day_of_year": 172}, {"exposure_ev": 0.5}),
+    Tile("environment-1.turbidity: 9", {"environment-1.turbidity": 9.0}, {}),
+    Tile("environment-1.cloud_cover: 1", {"environment-1.cloud_cover": 1.0}, {"exposure_ev": 1.0}),
+    Tile("environment-1.visibility: 60 m", {"environment-1.visibility": 60.0}, {}),
+    Tile("environment-1.rain: 12 mm/h", {"environment-1.rain": 12.0, "environment-1.cloud_cover": 0.8}, {"exposure_ev": 0.8}),
+    Tile("sun-1.elevation: −2° (metered)", {"sun-1.elevation": -2.0, "sun-1.azimuth": 215.0}, _METERED),
+    Tile("sun-1.elevation: −12° (metered)", {"sun-1.elevation": -12.0}, _METERED),
+    Tile(
+        "−12°, rain, a car (metered)",
+        {
+            "sun-1.elevation": -12.0, "environment-1.rain": 4.0, "car-101.kind": "sedan", "car-101.pos.y": 24.0,
+        },
+        _METERED,
+    ),
+)  # fmt: skip
+_PERSON: Final[dict[str, Value]] = {"scene.person-1.pos.y": 9.0, "scene.person-1.pos.x": 3.6}
+
+
+def main() -> None:
+    """Render the tiles and write the sheet, as well as its size allows."""
+    asset, engine = load_asset("urban-street"), RasterRenderer()
+    rows = -(-len(TILES) // ACROSS)
+    sheet = Image.new("RGB", (ACROSS * TILE[0], rows * (TILE[1] + _CAPTION)), "white")
+    font = ImageFont.load_default(size=12)
+    for index, tile in enumerate(TILES):
+        values = _PERSON | {f"scene.{path}": value for path, value in tile.values.items()}
+        # Twice the size, so that a small picture is as sharp as it can be.
+        image = engine.full(apply(values, asset), View("camera-1", 2 * TILE[0], 2 * TILE[1]))
+        picture = develop(image.pixels, SensorSetting.model_validate(tile.sensor))
+        small = Image.fromarray(np.ascontiguousarray(picture)).resize(TILE, Image.Resampling.LANCZOS)
+        x, y = index % ACROSS * TILE[0], index // ACROSS * (TILE[1] + _CAPTION)
+        sheet.paste(small, (x, y))
+        ImageDraw.Draw(sheet).text((x + 4, y + TILE[1] + 1), tile.caption, fill=(30, 30, 30), font=font)
+    engine.close()
+    for quality in range(90, 40, -5):
+        sheet.save(OUT, quality=quality, optimize=True, progressive=True)
+        if OUT.stat().st_size <= LARGEST:
+            return
+
+
+if __name__ == "__main__":
+    main()
