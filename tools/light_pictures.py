@@ -65,7 +65,8 @@ def main() -> None:
     for index, tile in enumerate(TILES):
         values = _PERSON | {f"scene.{path}": value for path, value in tile.values.items()}
         # Twice the size, so that a small picture is as sharp as it can be.
-        image = engine.full(apply(values, asset), View("camera-1", 2 * TILE[0], 2 * TILE[1]))
+        scene, view = apply(values, asset), View("camera-1", 2 * TILE[0], 2 * TILE[1])
+        image = engine.layer(scene, view).over(engine.background(scene, view))
         picture = develop(image.pixels, SensorSetting.model_validate(tile.sensor))
         small = Image.fromarray(np.ascontiguousarray(picture)).resize(TILE, Image.Resampling.LANCZOS)
         x, y = index % ACROSS * TILE[0], index // ACROSS * (TILE[1] + _CAPTION)
