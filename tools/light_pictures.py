@@ -43,10 +43,10 @@ TILES: Final = (
     Tile("environment-1.cloud_cover: 1", {"environment-1.cloud_cover": 1.0}, {"exposure_ev": 1.0}),
     Tile("environment-1.visibility: 60 m", {"environment-1.visibility": 60.0}, {}),
     Tile("environment-1.rain: 12 mm/h", {"environment-1.rain": 12.0, "environment-1.cloud_cover": 0.8}, {"exposure_ev": 0.8}),
-    Tile("sun-1.elevation: −2° (metered)", {"sun-1.elevation": -2.0, "sun-1.azimuth": 215.0}, _METERED),
-    Tile("sun-1.elevation: −12° (metered)", {"sun-1.elevation": -12.0}, _METERED),
+    Tile("sun 2° below the horizon (metered)", {"sun-1.elevation": -2.0, "sun-1.azimuth": 215.0}, _METERED),
+    Tile("sun 12° below the horizon (metered)", {"sun-1.elevation": -12.0}, _METERED),
     Tile(
-        "−12°, rain, a car (metered)",
+        "the same with rain and a car (metered)",
         {
             "sun-1.elevation": -12.0, "environment-1.rain": 4.0, "car-101.kind": "sedan", "car-101.pos.y": 24.0,
         },
