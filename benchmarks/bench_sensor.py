@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import results
-from valerie.sensing.motion import motion_blur
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 
@@ -25,6 +24,8 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
     "white balance": {"white_balance": {"temperature_k": 4500, "tint": 3}},
     "curve blender-filmic": {"curve": "blender-filmic"},
     "defocus f/1.4": {"lens": {"f_number": 1.4, "focus_distance_m": 8}},
+    "motion blur of 6 pixels in a ninth": {"shutter": {"exposure_ms": 20}},
+    "rolling shutter": {"shutter": {"line_time_us": 20}},
     "vignetting": {"lens": {"vignetting": 1}},
     "chromatic aberration": {"lens": {"chromatic_aberration": 0.002}},
     "distortion": {"distortion": {"k1": -0.3, "k2": 0.1}},
@@ -56,7 +57,9 @@ def frame(width: int, height: int) -> tuple[NDArray[np.float16], Shot]:
     below = np.maximum(np.arange(height) / height - 0.45, 0.0)
     with np.errstate(divide="ignore"):
         depth = np.repeat((1.5 / below).astype(np.float32)[:, None], width, axis=1)
-    return linear, Shot(50.0, depth, 0, ("bench",))
+    velocity = np.zeros((height, width, 2), np.float32)
+    velocity[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3] = (300.0, 0.0)
+    return linear, Shot(50.0, depth, velocity, 0, ("bench",))
 
 
 def milliseconds(call: Any, megapixels: float) -> float:
@@ -75,10 +78,8 @@ def main() -> None:
     linear, shot = frame(arguments.width, arguments.height)
     megapixels = linear.shape[0] * linear.shape[1] / 1e6
     figures: dict[str, object] = {"width": arguments.width, "height": arguments.height, "unit": "CPU ms per megapixel"}
-    flow = np.full((*linear.shape[:2], 2), 8.0, np.float32)
     settings = {name: SensorSetting.model_validate(given) for name, given in EFFECTS.items()}
     calls: dict[str, Any] = {name: partial(develop, linear, setting, shot) for name, setting in settings.items()}
-    calls["motion blur of 6 pixels (function)"] = lambda: motion_blur(linear.astype(np.float32), flow, 0.5)
     for name, call in calls.items():
         first = milliseconds(call, megapixels)
         again = median(milliseconds(call, megapixels) for _ in range(arguments.repeat))

@@ -30,6 +30,7 @@ from sqlalchemy import delete as sql_delete
 from sqlalchemy.dialects import postgresql, sqlite
 
 from valerie.db.bulk import insert_rows
+from valerie.db.links import velocity_of_frame
 from valerie.db.models import (
     Evaluation,
     Frame,
@@ -182,6 +183,7 @@ class Job:
     background: str
     layer: str
     truth: str
+    velocity: str | None = None
     prediction: str | None = None
     sensor_index: int | None = None
     function_index: int | None = None
@@ -275,7 +277,13 @@ def _annotation_job() -> Any:
 
 def _evaluation_job(column: Any) -> Any:
     return (
-        select(*_FRAME_COLUMNS, Evaluation.prediction, Evaluation.sensor_index, Evaluation.function_index)
+        select(
+            *_FRAME_COLUMNS,
+            velocity_of_frame(),
+            Evaluation.prediction,
+            Evaluation.sensor_index,
+            Evaluation.function_index,
+        )
         .join(Frame, _FRAME_OF_EVALUATION)
         .join(Run, Run.id == Frame.run_id)
         .join(Variant, _VARIANT_OF_FRAME)

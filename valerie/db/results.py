@@ -23,6 +23,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import aliased
 
+from valerie.db.links import velocity_of_frame
 from valerie.db.models import (
     Evaluation,
     Frame,
@@ -341,6 +342,7 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
             PersonLight.shadow_share,
             PersonLight.contrast,
             Variant.assignment,
+            velocity_of_frame(),
         )
         .join(Variant, _OF_VARIANT)
         .join(background, background.digest == Frame.background)

@@ -165,6 +165,7 @@ def _look(
                 background=frame.background,
                 layer=frame.layer,
                 truth=frame.truth,
+                velocity=frame.velocity,
             )
             picture, truth = capture.picture(reader), capture.seen_truth(reader)
             predicted = function.predict(picture)

@@ -283,6 +283,7 @@ class _Export:
             background=frame.background,
             layer=frame.layer,
             truth=frame.truth,
+            velocity=frame.velocity,
         )
 
     def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Annotation | None) -> LabelledFrame:

@@ -103,10 +103,9 @@ class Feeder:
                     needed = (*inputs, None, None, None)[:3]
                     want(product, (product, kind.value, truth_route, background, *needed))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
-                for sensor, function, prediction, scores, needs_depth, distorted in evaluations:
+                for sensor, function, prediction, scores, third, distorted in evaluations:
                     route, group, counted = targets[function]
-                    depth = truth if needs_depth else None
-                    want(prediction, (prediction, "prediction", route, group, layer, background, depth))
+                    want(prediction, (prediction, "prediction", route, group, layer, background, third))
                     want(scores, (scores, "evaluation", EVAL_QUEUE, counted, prediction, truth, None))
                     rows.evaluations.append(
                         (run_id, index, camera, time, sensor, function, prediction, scores, distorted)

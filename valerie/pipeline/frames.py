@@ -73,13 +73,14 @@ def find(
         evaluations = results.frame_evaluations(connection, run_id, variant, camera, time)
         states = {
             product: results.product(connection, product).state for product in (row.background, row.layer, row.truth)
-        }
+        } | {one.product: one.state for one in annotations.values()}
     spec = resolved.spec
     function_index = _index("function", function, list(spec.functions))
     sensor_index = _index("sensor", sensor, [setting.name for setting in spec.sensors])
     chosen = next(
         (one for one in evaluations if (one.sensor_index, one.function_index) == (sensor_index, function_index)), None
     )
+    velocity = annotations["velocity"].product if "velocity" in annotations else None
     capture = capture_of(
         resolved,
         sensor_index=sensor_index,
@@ -88,6 +89,7 @@ def find(
         background=row.background,
         layer=row.layer,
         truth=row.truth,
+        velocity=velocity,
     )
     missing = [states[product] for product in _needed(kind, capture) if states[product] != "done"]
     if kind in FUNCTION_KINDS and chosen is not None and chosen.prediction_state != "done":
@@ -125,9 +127,10 @@ def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
     if kind in ("prediction", AnnotationKind.NORMALS):
         return ()
     image, truth = (capture.background, capture.layer), (capture.truth,)
+    moving = (capture.velocity,) if capture.velocity is not None and capture.setting.needs_velocity else ()
     if kind in _OF_TRUTH:
-        return truth
-    return image if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth)
+        return (*truth, *moving)
+    return image if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth, *moving)
 
 
 def _index(what: str, name: str | None, names: Sequence[str]) -> int:

@@ -64,11 +64,11 @@ class FramePainter:
         if kind == "depth":
             return _depth(capture.seen_truth(self._reader).depth)
         if kind == AnnotationKind.NORMALS and annotation is not None:
-            return capture.seen_map(paint_normals(self._reader.normals(annotation)))
+            return capture.seen_map(self._reader, paint_normals(self._reader.normals(annotation)))
         if kind == AnnotationKind.FLOW and annotation is not None:
-            return capture.seen_map(paint_flow(self._reader.flow(annotation)))
+            return capture.seen_map(self._reader, paint_flow(self._reader.flow(annotation)))
         if kind == AnnotationKind.VELOCITY and annotation is not None:
-            return capture.seen_map(paint_flow(self._reader.velocity(annotation)))
+            return capture.seen_map(self._reader, paint_flow(self._reader.velocity(annotation)))
         if kind == "prediction" and prediction is not None:
             return colorize(to_label_ids(self._reader.prediction(prediction)))
         picture = capture.picture(self._reader)
@@ -78,7 +78,7 @@ class FramePainter:
                 lines, drawn = paint_boxes(self._reader.boxes(annotation), width, height)
             else:
                 lines, drawn = paint_joints(self._reader.joints(annotation), width, height)
-            return _blend(picture, capture.seen_map(lines), capture.seen_map(drawn), 0.9)
+            return _blend(picture, capture.seen_map(self._reader, lines), capture.seen_map(self._reader, drawn), 0.9)
         if kind == "truth-overlay":
             return _blend(picture, colorize(capture.seen_truth(self._reader).class_map), None, 0.5)
         if kind == "picture" or prediction is None:

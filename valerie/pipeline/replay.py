@@ -66,6 +66,7 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
         "background": frame.background,
         "layer": frame.layer,
         "truth": frame.truth,
+        "velocity": annotations["velocity"].product if "velocity" in annotations else None,
     }
     render, infer, evaluate = RenderMaker(scratch.context), InferMaker(scratch.context), EvaluateMaker(scratch.context)
     made = [

@@ -27,6 +27,7 @@ class ChosenFrame:
     Attributes:
         key: (variant, camera, time).
         background, layer, truth: digests.
+        velocity: likewise, where the run has them.
         assignment: of its variant.
         moment: the same at the frame's time, as `apply` takes it.
         persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one mapping per person; one mapping
@@ -40,6 +41,7 @@ class ChosenFrame:
     assignment: Mapping[str, Any]
     moment: Mapping[str, Any]
     persons: tuple[Mapping[str, Any], ...]
+    velocity: str | None = None
 
 
 def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Where:
@@ -117,6 +119,7 @@ def finished_frames(
             truth=first.truth,
             assignment=first.assignment,
             moment=resolved.at(first.assignment, first.time_index),
+            velocity=first.velocity,
             persons=tuple(_metadata(row, run_id, resolved, name) for row in members),
         )
 

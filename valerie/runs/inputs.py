@@ -6,7 +6,7 @@ Per frame (variant, camera): ::
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
     annotation   truth; of kind light: background, layer, truth, truth pass; of flow and velocity also the truth of a later moment
-    prediction   background, layer, sensor response, function; truth, where the sensor needs depth
+    prediction   background, layer, sensor response, function; truth and velocity, where the sensor needs them
     evaluation   prediction, truth
 
 A sensor that distorts is in the prediction's digest, and so in that of the evaluation, which distorts the truth likewise.
@@ -59,7 +59,8 @@ class EvaluationDigests(NamedTuple):
         sensor_index: place in ``spec.sensors``.
         function_index: place in ``spec.functions``.
         prediction, scores: digests of the prediction and of the evaluation.
-        needs_depth: the prediction waits for the truth, whose depth its sensor needs.
+        third: digest of what the prediction waits for beside background and layer: the truth, whose depth its sensor needs, or
+            the velocity, which waited for the truth itself.
         distorted: the sensor distorts, so the evaluation measures visibility itself.
     """
 
@@ -67,7 +68,7 @@ class EvaluationDigests(NamedTuple):
     function_index: int
     prediction: str
     scores: str
-    needs_depth: bool = False
+    third: str | None = None
     distorted: bool = False
 
 
@@ -111,6 +112,7 @@ class ProductInputs:
         self._cameras = resolved.cameras
         self._sensors = spec.sensors
         self._seed = spec.seed
+        self._moves = resolved.times.motion is not None
         engine = {"name": spec.engine, **_pinned(pins["engine"])}
         if resolved.engine_inputs:
             engine["settings"] = dict(resolved.engine_inputs)
@@ -160,22 +162,31 @@ class ProductInputs:
         background = self._background_digest(camera_index, inputs.background)
         layer = self._layer.digest(background, inputs.layer)
         truth = self._truth[camera_index].digest(inputs.geometry)
-        evaluations = []
-        # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
-        sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
-        for sensor_index, (document, needs_depth, distorted) in enumerate(self._responses(canonical_json(sensor))):
-            for function_index, prefix in enumerate(self._predictions):
-                depth = (truth,) if needs_depth else ()
-                prediction = prefix.digest(background, layer, document, *depth)
-                scores = self._evaluation.digest(prediction, truth)
-                evaluations.append(
-                    EvaluationDigests(sensor_index, function_index, prediction, scores, needs_depth, distorted)
-                )
         annotations = []
         for kind, prefix in self._annotations:
             made_from = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
             product = prefix.digest(*made_from, *self._later_truth(kind, camera_index, near))
             annotations.append(AnnotationDigest(ProductKind(kind), product, made_from))
+        velocity = next((one.product for one in annotations if one.kind is ProductKind.VELOCITY), None)
+        evaluations = []
+        # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
+        sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
+        for sensor_index, asked in enumerate(self._responses(canonical_json(sensor))):
+            moving = velocity if asked.needs_velocity else None
+            further = [one for one in (truth if asked.needs_depth else None, moving) if one is not None]
+            for function_index, prefix in enumerate(self._predictions):
+                prediction = prefix.digest(background, layer, asked.document, *further)
+                scores = self._evaluation.digest(prediction, truth)
+                evaluations.append(
+                    EvaluationDigests(
+                        sensor_index,
+                        function_index,
+                        prediction,
+                        scores,
+                        further[-1] if further else None,
+                        asked.distorts,
+                    )
+                )
         return FrameDigests(background, layer, truth, tuple(evaluations), tuple(annotations))
 
     def _later_truth(self, kind: AnnotationKind, camera_index: int, near: Near | None) -> tuple[str, ...]:
@@ -193,7 +204,7 @@ class ProductInputs:
     def _respond(self, sensor: bytes) -> list[Response]:
         """What a prediction depends on behind each sensor of the run; ``sensor`` is the variant's, as canonical JSON."""
         values = orjson.loads(sensor)
-        return [response(setting, values, self._seed) for setting in self._sensors]
+        return [response(setting, values, self._seed, moves=self._moves) for setting in self._sensors]
 
 
 def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:

@@ -177,7 +177,7 @@ def resolve(
         space=space,
         cameras=spec.cameras if spec.cameras is not None else manifest.cameras,
         engine_inputs=engine_inputs,
-        annotations=spec.annotations,
+        annotations=resolver.annotations(),
         times=times,
         warnings=tuple(resolver.warnings),
         notes=tuple(resolver.notes()),
@@ -193,6 +193,7 @@ class _Resolver:
     problems: list[InvalidInput] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     times: Times = field(init=False)
+    _needs_velocity: bool = False
     _by_path: dict[str, ParameterDefinition] = field(default_factory=dict)
     #: Every name, of the asset and of the spec, and every path to its path.
     _paths: dict[str, str] = field(default_factory=dict)
@@ -414,6 +415,12 @@ class _Resolver:
             self.problems.append(problem)
             return None
 
+    def annotations(self) -> tuple[AnnotationKind, ...]:
+        """Those of the spec, and the velocity where a sensor needs it."""
+        needed = self._needs_velocity and self.times.motion is not None
+        asked = self.spec.annotations
+        return (*asked, AnnotationKind.VELOCITY) if needed and AnnotationKind.VELOCITY not in asked else asked
+
     def check_annotations(self) -> None:
         """Flow leads to the next frame, and velocity needs something that can move."""
         for i, kind in enumerate(self.spec.annotations):
@@ -436,7 +443,17 @@ class _Resolver:
                 problem = f"{needs.focal_length} needs the camera's focal length, which the asset does not declare"
                 limit = f"a parameter {focal_length_path(untold[0])} in its manifest"
                 self.problems.append(InvalidInput(problem, field=f"sensors.{i}", value=untold[0], limit=limit))
-            if needs.depth is not None:
+            if needs.velocity is not None and self.times.motion is None:
+                self.warnings.append(
+                    f"sensor {sensor.name}: {needs.velocity} changes nothing: the run has no sequence, time or trajectories"
+                )
+            elif needs.velocity is not None:
+                self._needs_velocity = True
+                self.warnings.append(
+                    f"sensor {sensor.name}: {needs.velocity} needs velocities: they are made for every frame, and its pictures "
+                    "wait for them and for the ground truth"
+                )
+            elif needs.depth is not None:
                 self.warnings.append(
                     f"sensor {sensor.name}: {needs.depth} needs depth: its pictures wait for the ground truth too, and "
                     "are not shared by variants with other truth"

@@ -25,11 +25,13 @@ class Response(NamedTuple):
         document: canonical JSON of all that makes a difference to the picture.
         needs_depth: the picture depends on the depth of the truth too.
         distorts: the truth has to be distorted with the picture.
+        needs_velocity: the picture depends on how things move.
     """
 
     document: bytes
     needs_depth: bool
     distorts: bool
+    needs_velocity: bool
 
 
 def sensor_values(assignment: Mapping[str, Any]) -> dict[str, Any]:
@@ -37,26 +39,35 @@ def sensor_values(assignment: Mapping[str, Any]) -> dict[str, Any]:
     return {path: value for path, value in assignment.items() if path.startswith(_PREFIX)}
 
 
-def setting_of(setting: SensorSetting, assignment: Mapping[str, Any]) -> SensorSetting:
-    """A setting with what the variant says of the sensor put in; the asset's defaults are not."""
-    return setting.with_assignment(sensor_values(assignment))
+def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: bool) -> SensorSetting:
+    """A setting with what the variant says of the sensor put in; the asset's defaults are not.
+
+    Args:
+        setting: of the spec.
+        assignment: of the variant.
+        moves: whether the run knows how things move; else the shutter makes no difference.
+    """
+    own = setting.with_assignment(sensor_values(assignment))
+    return own if moves else own.without_shutter()
 
 
-def response(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int) -> Response:
+def response(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
     """What a prediction behind a setting depends on.
 
     Args:
         setting: of the spec; its name makes no pixel.
         sensor: `sensor_values` of the variant, in their canonical form.
         run_seed: counts where chance decides.
+        moves: as of `setting_of`.
     """
-    return _response(setting, canonical_json(sensor), run_seed)
+    return _response(setting, canonical_json(sensor), run_seed, moves)
 
 
 @lru_cache(maxsize=4096)
-def _response(setting: SensorSetting, sensor: bytes, run_seed: int) -> Response:
-    own = setting.with_assignment(orjson.loads(sensor))
-    return Response(canonical_json(short_document(own, run_seed)), own.needs_depth, not own.distortion.identity)
+def _response(setting: SensorSetting, sensor: bytes, run_seed: int, moves: bool) -> Response:
+    own = setting_of(setting, orjson.loads(sensor), moves=moves)
+    document = canonical_json(short_document(own, run_seed))
+    return Response(document, own.needs_depth, own.moves_truth, own.needs_velocity)
 
 
 def short_document(setting: SensorSetting, run_seed: int) -> dict[str, Any]:
@@ -69,12 +80,13 @@ class Needs(NamedTuple):
     """What a sensor of a run asks for, or does without.
 
     Attributes:
-        focal_length, depth: the effect that needs it, in words; None: nothing does.
+        focal_length, depth, velocity: the effect that needs it, in words; None: nothing does.
         idle: values that change nothing, in words.
     """
 
     focal_length: str | None
     depth: str | None
+    velocity: str | None
     idle: tuple[str, ...]
 
 
@@ -84,6 +96,8 @@ _OF_FOCAL_LENGTH: Final = {
     "distortion": ("distortion.k1", "distortion.k2", "distortion.p1", "distortion.p2", "distortion.k3"),
     "vignetting": ("lens.vignetting",),
 }
+#: Effects that need to know how things move.
+_OF_VELOCITY: Final = {"motion blur": ("shutter.exposure_ms",), "a rolling shutter": ("shutter.line_time_us",)}
 _COUNTING: Final = (
     "noise.shot", "noise.read_electrons", "noise.adc_bits", "pixels.dead_rate", "pixels.hot_rate",
 )  # fmt: skip
@@ -117,7 +131,8 @@ def needed_by(setting: SensorSetting, used: Collection[str]) -> Needs:
         for name, others in _IDLE_WITHOUT.items()
         if (_PREFIX + name in used or name in document) and not active(others)
     ]
-    return Needs(wanting[0] if wanting else None, "defocus" if "defocus" in wanting else None, tuple(idle))
+    moving = next((effect for effect, names in _OF_VELOCITY.items() if active(names)), None)
+    return Needs(wanting[0] if wanting else None, "defocus" if "defocus" in wanting else moving, moving, tuple(idle))
 
 
 def focal_length_path(camera: str) -> str:

@@ -113,6 +113,14 @@ _ROWS: Final = (
     _coefficient("p1", 0.1, "tangential (OpenCV's p1)"),
     _coefficient("p2", 0.1, "tangential (OpenCV's p2)"),
     _coefficient("k3", 1.0, "radial, r⁶ (OpenCV's k3)"),
+    SensorParameter(
+        "shutter.exposure_ms", _FLOAT, "ms", 0, 1000, 0.0,
+        "how long the shutter is open: what moves is blurred (brightness is exposure_ev's); 0: a moment", usual=(0, 200),
+    ),
+    SensorParameter(
+        "shutter.line_time_us", _FLOAT, "us", 0, 1000, 0.0,
+        "from one row's exposure to the next one's (rolling shutter); 0: all at once", affects=Affects.SENSOR_GEOMETRY,
+    ),
     SensorParameter("soiling.dirt", _FLOAT, "", 0, 0.6, 0.0, "share of the front glass that dust covers"),
     SensorParameter("soiling.drops", _FLOAT, "", 0, 0.6, 0.0, "share of the front glass that water drops cover"),
     SensorParameter("noise.shot", _BOOL, "", None, None, False, "photons arrive by chance"),

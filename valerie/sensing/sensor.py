@@ -2,8 +2,8 @@
 
 The effects follow each other as the light meets them:
 
-1. *scene-referred light*: defocus; dirt and drops on the front glass; distortion with lateral chromatic aberration, in one
-   resampling; vignetting
+1. *scene-referred light*: defocus; motion blur and rolling shutter; dirt and drops on the front glass; distortion with
+   lateral chromatic aberration, in one resampling; vignetting
 2. *electrons*: exposure, dead and hot pixels, shot noise, read noise, full well, gain, converter
 3. *camera values*: white balance
 4. *display values*: tone curve, sRGB transfer, gamma, 8 bits, JPEG
@@ -29,10 +29,11 @@ from valerie.sensing.blender_filmic import blender_filmic
 from valerie.sensing.colour import white_balance_gains
 from valerie.sensing.curves import CURVES, linear_to_srgb
 from valerie.sensing.defocus import circle_of_confusion, defocus
-from valerie.sensing.distortion import pixel_map
+from valerie.sensing.distortion import distort, pixel_map
 from valerie.sensing.electronics import break_pixels, expose
 from valerie.sensing.jpeg import through_jpeg
 from valerie.sensing.metering import metered_ev
+from valerie.sensing.motion import Movement, read_times, taken
 from valerie.sensing.optics import vignetting
 from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
@@ -55,12 +56,14 @@ class Shot:
     Attributes:
         focal_length_mm: of the camera, on a sensor 36 mm wide.
         depth: (H, W) float32, metres along the optical axis, inf where nothing is hit.
+        velocity: (H, W, 2) float32, pixels per second to the right and down.
         run_seed: of the run.
         content: what stands for the linear image (its digests), so that every picture has its own noise.
     """
 
     focal_length_mm: float | None = None
     depth: NDArray[np.float32] | None = None
+    velocity: NDArray[np.float32] | None = None
     run_seed: int = 0
     content: tuple[str, ...] = ()
 
@@ -108,7 +111,13 @@ def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.f
 
 def _bends_light(setting: SensorSetting) -> bool:
     lens, soiling = setting.lens, setting.soiling
-    return bool(setting.needs_focal_length or lens.chromatic_aberration or soiling.dirt or soiling.drops)
+    return bool(
+        setting.needs_focal_length
+        or setting.needs_velocity
+        or lens.chromatic_aberration
+        or soiling.dirt
+        or soiling.drops
+    )
 
 
 def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
@@ -119,9 +128,10 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
         if shot.focal_length_mm is None:
             raise InvalidInput("the sensor setting needs the camera's focal length", field="shot.focal_length_mm")
         focal_px = focal_length_px(shot.focal_length_mm, width)
-    if setting.needs_depth:
-        if shot.depth is None or shot.focal_length_mm is None or shot.depth.shape != (height, width):
-            raise InvalidInput("defocus needs the depth of every pixel", field="shot.depth", limit=(height, width))
+    if setting.needs_depth and (shot.depth is None or shot.depth.shape != (height, width)):
+        effect = "defocus" if setting.defocuses else "motion blur"
+        raise InvalidInput(f"{effect} needs the depth of every pixel", field="shot.depth", limit=(height, width))
+    if setting.defocuses and shot.depth is not None and shot.focal_length_mm is not None:
         radius = circle_of_confusion(
             shot.depth,
             focal_length_mm=shot.focal_length_mm,
@@ -130,6 +140,13 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
             focus_distance_m=lens.focus_distance_m,
         )
         light = defocus(light, radius)
+    if setting.needs_velocity and shot.depth is not None:
+        if shot.velocity is None or shot.velocity.shape != (height, width, 2):
+            limit = (height, width, 2)
+            raise InvalidInput("motion blur needs the velocity of every pixel", field="shot.velocity", limit=limit)
+        movement = Movement(shot.velocity, shot.depth)
+        times = _row_times(setting, width, height, focal_px)
+        light = taken(light, movement, times, setting.shutter.exposure_ms * 1e-3)
     if soiling.dirt:
         light = dirty(light, soiling.dirt, _specimen_seed(setting, shot, "dirt"))
     if soiling.drops:
@@ -139,6 +156,55 @@ def _through_lens(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
     if lens.vignetting:
         light = light * vignetting(width, height, focal_px, lens.vignetting)
     return light
+
+
+def seen_from(
+    setting: SensorSetting,
+    width: int,
+    height: int,
+    *,
+    focal_length_mm: float | None = None,
+    depth: Floats | None = None,
+    velocity: Floats | None = None,
+) -> NDArray[np.intp]:
+    """(H, W) flat index: which pixel of the rendered image each pixel of the picture shows, for the truth to follow.
+
+    Args:
+        setting: its distortion and its line time count.
+        width, height: pixels.
+        focal_length_mm: as of `Shot`, where the lens distorts.
+        depth, velocity: as of `Shot`, where rows are read one after another.
+    """
+    x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
+    if not setting.distortion.identity:
+        if focal_length_mm is None:
+            raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
+        found = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
+        x, y = found.x, found.y
+    line_time_s = setting.shutter.line_time_us * 1e-6
+    if line_time_s and depth is not None and velocity is not None:
+        times = read_times(height, line_time_s)
+        x, y = Movement(velocity, depth).source(x, y, times, float(times[-1, 0]))
+    column = np.clip(np.floor(x + 0.5), 0, width - 1)
+    row = np.clip(np.floor(y + 0.5), 0, height - 1)
+    flat: NDArray[np.intp] = (row * width + column).astype(np.intp)
+    return flat
+
+
+def _row_times(setting: SensorSetting, width: int, height: int, focal_px: float) -> NDArray[np.float64]:
+    """When the pixels of the rendered image are read: with the row at which the lens shows them."""
+    line_time_s = setting.shutter.line_time_us * 1e-6
+    if setting.distortion.identity or not line_time_s:
+        return read_times(height, line_time_s)
+    half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
+    x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
+    y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
+    _, shown = distort(setting.distortion, x, y)
+    zoom = pixel_map(setting.distortion, width, height, focal_px).zoom
+    # What is not shown at all has no row; the first or the last one does.
+    rows = np.clip(shown * focal_px * zoom, -half_y, half_y)
+    times: NDArray[np.float64] = rows * line_time_s
+    return times
 
 
 def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats:

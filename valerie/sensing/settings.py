@@ -59,6 +59,13 @@ class Distortion(_Group):
         return self == _NO_DISTORTION
 
 
+class Shutter(_Group):
+    """How long and in which order pixels are exposed; see `valerie.sensing.motion`."""
+
+    exposure_ms: float = _field("shutter.exposure_ms")
+    line_time_us: float = _field("shutter.line_time_us")
+
+
 class Soiling(_Group):
     """What lies on the front glass; see `valerie.sensing.soiling`."""
 
@@ -84,7 +91,7 @@ class FaultyPixels(_Group):
 
 
 class SensorSetting(BaseModel):
-    """One camera response. In the order of the light's way: lens (defocus, soiling, distortion, chromatic aberration,
+    """One camera response. In the order of the light's way: lens (defocus, shutter, soiling, distortion, chromatic aberration,
     vignetting), exposure, noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
 
     Attributes:
@@ -94,6 +101,7 @@ class SensorSetting(BaseModel):
         white_balance: what the camera takes for white.
         lens: focus, fall-off of light and dispersion.
         distortion: Brown–Conrady; truth is distorted by the same map.
+        shutter: motion blur, and rows that are read one after another; truth is moved with them.
         soiling: dirt and drops on the front glass.
         noise: photon counting, read noise and converter.
         pixels: dead and hot pixels.
@@ -110,6 +118,7 @@ class SensorSetting(BaseModel):
     white_balance: WhiteBalance = WhiteBalance()
     lens: Lens = Lens()
     distortion: Distortion = Distortion()
+    shutter: Shutter = Shutter()
     soiling: Soiling = Soiling()
     noise: Noise = Noise()
     pixels: FaultyPixels = FaultyPixels()
@@ -135,7 +144,7 @@ class SensorSetting(BaseModel):
         """The part of `document` that makes a difference to the picture."""
         document = self.document()
         idle: list[str] = []
-        if not self.needs_depth:
+        if not self.defocuses:
             idle += ["lens.f_number", "lens.focus_distance_m"]
         if not self.counts_electrons:
             idle += ["noise.full_well_electrons", "noise.headroom_ev"]
@@ -158,14 +167,33 @@ class SensorSetting(BaseModel):
         )
 
     @property
+    def defocuses(self) -> bool:
+        """Whether the lens blurs what is not in focus."""
+        return self.lens.f_number > 0.0
+
+    @property
+    def needs_velocity(self) -> bool:
+        """Whether the picture depends on how things move."""
+        return self.shutter != _NO_SHUTTER
+
+    @property
     def needs_depth(self) -> bool:
         """Whether the picture depends on how far away things are."""
-        return self.lens.f_number > 0.0
+        return self.defocuses or self.needs_velocity
+
+    @property
+    def moves_truth(self) -> bool:
+        """Whether labels are elsewhere in the picture than in the rendered image."""
+        return not self.distortion.identity or self.shutter.line_time_us > 0.0
+
+    def without_shutter(self) -> SensorSetting:
+        """The same camera where nothing moves."""
+        return self.model_copy(update={"shutter": _NO_SHUTTER}) if self.needs_velocity else self
 
     @property
     def needs_focal_length(self) -> bool:
         """Whether the picture depends on the camera's field of view."""
-        return self.needs_depth or self.lens.vignetting > 0.0 or not self.distortion.identity
+        return self.defocuses or self.lens.vignetting > 0.0 or not self.distortion.identity
 
     def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
         """This setting with the ``sensor.…`` values of a variant put in, e.g. ``{"sensor.exposure_ev": 0.5}``.
@@ -191,5 +219,6 @@ class SensorSetting(BaseModel):
 
 
 _NO_DISTORTION: Final = Distortion()
+_NO_SHUTTER: Final = Shutter()
 #: What every document holds, since it always did.
 _ALWAYS: Final = frozenset({"exposure_ev", "curve", "gamma"})

@@ -6,14 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from valerie.pipeline.capture import distorted_truth
+from valerie.pipeline.capture import moved_truth
 from valerie.rendering.base import GroundTruth, PersonTruth
 from valerie.rendering.visibility import measure_pixels
-from valerie.sensing.sensor import Shot, develop
+from valerie.sensing.sensor import Shot, develop, seen_from
 from valerie.sensing.settings import SensorSetting
 
 WIDTH, HEIGHT = 320, 180
 PERSON = 24001
+
+
+def distorted_truth(truth: GroundTruth, setting: SensorSetting, focal_length: float) -> GroundTruth:
+    height, width = truth.class_map.shape
+    return moved_truth(truth, setting, seen_from(setting, width, height, focal_length_mm=focal_length), focal_length)
 
 
 def board() -> GroundTruth:

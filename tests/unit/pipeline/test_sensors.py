@@ -14,9 +14,12 @@ from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.pipeline import frames, gc, lifecycle
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.plan import plan_run
 from valerie.pipeline.replay import replay_frame
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_table
+from valerie.runs.spec import parse
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
 
 FRAMES = 4
@@ -176,3 +179,54 @@ def test_deleting_a_run_frees_the_views_of_its_sensors(pipeline: Pipeline) -> No
     lifecycle.delete(pipeline.context, run)
     gc.collect(pipeline.context)
     assert all_views(pipeline, one.scores) == []
+
+
+MOVING = {
+    "vary": [["person-1.trajectory.start", "CONSTANT", 0]],
+    "trajectories": {
+        "person-1": [[0, -1, 4], ["10 ms", 1, 4]]
+    },  # 200 m/s: 200 pixels per second in the blank engine's picture
+    "sequence": [2, "4 ms"],
+}
+
+
+def test_a_shutter_asks_for_velocities_once_and_for_no_other_renders(pipeline: Pipeline) -> None:
+    open_for = [{"name": name, "shutter": {"exposure_ms": ms}} for name, ms in (("short", 2), ("long", 30))]
+    assert pipeline.run(pipeline.submit(small(**{**MOVING, "sensors": open_for[:1]}))) == "completed"
+    assert pipeline.made() == {"background": 1, "layer": 2, "truth": 2, "velocity": 2, "prediction": 2, "evaluation": 2}
+    run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "plain"}, *open_for]}))
+    assert pipeline.run(run) == "completed"
+    assert pipeline.made() == {"prediction": 4, "evaluation": 4}
+    assert all(one.agrees for one in replay_frame(pipeline.context, run, 0, 0, 1))
+    plain, short, long = (
+        frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, 0, kind="picture", sensor=name))
+        for name in ("plain", "short", "long")
+    )
+    # Edges of the square, columns 16 and 48, move by 0.4 and by 6 pixels while the shutter is open.
+    changed = [np.flatnonzero((plain != one).any(axis=(0, 2))) for one in (short, long)]
+    assert set(changed[0].tolist()) <= set(range(15, 18)) | set(range(46, 50))
+    assert changed[1].size > 6
+    assert set(changed[1].tolist()) <= set(range(12, 20)) | set(range(44, 52))
+
+
+def test_behind_a_rolling_shutter_labels_lean_with_the_picture(pipeline: Pipeline) -> None:
+    run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "rolling", "shutter": {"line_time_us": 1000}}]}))
+    assert pipeline.run(run) == "completed"
+    source = frames.find(pipeline.context, run, 0, 0, 0, kind="truth", sensor="rolling")
+    truth = source.capture.seen_truth(ProductReader(pipeline.context.store))
+    middles = [np.flatnonzero(row == 24001).mean() for row in truth.instance_map[9:27]]
+    # A row is read a millisecond after the one above it.
+    assert np.polyfit(np.arange(9, 27), middles, 1)[0] == pytest.approx(0.2, abs=0.03)
+    rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
+    assert all(row["tp"] + row["fn"] == row["pixel_area"] for row in rows)
+    assert all(one.agrees for one in replay_frame(pipeline.context, run, 0, 0, 1))
+
+
+def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: Pipeline) -> None:
+    pipeline.run(pipeline.submit(small()))
+    pipeline.made()
+    still = small(sensors=[{"name": "slow", "shutter": {"exposure_ms": 100, "line_time_us": 20}}])
+    warnings = plan_run(pipeline.context, parse(still)).warnings
+    assert any("motion blur changes nothing" in text for text in warnings)
+    pipeline.run(pipeline.submit(still))
+    assert pipeline.made() == {}

@@ -1,50 +1,100 @@
+"""Motion blur and rolling shutter against pictures of moving squares that were worked out by hand."""
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from valerie.sensing.motion import motion_blur, rolling_shutter_map
+from valerie.sensing.motion import Movement, read_times, taken
 from valerie.sensing.resampling import bilinear
 
-
-def flow_of(x: float, y: float, height: int = 40, width: int = 80) -> np.ndarray:
-    return np.broadcast_to(np.array([x, y], np.float32), (height, width, 2)).copy()
-
-
-def test_without_motion_or_shutter_nothing_changes() -> None:
-    image = np.random.default_rng(0).random((40, 80, 3), np.float32)
-    assert motion_blur(image, flow_of(0, 0), 0.5) is image
-    assert motion_blur(image, flow_of(9, 2), 0.0) is image
+HEIGHT, WIDTH = 60, 120
+NO_ROWS = np.zeros((HEIGHT, 1))
 
 
-def test_a_moving_point_becomes_a_track_of_the_same_energy() -> None:
-    image = np.zeros((40, 80, 3), np.float32)
-    image[20, 40] = 1.0
-    found = motion_blur(image, flow_of(16.0, 0.0), 0.5)[..., 0]
-    assert found.sum() == pytest.approx(1.0, rel=1e-4)
-    columns = np.flatnonzero(found[20] > 1e-4)
-    assert 7 <= columns[-1] - columns[0] <= 9  # half of 16 pixels
-    assert (columns[0] + columns[-1]) / 2 == pytest.approx(40, abs=0.6)
-    assert found[np.arange(40) != 20].sum() == 0.0
+def square(speed_x: float = 0.0, speed_y: float = 0.0) -> tuple[NDArray[np.float32], Movement]:
+    """A white square of 20 × 20 pixels, 5 m away, before a black wall at 20 m; the square moves."""
+    light, velocity = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    depth = np.full((HEIGHT, WIDTH), 20.0, np.float32)
+    light[20:40, 50:70] = 1.0
+    velocity[20:40, 50:70] = (speed_x, speed_y)
+    depth[20:40, 50:70] = 5.0
+    return light, Movement(velocity, depth)
 
 
-def test_a_longer_shutter_blurs_more() -> None:
-    image = np.random.default_rng(0).random((40, 80, 3), np.float32)
-    spread = [motion_blur(image, flow_of(12, 5), shutter).std() for shutter in (0.0, 0.25, 0.5, 1.0)]
+def test_without_motion_nothing_changes() -> None:
+    light, movement = square()
+    assert taken(light, movement, read_times(HEIGHT, 1e-4), 0.1) is light
+
+
+def test_a_moving_square_is_smeared_beyond_its_edges_and_lets_the_wall_through_at_both_ends() -> None:
+    light, movement = square(speed_x=100.0)
+    found = taken(light, movement, NO_ROWS, 0.1)[30, :, 0]
+    # Ten pixels: the box of the square, 50 … 70, is blurred by a box ten wide.
+    edges = np.clip(np.minimum(np.arange(WIDTH) + 0.5 - 45.0, 75.0 - (np.arange(WIDTH) + 0.5)) / 10.0, 0.0, 1.0)
+    assert found == pytest.approx(edges, abs=0.08)
+    assert found.sum() == pytest.approx(20.0, rel=0.02)
+    assert np.array_equal(found[:44], np.zeros(44))
+
+
+@pytest.mark.parametrize("speed", [(0.0, 150.0), (-90.0, 0.0), (60.0, -60.0)])
+def test_light_is_neither_lost_nor_made(speed: tuple[float, float]) -> None:
+    light, movement = square(*speed)
+    found = taken(light, movement, NO_ROWS, 0.1)
+    assert found.sum() == pytest.approx(light.sum(), rel=0.03)
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    assert (found[..., 0] * rows).sum() / found[..., 0].sum() == pytest.approx(29.5, abs=0.4)
+    assert (found[..., 0] * columns).sum() / found[..., 0].sum() == pytest.approx(59.5, abs=0.4)
+
+
+def test_a_longer_exposure_blurs_more() -> None:
+    light, movement = square(speed_x=100.0)
+    spread = [taken(light, movement, NO_ROWS, seconds).std() for seconds in (0.0, 0.02, 0.05, 0.1)]
     assert spread == sorted(spread, reverse=True)
+    assert len(set(spread)) == 4
 
 
-def test_a_rolling_shutter_leans_what_moves_sideways() -> None:
-    image = np.zeros((40, 80), np.float32)
-    image[:, 40] = 1.0
-    x, y = rolling_shutter_map(flow_of(20.0, 0.0), 0.8)
-    found = bilinear(image, x, y)
-    top, middle, bottom = (float(found[row] @ np.arange(80)) for row in (0, 20, 39))
-    # The first row is read 0.39 intervals before the middle one.
-    assert top == pytest.approx(40 - 20 * 0.8 * (0.5 - 0.5 / 40), abs=0.1)
-    assert middle == pytest.approx(40, abs=0.3)
-    assert bottom == pytest.approx(40 + 20 * 0.8 * (0.5 - 0.5 / 40), abs=0.1)
+def test_a_rolling_shutter_leans_what_moves_sideways_and_nothing_else() -> None:
+    light, movement = square(speed_x=200.0)
+    times = read_times(HEIGHT, 2e-3)
+    found = taken(light, movement, times, 0.0)[..., 0]
+    for row in range(20, 40):
+        lit = np.flatnonzero(found[row] > 0.5)
+        assert lit.size == pytest.approx(20, abs=1)
+        # The row is read 2 ms later than the one above it, and the square has moved 0.4 pixels by then.
+        assert lit.mean() == pytest.approx(59.5 + 200.0 * 2e-3 * (row - 29.5), abs=1.0)
+    assert found[:20].max() == found[40:].max() == 0.0
 
 
-def test_an_instant_readout_leaves_every_pixel_where_it_is() -> None:
-    x, y = rolling_shutter_map(flow_of(20.0, 3.0), 0.0)
-    np.testing.assert_array_equal(x, np.broadcast_to(np.arange(80), (40, 80)))
-    np.testing.assert_array_equal(y, np.broadcast_to(np.arange(40)[:, None], (40, 80)))
+def test_what_falls_is_stretched_and_what_rises_is_squeezed() -> None:
+    heights = []
+    for speed in (-100.0, 0.0, 100.0):
+        light, movement = square(speed_y=speed)
+        heights.append(float(taken(light, movement, read_times(HEIGHT, 2e-3), 0.0)[:, 60, 0].sum()))
+    # q = p + v · 2 ms · q: 20 / (1 − v · 2 ms).
+    assert heights == pytest.approx([20 / 1.2, 20, 20 / 0.8], abs=1.5)
+
+
+def test_a_standing_thing_in_front_is_not_drawn_out_over_what_moves_behind_it() -> None:
+    light, velocity = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    depth = np.full((HEIGHT, WIDTH), 20.0, np.float32)
+    velocity[...] = (100.0, 0.0)  # the camera turns, and follows the square
+    light[20:40, 50:70], velocity[20:40, 50:70], depth[20:40, 50:70] = 1.0, 0.0, 5.0
+    found = taken(light, Movement(velocity, depth), NO_ROWS, 0.1)
+    assert found[30, 50:70, 0] == pytest.approx(np.ones(20))
+    assert found.sum() == pytest.approx(light.sum(), rel=0.02)
+
+
+def test_a_picture_in_which_everything_moves_alike_is_shifted_row_by_row() -> None:
+    light = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), np.float32)
+    velocity = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    velocity[..., 0] = 50.0
+    times = read_times(HEIGHT, 1e-3)
+    found = taken(light, Movement(velocity, np.full((HEIGHT, WIDTH), 9.0, np.float32)), times, 0.0)
+    x = np.arange(WIDTH)[None, :] - 50.0 * times
+    expected = bilinear(light, x, np.broadcast_to(np.arange(HEIGHT, dtype=np.float64)[:, None], x.shape))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_middle_of_the_image_is_read_at_the_frame_s_own_moment() -> None:
+    times = read_times(5, 1e-3)
+    assert times[:, 0] == pytest.approx([-2e-3, -1e-3, 0.0, 1e-3, 2e-3])

@@ -44,6 +44,7 @@ class EvaluateMaker:
             background=job.background,
             layer=job.layer,
             truth=job.truth,
+            velocity=job.velocity,
         )
         truth = capture.seen_truth(self._reader)
         prediction = self._reader.prediction(job.prediction)

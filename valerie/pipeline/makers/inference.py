@@ -124,6 +124,7 @@ class InferMaker:
             background=job.background,
             layer=job.layer,
             truth=job.truth,
+            velocity=job.velocity,
         )
         return capture.picture(self._reader)
 
