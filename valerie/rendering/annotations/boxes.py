@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from valerie.rendering.base import GroundTruth, View, bounds
 from valerie.rendering.raster.camera_math import clip_hull, project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, instance_roots
-from valerie.scene.model import Camera, Node, Scene, freeze
+from valerie.scene.model import Camera, Mesh, Node, Scene, freeze
 
 #: Of a box of size 1 around the origin that faces +y.
 _CORNERS: Final = np.array(
@@ -127,11 +129,21 @@ def _box(scene: Scene, root: Node, items: Sequence[DrawItem], camera: Camera, vi
     heading = math.atan2(-float(forward[0]), float(forward[1]))
     turn = _upright(heading)
     vertices = np.concatenate(
-        [mesh.positions @ item.world[:3, :3].T + item.world[:3, 3] for item in items for mesh in item.meshes]
+        [_hull(mesh) @ item.world[:3, :3].T + item.world[:3, 3] for item in items for mesh in item.meshes]
     )
     local = vertices @ turn
     low, high = local.min(axis=0), local.max(axis=0)
     return _Box(turn @ ((low + high) / 2), high - low, heading, _projected(vertices, camera, view))
+
+
+@lru_cache(maxsize=1024)
+def _hull(mesh: Mesh) -> NDArray[np.float64]:
+    """(K, 3) vertices that span the convex hull of a mesh: no other is the outermost in any direction or projection."""
+    positions = mesh.positions.astype(np.float64)
+    try:
+        return positions[ConvexHull(positions).vertices]
+    except QhullError:  # flat, or a line
+        return positions
 
 
 def _projected(vertices: NDArray[np.float64], camera: Camera, view: View) -> tuple[float, float, float, float]:
