@@ -51,6 +51,10 @@ def evaluate(
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
     lines = Lines("frames")
+    also: dict[str, CollectionScores] = {}
+    if beside is not None:  # before hours of work: the run may not have them
+        with context_of(data_dir) as context:
+            also = {name: run_scores(context, beside, name) for name in functions}
     with deployment_or_empty(settings_of(data_dir)) as deployment:
         result = evaluate_dataset(
             folder,
@@ -58,10 +62,6 @@ def evaluate(
             open_function=lambda name: open_reference(name, context=deployment, threads=threads),
             progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
-    also: dict[str, CollectionScores] = {}
-    if beside is not None:
-        with context_of(data_dir) as context:
-            also = {name: run_scores(context, beside, name) for name in functions}
     if out is not None:
         for path in result.write(out):
             say(f"wrote {path}")

@@ -33,7 +33,7 @@ from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.pipeline.context import Context
 from valerie.pipeline.opening import display_name
 from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.selection import function_index
+from valerie.pipeline.selection import as_called, function_index
 from valerie.storage import codecs
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
@@ -266,10 +266,17 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
 def run_scores(context: Context, run_id: str, function: str) -> CollectionScores:
     """The same scores of a run's evaluated frames (first sensor setting), to stand beside those of a data set.
 
+    Args:
+        context: of the deployment.
+        run_id: of the run.
+        function: as the run's spec calls it, or ``name@digest`` of the version that the run saw.
+
     Raises:
         NotFound, UnknownName: no such run, or a function that it did not evaluate.
     """
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
-        found = results.predictions(connection, run_id, 0, function_index(function, resolved))
+        run = runs.get(connection, run_id)
+        resolved = resolve_stored(run, context.settings)
+        called = as_called(function, resolved, run.pins)
+        found = results.predictions(connection, run_id, 0, function_index(called, resolved))
     return collection_scores([codecs.decode_counts(packed) for _, packed in found.values()])

@@ -81,6 +81,16 @@ def function_index(name: str, resolved: ResolvedRun) -> int:
     return resolved.spec.functions.index(name)
 
 
+def as_called(reference: str, resolved: ResolvedRun, pins: Mapping[str, Any] | None) -> str:
+    """What a run's spec calls the version that ``name@digest`` means; the reference itself where it is no version of the run."""
+    name, at, beginning = reference.partition("@")
+    if at and reference not in resolved.spec.functions and pins is not None:
+        for called in resolved.spec.functions:
+            if called.partition("@")[0] == name and pins["functions"][called]["digest"].startswith(beginning):
+                return called
+    return reference
+
+
 def choose_frames(
     connection: Connection, run_id: str, resolved: ResolvedRun, *, where: Where | None = None, sensor: int = 0
 ) -> list[ChosenFrame]:

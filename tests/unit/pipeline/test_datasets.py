@@ -230,3 +230,12 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
     assert here.as_document() == there.as_document()
     rows = pq.read_table(result.write(tmp_path / "out")[1]).to_pylist()
     assert len(rows) == here.frames == 24
+
+
+def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
+    pipeline, run_id = run
+    digest = pipeline.row(run_id).pins["functions"]["blank"]["digest"]
+    by_name = run_scores(pipeline.context, run_id, "blank")
+    assert run_scores(pipeline.context, run_id, f"blank@{digest[:12]}").as_document() == by_name.as_document()
+    with pytest.raises(UnknownName, match="blank@000000"):
+        run_scores(pipeline.context, run_id, "blank@000000")
