@@ -181,11 +181,13 @@ class Canvas:
         """(height, width) near occlusion after its blur."""
         return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
 
-    def read_materials(self, area: Area) -> NDArray[np.uint16]:
-        """(height · samples, width · samples) rows of the material table."""
+    def read_moving(self, area: Area) -> Mask:
+        """(height, width) whether a movable, drawn last, is seen in a sample of the pixel."""
         x, y, width, height = (n * SAMPLES for n in area)
-        rows: NDArray[np.uint16] = _read(self.targets.surfaces.framebuffer, (x, y, width, height), 1, "u2", 2)
-        return rows.reshape(height, width)
+        rows = _read(self.targets.moving.framebuffer, (x, y, width, height), 1, "u2", 2).reshape(height, width)
+        across = np.logical_or.reduce([rows[:, i::SAMPLES] for i in range(SAMPLES)])
+        seen: Mask = np.logical_or.reduce([across[i::SAMPLES] for i in range(SAMPLES)])
+        return seen
 
     def release(self) -> None:
         """Free the targets."""

@@ -79,14 +79,22 @@ def shadowed_tiles(
     spans = np.concatenate([seen * near[:, None, None], seen * far[:, None, None]], axis=1) + eye
     low, high = spans.min(axis=1), spans.max(axis=1)
     border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / MOVABLE_MAP + 0.03
-    hit = np.zeros(len(rows), np.bool_)
-    for corners in bodies:
-        box = corners @ light.rows.T
-        first, last = box.min(axis=0), box.max(axis=0)
-        hit |= (
-            (low[:, :2] < last[:2] + border).all(axis=1)
-            & (high[:, :2] > first[:2] - border).all(axis=1)
-            & (high[:, 2] > first[2] - _STEEPEST)
-        )
-    found[rows[hit], columns[hit]] = True
+    boxes = [corners @ light.rows.T for corners in bodies]
+    # Few tiles come near any of the movables, so that few are held against each.
+    near_any = np.flatnonzero(_meets(low, high, np.concatenate(boxes), border))
+    low, high = low[near_any], high[near_any]
+    hit = np.zeros(len(near_any), np.bool_)
+    for box in boxes:
+        hit |= _meets(low, high, box, border)
+    kept = near_any[hit]
+    found[rows[kept], columns[kept]] = True
     return found
+
+
+def _meets(low: Points, high: Points, caster: Points, border: float) -> Mask:
+    """(N,) whether the caster's box may throw a shadow into boxes ``low`` … ``high``, (N, 3) in the light's axes."""
+    first, last = caster.min(axis=0), caster.max(axis=0)
+    across = (low[:, 0] < last[0] + border) & (high[:, 0] > first[0] - border)
+    across &= (low[:, 1] < last[1] + border) & (high[:, 1] > first[1] - border)
+    met: Mask = across & (high[:, 2] > first[2] - _STEEPEST)
+    return met

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -72,6 +74,8 @@ class PlacedMesh:
     Attributes:
         row: of its material in the material table.
         corners: (8, 3) metres, corners of its (turned) bounding box in the world.
+        mirrored: its world matrix turns right into left.
+        values: uniforms of its own.
     """
 
     buffers: MeshBuffers
@@ -79,25 +83,24 @@ class PlacedMesh:
     kind: SurfaceKind
     row: int
     corners: Points
+    mirrored: bool
+    values: Mapping[str, Any]
 
     @classmethod
     def place(cls, buffers: MeshBuffers, item: DrawItem, kind: SurfaceKind, row: int) -> PlacedMesh:
         corners = buffers.corners @ item.world[:3, :3].T + item.world[:3, 3]
-        return cls(buffers, item, kind, row, corners)
+        values = {
+            "world": item.world,
+            "normal_matrix": normal_matrix(item.world),
+            "ids": (row, item.node.label_id, item.node.instance_id),
+        }
+        return cls(buffers, item, kind, row, corners, bool(np.linalg.det(item.world[:3, :3]) < 0), values)
 
     def draw(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> None:
         """Draw with ``program``, whose other uniforms are set; see `MeshBuffers.array`."""
-        node = self.item.node
-        set_uniforms(
-            program,
-            {
-                "world": self.item.world,
-                "normal_matrix": normal_matrix(self.item.world),
-                "ids": (self.row, node.label_id, node.instance_id),
-            },
-        )
+        set_uniforms(program, self.values)
         gl = program.ctx
-        gl.front_face = "cw" if np.linalg.det(self.item.world[:3, :3]) < 0 else "ccw"
+        gl.front_face = "cw" if self.mirrored else "ccw"
         array = self.buffers.array(program, elsewhere)
         array.render()
         if elsewhere is not None:

@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
+from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
@@ -100,18 +100,17 @@ class RasterRenderer:
             rectangle = with_lamps(rectangle, boxes, frame.camera, view, lowest, frame.lamps)
             if rectangle.empty:
                 return nothing
-            area = x, y, width, height = gl_rectangle(rectangle, view)
+            area = gl_rectangle(rectangle, view)
             self._learn(frame, frame.canvas.grid.touching(area))
+            (x, y, width, height), after = self._with_movables(frame, area)
             before = frame.image.pixels[y : y + height, x : x + width]
-            after = self._with_movables(frame, area)
-            changed = (before.view(np.uint16) != after.view(np.uint16)).any(axis=2)[::-1]
-        rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-        if not rows.size:
+            differs = before.view(np.uint16) != after.view(np.uint16)
+        changed = bounds((differs[..., 0] | differs[..., 1] | differs[..., 2])[::-1])
+        if changed.empty:
             return nothing
-        inside = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        pixels = np.ascontiguousarray(after[::-1][inside])
-        corner = rectangle.x + int(columns[0]), rectangle.y + int(rows[0])
-        return Layer(Rectangle(*corner, pixels.shape[1], pixels.shape[0]), pixels)
+        pixels = np.ascontiguousarray(after[::-1][changed.slices])
+        top = view.height - y - height
+        return Layer(Rectangle(x + changed.x, top + changed.y, changed.width, changed.height), pixels)
 
     def full(self, scene: Scene, view: View) -> LinearImage:
         """The frame from scratch: nothing kept but uploaded meshes and textures, everything drawn and lit."""
@@ -256,16 +255,14 @@ class RasterRenderer:
         np.copyto(frame.image.pixels[y : y + height, x : x + width], canvas.read_pixels(area), where=inside)
         frame.image.known |= missing
 
-    def _with_movables(self, frame: _Frame, area: Area) -> NDArray[np.float16]:
-        """The area's pixels with movables; the statics' tiles there are known."""
+    def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
+        """That part of the area in which movables may change pixels, and its pixels; the statics' tiles there are known."""
         canvas, surfaces, grid = frame.canvas, frame.surfaces, frame.canvas.grid
         placed, camera, view = frame.prepared.placed, frame.camera, frame.view
         bodies = [mesh.corners for mesh in placed]
         covered = covered_rectangle(bodies, camera, view)
         region = grid.touching(area)
-        self._draw(frame, gl_rectangle(covered, view))
-        surface = self._drawn_pixels(frame)
-        body = grid.holding(surface, canvas.drawn[0], canvas.drawn[1])
+        surface, body = self._draw(frame, gl_rectangle(covered, view))
         occluded: Mask = occluded_tiles(body, bodies, surfaces, camera, view, REACH) & region
         smoothed: Mask = widened(occluded) & region
         with self._lit(frame, movables=True) as lit:
@@ -280,35 +277,23 @@ class RasterRenderer:
             canvas.skylit &= ~body
             canvas.shaded &= ~dirty
             canvas.light(lit, dirty)
-        x, y, width, height = area
-        pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+        part, pixels = (area[0], area[1], 0, 0), np.zeros((0, 0, 3), np.float16)
         if dirty.any():
-            part = grid.around(dirty)
-            left, bottom = max(part[0], x), max(part[1], y)
-            right, top = min(part[0] + part[2], x + width), min(part[1] + part[3], y + height)
-            part = (left, bottom, right - left, top - bottom)
-            into = pixels[bottom - y : top - y, left - x : right - x]
-            np.copyto(into, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
+            part = _common(grid.around(dirty), area)
+            x, y, width, height = part
+            pixels = frame.image.pixels[y : y + height, x : x + width].copy()
+            np.copyto(pixels, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
         # These hold movables now.
         canvas.occluded &= ~occluded
         canvas.smoothed &= ~smoothed
         canvas.skylit &= ~body
         canvas.shaded &= ~dirty
-        return pixels
+        return part, pixels
 
     @staticmethod
     def _lowest(frame: _Frame) -> float:
         """Metres, height below which there is nothing to receive a shadow."""
         return float(frame.prepared.statics.geometry.low[2])
-
-    def _drawn_pixels(self, frame: _Frame) -> Mask:
-        """(height, width) of the part drawn last: whether a movable is seen in a sample of the pixel."""
-        _, _, width, height = frame.canvas.drawn
-        if not width or not height:
-            return np.zeros((0, 0), np.bool_)
-        samples = frame.canvas.read_materials(frame.canvas.drawn) >= len(frame.prepared.statics.materials)
-        seen: Mask = np.logical_or.reduce(samples.reshape(height, SAMPLES, width, SAMPLES), axis=(1, 3))
-        return seen
 
     def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:
         """Tiles whose pixels the seen movables and the near occlusion that they change reach."""
@@ -335,18 +320,24 @@ class RasterRenderer:
         self._context.gl.depth_func = "<"
         return StaticSurfaces(target, grid)
 
-    def _draw(self, frame: _Frame, area: Area) -> None:
-        """The G-buffer of statics and movables; movables lie inside the area."""
+    def _draw(self, frame: _Frame, area: Area) -> tuple[Mask, Mask]:
+        """Make the G-buffer of statics and movables; movables lie inside the area.
+
+        Returns:
+            (height, width) of the area: whether a movable is seen in a sample of the pixel; and the tiles that hold such a pixel.
+        """
         self._copy_statics(frame)
-        targets = frame.canvas.targets
-        frame.canvas.drawn = area
+        canvas, targets = frame.canvas, frame.canvas.targets
+        canvas.drawn = area
         if not area[2] or not area[3]:
-            return
+            return np.zeros((0, 0), np.bool_), canvas.grid.none()
         x, y, width, height = (n * SAMPLES for n in area)
         moving, textures = targets.moving, frame.prepared.statics.textures
         moving.use((x, y, width, height))
         moving.clear_colors()
         self._moving.movables(frame.prepared.placed, textures, frame.table, _camera_values(frame.camera, frame.view))
+        seen = canvas.read_moving(area)
+        body = canvas.grid.holding(seen, area[0], area[1])
         sources: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "uv_map": moving.colors[0],
             "frame_map": moving.colors[1],
@@ -354,7 +345,12 @@ class RasterRenderer:
             "material_table": frame.table,
             **{f"textures_{side}": array for side, array in textures.arrays.items()},
         }
-        self._texturing(textures).run(targets.surfaces, one_span(area) * SAMPLES, sources, {}, sampler=self._sampler)
+        # Outside the area the rows of an earlier frame may stand.
+        spans = canvas.grid.spans(body)
+        spans[:, :2] = np.maximum(spans[:, :2], area[:2])
+        spans[:, 2:] = np.minimum(spans[:, 2:], (area[0] + area[2], area[1] + area[3]))
+        self._texturing(textures).run(targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler)
+        return seen, body
 
     def _texturing(self, textures: TextureSet) -> ScreenPass:
         """The pass that reads the textures of movables, for the sides that an asset has."""
@@ -399,6 +395,13 @@ class _Frame:
     sky: Sky
     lamps: FrameLamps
     lamp_maps: LampMaps | None
+
+
+def _common(one: Area, other: Area) -> Area:
+    """The part of two areas that lies in both; they touch."""
+    left, bottom = max(one[0], other[0]), max(one[1], other[1])
+    right, top = min(one[0] + one[2], other[0] + other[2]), min(one[1] + one[3], other[1] + other[3])
+    return left, bottom, right - left, top - bottom
 
 
 def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
