@@ -9,9 +9,9 @@ import numpy as np
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.bounds import Reach
-from valerie.rendering.raster.camera_math import LightView, Points
+from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, MOVABLE_MAP
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, MOVABLE_MAP, ShadowMap
 from valerie.rendering.raster.tiles import TILE, Mask, widened
 from valerie.scene.model import Camera
 
@@ -50,21 +50,22 @@ def occluded_tiles(
 
 
 def shadowed_tiles(
-    wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, light: LightView
+    wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
 ) -> Mask:
     """Those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
 
     What a camera sees in a tile lies in a frustum between two depths; its box in the light's axes is held against those of the
-    movables.
+    movables, and against what their shadow map really holds.
 
     Args:
         bodies: (8, 3) world corners of the movables' boxes.
-        light: of the movables' shadow map.
+        shadow: the movables' shadow map.
     """
     found = np.zeros_like(wanted)
     rows, columns = np.nonzero(wanted & (surfaces.nearest < camera.far * 0.999))
     if not len(rows) or not bodies:
         return found
+    light = shadow.light
     focal = camera.focal_length_px(view.width)
     # A pixel more on each side: pixels take samples of their neighbours.
     x = np.stack([columns * TILE - 1, (columns + 1) * TILE + 1], axis=1) - view.width / 2
@@ -86,6 +87,7 @@ def shadowed_tiles(
     hit = np.zeros(len(near_any), np.bool_)
     for box in boxes:
         hit |= _meets(low, high, box, border)
+    hit[hit] = shadow.holds(low[hit, :2] - border, high[hit, :2] + border)
     kept = near_any[hit]
     found[rows[kept], columns[kept]] = True
     return found

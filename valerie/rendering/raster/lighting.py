@@ -177,6 +177,7 @@ class Lighting:
             shade=_Step(self._shade(lamps=lamps is not None), targets.radiance, shade_textures, shade, samples=SAMPLES),
             resolve=_Step(self.resolve, targets.pixels, {"radiance": targets.radiance.colors[0]}, {}),
             owned=tuple(owned),
+            movable_shadow=movable_shadow,
         )
 
     def release(self) -> None:
@@ -213,6 +214,7 @@ class LitFrame:
     shade: _Step
     resolve: _Step
     owned: tuple[moderngl.Texture, ...]
+    movable_shadow: ShadowMap | None
 
     def light_sky(self, parts: Spans) -> None:
         """Sky light of the cells that touch the parts."""

@@ -270,8 +270,8 @@ class RasterRenderer:
             canvas.smoothed &= ~smoothed
             canvas.occlude(lit, smoothed)
             dirty: Mask = self._reached(canvas, surface, body, smoothed, surfaces)
-            if float(frame.sky.sun_direction[2]) > 0:
-                dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, frame.shadow.light)
+            if lit.movable_shadow is not None and float(frame.sky.sun_direction[2]) > 0:
+                dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, lit.movable_shadow)
             dirty |= lamp_shadowed_tiles(grid, bodies, camera, view, self._lowest(frame), frame.lamps)
             dirty &= region
             canvas.skylit &= ~body

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from valerie.rendering.raster.camera_math import (
 )
 from valerie.rendering.raster.drawing import SurfaceDrawer
 from valerie.rendering.raster.targets import Target
+from valerie.rendering.raster.tiles import Mask
 from valerie.scene.model import Camera
 
 if TYPE_CHECKING:
@@ -49,6 +51,20 @@ class ShadowMap:
     def texture(self) -> moderngl.Texture:
         assert self.target.depth is not None
         return self.target.depth
+
+    def holds(self, low: Points, high: Points) -> Mask:
+        """(N,) whether the map holds anything in the rectangles ``low`` … ``high``: (N, 2) metres in the light's axes."""
+        side = self.target.size[0]
+        data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
+        drawn = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
+        # Texels in a rectangle, from the sums of all texels below and to the left.
+        sums = cv2.integral(drawn.view(np.uint8), sdepth=cv2.CV_32S)
+        texel = self.light.extent[:2] / side
+        first = np.clip(np.floor((low - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
+        last = np.clip(np.ceil((high - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
+        (x0, y0), (x1, y1) = first.T, last.T
+        found: Mask = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
+        return found
 
     def release(self) -> None:
         """Free the map."""
