@@ -136,7 +136,7 @@ class TruthPass:
         with self._context.current() as gl:
             prepared = self._context.scenes.prepare(scene)
             materials = list(prepared.materials)
-            people = [item for item in draw_items(scene, movable=False) if item.node.label_id == PERSON.id]
+            people = draw_items(scene, movable=False, label_id=PERSON.id)
             standing = self._context.scenes.place(scene, people, prepared.statics, materials)
             table = table_texture(gl, Prepared(scene, prepared.statics, (), tuple(materials)).table())
             key = (prepared.statics.key, *camera_key(camera, view))

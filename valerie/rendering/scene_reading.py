@@ -33,15 +33,15 @@ class DrawItem:
         return self.node.meshes
 
 
-def draw_items(scene: Scene, *, movable: bool) -> tuple[DrawItem, ...]:
-    """The visible nodes with meshes that are movable (or not), in the scene's order.
+def draw_items(scene: Scene, *, movable: bool, label_id: int | None = None) -> tuple[DrawItem, ...]:
+    """The visible nodes with meshes that are movable (or not), in the scene's order; only those of one label if given.
 
     A node is drawn if it and all its ancestors are visible.
     """
     items: list[DrawItem] = []
     world_of = _Worlds(scene)
     for node in scene.nodes.values():
-        if node.meshes and node.movable == movable:
+        if node.movable == movable and label_id in (None, node.label_id) and node.meshes:
             world = world_of(node)
             if world is not None:
                 items.append(DrawItem(node, world))

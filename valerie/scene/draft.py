@@ -172,9 +172,9 @@ class Draft:
             nodes[path] = replace(nodes[path], light=light)
         for path, pose in self._poses.items():
             nodes[path] = replace(nodes[path], transform=pose.matrix())
-        roots = tuple(self._shown)
-        for path in nodes if roots else ():
-            if not any(path == root or path.startswith(f"{root}.") for root in roots):
+        inside = tuple(f"{root}." for root in self._shown)
+        for path in nodes if inside else ():
+            if not (path in self._shown or path.startswith(inside)):
                 continue
             node = nodes[path]
             parent = nodes.get(node.parent)

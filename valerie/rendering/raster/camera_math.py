@@ -7,19 +7,26 @@ centre of the first pixel is (0.5, 0.5).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.scene.model import Camera, Matrix
+from valerie.scene.model import Camera, Matrix, freeze
 
 Points = NDArray[np.float64]
 
 
 def view_from_world(camera: Camera) -> Matrix:
-    """(4, 4) world to camera; the camera looks along −z."""
-    return np.asarray(np.linalg.inv(camera.transform), np.float64)
+    """(4, 4) world to camera, read-only; the camera looks along −z."""
+    return _inverse(np.ascontiguousarray(camera.transform, np.float64).tobytes())
+
+
+@lru_cache(maxsize=64)
+def _inverse(matrix: bytes) -> Matrix:
+    """Of a (4, 4) float64 matrix; a frame asks for its camera's some dozens of times."""
+    return freeze(np.asarray(np.linalg.inv(np.frombuffer(matrix).reshape(4, 4)), np.float64))
 
 
 def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_y: int = 0) -> Matrix:

@@ -32,6 +32,7 @@ class Statics:
         nodes: the nodes it was made of, in order; compared by identity.
         key: differs for statics that differ in shape or in what of their materials is baked into the G-buffer.
         materials: of the statics, in the order of their rows.
+        table: these rows of the material table.
     """
 
     nodes: tuple[Node, ...]
@@ -39,6 +40,7 @@ class Statics:
     textures: TextureSet
     materials: tuple[Material, ...]
     key: Hashable
+    table: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +59,12 @@ class Prepared:
 
     def table(self) -> NDArray[np.float32]:
         """The material table, (N, 5, 4) float32."""
-        return material_table(self.materials, self.statics.textures)
+        # A street has hundreds of materials, a movable a dozen.
+        count = len(self.statics.materials)
+        if len(self.materials) == count:
+            return self.statics.table
+        moving = material_table(self.materials[count:], self.statics.textures)
+        return np.concatenate([self.statics.table[:count], moving])
 
 
 class SceneStore:
@@ -140,7 +147,12 @@ class SceneStore:
             (m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff, m.transmission) for m in materials
         )
         self._last = Statics(
-            nodes, geometry, textures, tuple(materials), (geometry.serial, textures.serial, appearance)
+            nodes,
+            geometry,
+            textures,
+            tuple(materials),
+            (geometry.serial, textures.serial, appearance),
+            material_table(materials, textures),
         )
         return self._last
 

@@ -50,9 +50,14 @@ class TileGrid:
 
     def spans(self, mask: Mask) -> Spans:
         """The tiles of a mask as rectangles, one per run of neighbours in a row."""
-        edges = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
-        rows, first = np.nonzero(edges == 1)
-        last = np.nonzero(edges == -1)[1]
+        used = np.flatnonzero(mask.any(axis=1))
+        if not used.size:
+            return np.zeros((0, 4), np.int64)
+        bordered = np.zeros((used.size, mask.shape[1] + 2), np.int8)
+        bordered[:, 1:-1] = mask[used]
+        edges = bordered[:, 1:] - bordered[:, :-1]
+        row, first = np.nonzero(edges == 1)
+        rows, last = used[row], np.nonzero(edges == -1)[1]
         x1, y1 = np.minimum(last * TILE, self.width), np.minimum((rows + 1) * TILE, self.height)
         return np.stack([first * TILE, rows * TILE, x1, y1], axis=1)
 
