@@ -194,3 +194,12 @@ def test_equal_moments_are_equal_assignments_whatever_the_path_to_them() -> None
     back = Motion([walk((0, -4, 10), (2, 2, 10))], MANIFEST).at({}, 1.0)
     assert there == back
     assert Pose.of(apply(there, simple_asset()).nodes[PERSON].transform).position == (-1.0, 10.0, 0.0)
+
+
+def test_moments_that_no_frame_is_taken_at_are_held_within_the_declared_range() -> None:
+    motion = Motion([walk((0, 0, 10), (1, 15, 10), (1.5, 14, 10))], MANIFEST)
+    assert motion.at({}, 1.1)["scene.person-1.pos.x"] > 15
+    held = motion.at({}, 1.1, within=True)
+    assert held["scene.person-1.pos.x"] == 15
+    assert held["scene.person-1.pos.y"] == motion.at({}, 1.1)["scene.person-1.pos.y"]
+    apply(held, simple_asset())
