@@ -91,6 +91,8 @@ def _fit(options: argparse.Namespace) -> None:
     )
     provenance = training_provenance(frames, held_out, options.start_from)
     provenance["trained-by"] = "python -m valerie.perception.training fit"
+    if options.weaknesses:
+        provenance["known-weaknesses"] = options.weaknesses
     data = model.to_bytes(provenance)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_bytes(data)
@@ -120,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--out", type=Path, required=True, help="function file to write")
     fit.add_argument("--start-from", type=Path, help="function file whose weights are the beginning")
     fit.add_argument("--checkpoint", type=Path, help="file to write on the way, and to go on from if it exists")
+    fit.add_argument("--weaknesses", metavar="TEXT", help="what is known to go wrong, for the function's card")
     fit.add_argument("--steps", type=int)
     fit.add_argument("--time-budget", dest="time_budget_s", type=float, metavar="SECONDS")
     fit.add_argument("--batch", type=int)

@@ -23,12 +23,14 @@ def test_fit_writes_a_function_with_its_provenance(folders: tuple[Path, Path], t
     out = tmp_path / "out" / "semantic-fpn-small.safetensors"
     arguments = ["fit", "semantic-fpn-small", "--frames", str(folders[0]), "--held-out", str(folders[1])]
     arguments += ["--out", str(out), "--steps", "1", "--batch", "2", "--precision", "fp32", "--device", "cpu"]
+    arguments += ["--weaknesses", "people far away"]
     assert main(arguments) == 0
     card = function_card("semantic-fpn-small", folder=out.parent)
     assert card.provenance["frames-street-seeds"] == "1000-1000"
     assert card.provenance["held-out-street-seeds"] == "900-900"
     assert card.provenance["licence"] == "Apache-2.0"
     assert card.provenance["steps"] == "1"
+    assert card.provenance["known-weaknesses"] == "people far away"
     assert "held-out-person-iou" in card.provenance
     assert "after 1 steps" in capsys.readouterr().out
     assert out.with_suffix(".curve.png").stat().st_size > 1000
