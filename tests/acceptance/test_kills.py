@@ -51,7 +51,7 @@ def kill(processes: list[psutil.Process]) -> None:
 def test_the_undisturbed_run_has_results(undisturbed: Outcome) -> None:
     rows, objects = undisturbed
     assert len(rows) == 2 * FRAMES  # person-2 is absent and says so
-    assert len(objects) == 2 + 3 * FRAMES
+    assert len(objects) == 3 + 3 * FRAMES
     assert {row["pacc"] for row in rows if row["undefined_reason"] is None} == {0.0, 1.0}
 
 
