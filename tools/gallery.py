@@ -27,7 +27,7 @@ from valerie.sensing.settings import SensorSetting
 
 OUT: Final = Path(__file__).parents[1] / "docs" / "images"
 #: Column to engine and its settings.
-ENGINES: Final[dict[str, dict[str, Any]]] = {"raster": {}, "cycles": {"quality": "standard"}, "pyrender": {}}
+ENGINES: Final[dict[str, dict[str, Any]]] = {"raster": {}, "cycles": {"quality": "draft"}, "pyrender": {}}
 TILE: Final = (480, 270)
 LARGE: Final = (1280, 720)
 _CAPTION: Final = 22

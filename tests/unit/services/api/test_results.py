@@ -55,6 +55,7 @@ def test_sorting_pages_by_any_column_loses_and_repeats_nothing(
     values = [row[column] for row in rows if row[column] is not None]
     assert values == sorted(values, reverse=bool(sign))
     assert all(row[column] is None for row in rows[len(values) :]), "rows without a value come last"
+    assert list(rows[0]) == list(table[0])
     assert sorted(map(repr, rows)) == sorted(map(repr, table))
 
 
