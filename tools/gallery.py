@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from valerie import plugins
-from valerie.errors import MissingDependency
+from valerie.errors import MissingDependency, RenderingError
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import Renderer, View
 from valerie.scene.asset import SceneAsset, load_asset
@@ -140,6 +140,14 @@ def picture(engine: Renderer, asset: SceneAsset, condition: Condition, size: tup
     return develop(image.pixels, SensorSetting.model_validate({"exposure_ev": 0.8, **condition.sensor}))
 
 
+def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[np.uint8] | str:
+    """The tile's picture, or what the engine says that it cannot show."""
+    try:
+        return picture(engine, asset, condition, TILE)
+    except RenderingError as error:
+        return str(error).partition(":")[0]
+
+
 def refusal(engine: str, condition: Condition) -> str | None:
     """Why an engine cannot show a condition, as a spec that asked for it would be told; None if it can."""
     asked = {path.removeprefix("environment-1.") for path in condition.values if path.startswith("environment-1.")}
@@ -172,9 +180,9 @@ def column(engine_name: str, out: Path) -> list[Image.Image]:
     try:
         for condition in CONDITIONS:
             asset, caption = street(condition.season), f"{engine_name} · {condition.caption}"
-            reason = refusal(engine_name, condition)
-            tiles.append(tile(reason or picture(engine, asset, condition, TILE), caption))
-            sys.stdout.write(f"{caption}{': ' + reason if reason else ''}\n")
+            shown = refusal(engine_name, condition) or tried(engine, asset, condition)
+            tiles.append(tile(shown, caption))
+            sys.stdout.write(f"{caption}{': ' + shown if isinstance(shown, str) else ''}\n")
             sys.stdout.flush()
             if condition is CONDITIONS[0]:
                 large = Image.fromarray(picture(engine, asset, condition, LARGE))
