@@ -211,7 +211,9 @@ class EvaluationRow(BaseModel):
     contrast: float | None
     sun_azimuth_deg: float | None = Field(description="clockwise from north, whichever way the sun was given")
     sun_elevation_deg: float | None = Field(description="above the horizon")
-    road_friction: float | None = Field(description="peak friction of new tyres on this road in this weather, at 50 km/h")
+    road_friction: float | None = Field(
+        description="peak friction of new tyres on this road in this weather, at 50 km/h"
+    )
     tp: int
     fn: int
     pacc: float | None

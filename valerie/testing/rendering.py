@@ -135,7 +135,7 @@ class RendererContract:
     def test_a_black_image_is_an_error(self, renderer: Renderer, view: View) -> None:
         camera = Camera("scene.camera-1", np.eye(4), focal_length_mm=35.0)
         dark = Scene({}, {}, {}, {"camera-1": camera}, Sun(0.0, 0.5, irradiance=0.0), Environment())
-        with pytest.raises(RenderingError, match="constant|no night"):
+        with pytest.raises(RenderingError, match=r"constant|no night"):
             renderer.background(dark, view)
 
     def test_a_missing_material_is_named(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
