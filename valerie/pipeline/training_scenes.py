@@ -1,7 +1,7 @@
 """Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
 
 All choices come from one generator per frame. Whatever a network could learn instead of "person" is varied: places,
-headings, stances, sizes, colours of cloth and skin, traffic, light, weather, camera and its errors; and some frames show
+headings, stances, sizes, colours of cloth and skin, traffic, light, day and night, weather, camera and its errors; and some frames show
 nobody. `street_arguments` varies the street itself.
 """
 
@@ -34,7 +34,7 @@ from valerie.scene.variation import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.
-REVISION: Final = 2
+REVISION: Final = 3
 
 #: How many people a frame shows: probabilities of 0 … 5.
 _CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
@@ -43,10 +43,11 @@ _POSES: Final = {"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08}
 _GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
 #: Share of frames with a car, and with a cyclist, in the lane.
 _TRAFFIC: Final = 0.4
-#: Share of frames with clouds, with fog and with rain.
+#: Share of frames with clouds, with fog, with rain, and with the sun down and the lamps on.
 _CLOUDS: Final = 0.4
 _FOG: Final = 0.1
 _RAIN: Final = 0.1
+_NIGHT: Final = 0.08
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
 #: Parts of material names besides what `valerie.scene.naming.is_cloth` knows.
 _SHOE: Final = "shoe-"
@@ -152,9 +153,13 @@ def draw_scene(
     if not people_only:
         _draw_traffic(camera, assignment, manifest, rng)
         _draw_weather(assignment, manifest, rng)
-    _draw_number(assignment, manifest, "scene.sun-1.azimuth", 0.0, 359.9, rng)
-    _draw_number(assignment, manifest, "scene.sun-1.elevation", 8.0, 72.0, rng)
-    _draw_number(assignment, manifest, "scene.sun-1.irradiance", 0.6, 1.3, rng)
+    night = not people_only and rng.random() < _NIGHT
+    for name, low, high in (
+        ("azimuth", 0.0, 359.9),
+        ("elevation", *((-18.0, -1.0) if night else (8.0, 72.0))),
+        ("irradiance", 0.6, 1.3),
+    ):
+        _assign(assignment, manifest, f"scene.sun-1.{name}", rng.uniform(low, high))
     scene = apply(assignment, asset)
     scene = replace(
         scene,
@@ -163,13 +168,14 @@ def draw_scene(
         cameras={**scene.cameras, camera.name: camera},
         environment=replace(scene.environment, turbidity=float(rng.uniform(2.0, 6.0))),
     )
-    return TrainingScene(scene, camera.name, _draw_sensor(rng))
+    return TrainingScene(scene, camera.name, _draw_sensor(rng, night=night))
 
 
-def _draw_sensor(rng: np.random.Generator) -> SensorSetting:
+def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
     """Every frame has an exposure and a curve of its own; about every third each noise, a colour cast and JPEG."""
     setting: dict[str, Any] = {
         "name": "training",
+        "auto_exposure": night,
         "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
         "curve": _pick(rng, _CURVES),
         "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
@@ -237,7 +243,7 @@ def _draw_person(
         within = all(_allows(manifest, f"{person}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
         if within and rejection_reason(tried, manifest) is None:
             for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
-                _draw_number(tried, manifest, f"{person}.cloth.{name}", low, high, rng)
+                _assign(tried, manifest, f"{person}.cloth.{name}", rng.uniform(low, high))
             if f"{person}.pose" in manifest.by_path:
                 tried[f"{person}.pose"] = _pick(rng, _POSES)
                 tried[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
@@ -288,7 +294,7 @@ def _draw_weather(assignment: dict[str, Value], manifest: Manifest, rng: np.rand
         (rain, "rain", 20.0 * rate),
     ):
         if wanted:
-            _draw_number(assignment, manifest, f"{ENVIRONMENT_PATH}.{name}", float(value), float(value), rng)
+            _assign(assignment, manifest, f"{ENVIRONMENT_PATH}.{name}", value)
 
 
 def _pick(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
@@ -370,16 +376,13 @@ def _copy_person(
         materials.update((renamed(name), replace(scene.materials[name], name=renamed(name))) for name in sorted(names))
 
 
-def _draw_number(
-    assignment: dict[str, Value], manifest: Manifest, path: str, low: float, high: float, rng: np.random.Generator
-) -> None:
-    """Uniform in [low, high] within the declared range; nothing if the asset does not declare the path."""
-    drawn = float(rng.uniform(low, high))  # drawn in any case, so that later choices stay the same
+def _assign(assignment: dict[str, Value], manifest: Manifest, path: str, value: float) -> None:
+    """The value within the declared range; nothing if the asset does not declare the path."""
     definition = manifest.by_path.get(path)
     if definition is not None:
         lowest = -math.inf if definition.minimum is None else definition.minimum
         highest = math.inf if definition.maximum is None else definition.maximum
-        assignment[path] = min(max(drawn, lowest), highest)
+        assignment[path] = min(max(float(value), lowest), highest)
 
 
 def _allows(manifest: Manifest, path: str, value: float) -> bool:
