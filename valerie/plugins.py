@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -29,6 +29,12 @@ if TYPE_CHECKING:
 TESTING_ENGINE: Final = "blank"
 
 
+@lru_cache
+def _installed(group: str) -> EntryPoints:
+    """What installed packages declare. Kept: it is asked for at each name in a spec, and opens a file of every package."""
+    return entry_points(group=group)
+
+
 @dataclass(frozen=True, slots=True)
 class _Kind:
     """One kind of plugin: built-in names to ``module:attribute``, and a group of entry points."""
@@ -39,7 +45,7 @@ class _Kind:
 
     def declared(self) -> dict[str, str]:
         """Name to ``module:attribute`` of what installed packages declare; built-in names cannot be taken over."""
-        return {p.name: p.value for p in entry_points(group=self.group) if p.name not in self.built_in}
+        return {p.name: p.value for p in _installed(self.group) if p.name not in self.built_in}
 
     def names(self) -> set[str]:
         """Of all."""

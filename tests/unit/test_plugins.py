@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 
@@ -15,7 +15,7 @@ from valerie.perception.catalog import FUNCTIONS
 def declare(monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
     """Pretends that an installed package declares entry points."""
     declared: list[EntryPoint] = []
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [p for p in declared if p.group == group])
+    monkeypatch.setattr(plugins, "_installed", lambda group: EntryPoints(declared).select(group=group))
     plugins.samplers.cache_clear()
     yield lambda group, name, value: declared.append(EntryPoint(name, value, f"valerie.{group}"))
     plugins.samplers.cache_clear()
