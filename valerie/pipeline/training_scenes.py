@@ -1,8 +1,8 @@
 """Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
 
 All choices come from one generator per frame. Whatever a network could learn instead of "person" is varied: places,
-headings, stances, sizes, colours of cloth and skin, traffic, light, day and night, weather, camera and its errors; and some frames show
-nobody. `street_arguments` varies the street itself.
+headings, stances, sizes, colours of cloth and skin, traffic, day and night, light, weather, camera and its errors; and
+some frames show nobody. `street_arguments` varies the street itself.
 """
 
 from __future__ import annotations
