@@ -14,8 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
+from tools.contact_sheet import captioned, contact_sheet
 from valerie import plugins
 from valerie.errors import MissingDependency, RenderingError
 from valerie.parameters.definitions import Value
@@ -30,8 +31,6 @@ OUT: Final = Path(__file__).parents[1] / "docs" / "images"
 ENGINES: Final[dict[str, dict[str, Any]]] = {"raster": {}, "cycles": {"quality": "draft"}, "pyrender": {}}
 TILE: Final = (480, 270)
 LARGE: Final = (1280, 720)
-_CAPTION: Final = 22
-_GAP: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,33 +154,19 @@ def refusal(engine: str, condition: Condition) -> str | None:
     return f"{engine} has no {', '.join(lacking)}" if lacking else None
 
 
-def tile(content: NDArray[np.uint8] | str, caption: str) -> Image.Image:
-    """A picture, or why there is none, with a caption below."""
-    width, height = TILE
-    font = ImageFont.load_default(size=14)
-    framed = Image.new("RGB", (width, height + _CAPTION), "white")
-    if isinstance(content, str):
-        ImageDraw.Draw(framed).rectangle((0, 0, width, height), fill=(232, 232, 232))
-        ImageDraw.Draw(framed).text((width / 2, height / 2), content, fill=(90, 90, 90), font=font, anchor="mm")
-    else:
-        framed.paste(Image.fromarray(content))
-    ImageDraw.Draw(framed).text((4, height + 2), caption, fill=(30, 30, 30), font=font)
-    return framed
-
-
 def column(engine_name: str, out: Path) -> list[Image.Image]:
     """One engine's tiles; its large picture is written on the way."""
     try:
         engine = plugins.create_renderer(engine_name, ENGINES[engine_name])
     except MissingDependency:
         reason = f"{engine_name} is not installed; {plugins.ENGINE_HINTS[engine_name]}"
-        return [tile(reason, f"{engine_name} · {condition.caption}") for condition in CONDITIONS]
+        return [captioned(reason, TILE, f"{engine_name} · {condition.caption}") for condition in CONDITIONS]
     tiles = []
     try:
         for condition in CONDITIONS:
             asset, caption = street(condition.season), f"{engine_name} · {condition.caption}"
             shown = refusal(engine_name, condition) or tried(engine, asset, condition)
-            tiles.append(tile(shown, caption))
+            tiles.append(captioned(shown if isinstance(shown, str) else Image.fromarray(shown), TILE, caption))
             sys.stdout.write(f"{caption}{': ' + shown if isinstance(shown, str) else ''}\n")
             sys.stdout.flush()
             if condition is CONDITIONS[0]:
@@ -196,12 +181,7 @@ def main(out: Path) -> None:
     """Write all pictures."""
     out.mkdir(parents=True, exist_ok=True)
     columns = [column(name, out) for name in ENGINES]
-    width, height = columns[0][0].size
-    size = (len(columns) * (width + _GAP) - _GAP, len(CONDITIONS) * (height + _GAP) - _GAP)
-    sheet = Image.new("RGB", size, "white")
-    for across, tiles in enumerate(columns):
-        for down, one in enumerate(tiles):
-            sheet.paste(one, (across * (width + _GAP), down * (height + _GAP)))
+    sheet = contact_sheet([tile for row in zip(*columns, strict=True) for tile in row], len(columns))
     sheet.save(out / "gallery.jpg", quality=80, optimize=True)
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
+from tools.contact_sheet import captioned, contact_sheet
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.raster.renderer import RasterRenderer
@@ -22,7 +23,6 @@ from valerie.sensing.settings import SensorSetting
 OUT: Final = Path(__file__).parents[1] / "docs" / "images" / "light.jpg"
 TILE: Final = (320, 180)
 ACROSS: Final = 3
-_CAPTION: Final = 18
 #: Largest size of the sheet in bytes.
 LARGEST: Final = 150_000
 
@@ -59,20 +59,17 @@ _PERSON: Final[dict[str, Value]] = {"scene.person-1.pos.y": 9.0, "scene.person-1
 def main() -> None:
     """Render the tiles and write the sheet, as well as its size allows."""
     asset, engine = load_asset("urban-street"), RasterRenderer()
-    rows = -(-len(TILES) // ACROSS)
-    sheet = Image.new("RGB", (ACROSS * TILE[0], rows * (TILE[1] + _CAPTION)), "white")
-    font = ImageFont.load_default(size=12)
-    for index, tile in enumerate(TILES):
+    tiles = []
+    for tile in TILES:
         values = _PERSON | {f"scene.{path}": value for path, value in tile.values.items()}
         # Twice the size, so that a small picture is as sharp as it can be.
         scene, view = apply(values, asset), View("camera-1", 2 * TILE[0], 2 * TILE[1])
         image = engine.layer(scene, view).over(engine.background(scene, view))
         picture = develop(image.pixels, SensorSetting.model_validate(tile.sensor))
         small = Image.fromarray(np.ascontiguousarray(picture)).resize(TILE, Image.Resampling.LANCZOS)
-        x, y = index % ACROSS * TILE[0], index // ACROSS * (TILE[1] + _CAPTION)
-        sheet.paste(small, (x, y))
-        ImageDraw.Draw(sheet).text((x + 4, y + TILE[1] + 1), tile.caption, fill=(30, 30, 30), font=font)
+        tiles.append(captioned(small, TILE, tile.caption))
     engine.close()
+    sheet = contact_sheet(tiles, ACROSS)
     for quality in range(90, 40, -5):
         sheet.save(OUT, quality=quality, optimize=True, progressive=True)
         if OUT.stat().st_size <= LARGEST:

@@ -12,8 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
+from tools.contact_sheet import captioned, contact_sheet
 from valerie import plugins
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
@@ -36,7 +37,6 @@ WIDTH, HEIGHT = 960, 540
 COLUMNS: Final = 4
 #: Of all tiles that name no other.
 EXPOSURE_EV: Final = 0.8
-_CAPTION: Final = 26
 
 #: (caption, setting, whether the middle is shown as it is).
 TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
@@ -88,17 +88,12 @@ def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Ima
         image = image.crop((left, top, left + width, top + height))
     else:
         image = image.resize((width, height), Image.Resampling.BOX)
-    framed = Image.new("RGB", (width, height + _CAPTION), "white")
-    framed.paste(image)
-    font = ImageFont.load_default(size=16)
-    ImageDraw.Draw(framed).text((4, height + 3), caption, fill=(30, 30, 30), font=font)
-    return framed
+    return captioned(image, (width, height), caption)
 
 
 def main(out: Path) -> None:
     """Write the contact sheet."""
     linear, shot = frame()
-    gap = 6
     tiles = [
         tile(
             develop(linear, SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **given}), shot),
@@ -107,13 +102,8 @@ def main(out: Path) -> None:
         )
         for caption, given, detail in TILES
     ]
-    width, height = tiles[0].size
-    rows = -(-len(tiles) // COLUMNS)
-    sheet = Image.new("RGB", (COLUMNS * (width + gap) - gap, rows * (height + gap) - gap), "white")
-    for number, one in enumerate(tiles):
-        sheet.paste(one, ((number % COLUMNS) * (width + gap), (number // COLUMNS) * (height + gap)))
     out.parent.mkdir(parents=True, exist_ok=True)
-    sheet.save(out, quality=80, optimize=True)
+    contact_sheet(tiles, COLUMNS).save(out, quality=80, optimize=True)
 
 
 if __name__ == "__main__":
