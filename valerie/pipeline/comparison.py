@@ -14,14 +14,15 @@ from valerie.analysis.region import Region
 from valerie.analysis.table import COLUMNS, EvaluationTable
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InferenceError, InvalidInput
+from valerie.errors import Conflict, InvalidInput
 from valerie.labels import to_train_ids
 from valerie.metrics.collection import collection_scores
 from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import PerceptionFunction
-from valerie.pipeline.capture import capture_of
+from valerie.perception.batches import predicted
+from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
@@ -156,24 +157,12 @@ def _look(
     function = open_function(reference)
     started = time.monotonic()
     try:
-        for done, frame in enumerate(frames, start=1):
-            capture = capture_of(
-                resolved,
-                sensor_index=0,
-                camera_index=frame.key[1],
-                assignment=frame.moment,
-                background=frame.background,
-                layer=frame.layer,
-                truth=frame.truth,
-                velocity=frame.velocity,
-            )
-            picture, truth = capture.picture(reader), capture.seen_truth(reader)
-            predicted = function.predict(picture)
-            if predicted.shape != picture.shape[:2]:
-                raise InferenceError(f"{name} answered {predicted.shape} for a picture of {picture.shape[:2]}")
-            matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), predicted)
+        taken = ((shot, shot[1].picture(reader)) for shot in ((frame, _capture(resolved, frame)) for frame in frames))
+        for done, ((frame, capture), _, labels) in enumerate(predicted(function, taken), start=1):
+            truth = capture.seen_truth(reader)
+            matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), labels)
             scores = frame_scores(matrix)
-            counted = {one.instance_id: one for one in person_counts(truth, predicted)}
+            counted = {one.instance_id: one for one in person_counts(truth, labels)}
             for person in frame.persons:
                 seen = measured_again(person, truth) if capture.distorted else person
                 counts = counted.get(person["instance_id"])
@@ -195,6 +184,19 @@ def _look(
     finally:
         function.close()
     return Looked(EvaluationTable.from_rows(rows, varied), matrices)
+
+
+def _capture(resolved: ResolvedRun, frame: ChosenFrame) -> Capture:
+    return capture_of(
+        resolved,
+        sensor_index=0,
+        camera_index=frame.key[1],
+        assignment=frame.moment,
+        background=frame.background,
+        layer=frame.layer,
+        truth=frame.truth,
+        velocity=frame.velocity,
+    )
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:

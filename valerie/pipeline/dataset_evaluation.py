@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from valerie.analysis.table import EvaluationTable
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.errors import InferenceError, InvalidInput
+from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS, to_train_ids
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
@@ -30,6 +31,7 @@ from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import FunctionCard, PerceptionFunction
+from valerie.perception.batches import predicted
 from valerie.pipeline.context import Context
 from valerie.pipeline.opening import display_name
 from valerie.pipeline.resolution import resolve_stored
@@ -175,11 +177,12 @@ def evaluate_dataset(
         matrices: list[ConfusionMatrix] = []
         persons: list[dict[str, Any]] = []
         try:
-            for index, frame in enumerate(folder):
+            frames = ((frame, frame.picture) for frame in folder)
+            for index, (frame, _, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
                         seen.update(part)
-                matrix, rows = _evaluate(function, name, frame, index, folder)
+                matrix, rows = _evaluated(labels, name, frame, index, folder)
                 matrices.append(matrix)
                 persons += rows
                 done += 1
@@ -202,14 +205,11 @@ def evaluate_dataset(
     return DatasetResult(folder.root, folder.split, seen.hexdigest(), folder.has_instances, tuple(made))
 
 
-def _evaluate(
-    function: PerceptionFunction, name: str, frame: LabelledFrame, index: int, folder: CityscapesFolder
+def _evaluated(
+    labels: NDArray[np.uint8], name: str, frame: LabelledFrame, index: int, folder: CityscapesFolder
 ) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
-    predicted = function.predict(frame.picture)
-    if predicted.shape != frame.class_map.shape:
-        raise InferenceError(f"{name} answered {predicted.shape} for a picture of {frame.picture.shape[:2]}")
     truth = to_train_ids(frame.class_map)
-    matrix = confusion_matrix(truth, predicted)
+    matrix = confusion_matrix(truth, labels)
     if not folder.has_instances:
         return matrix, []
     scores = frame_scores(matrix)
@@ -225,7 +225,7 @@ def _evaluate(
         "pixel_accuracy": scores.pixel_accuracy,
         "fp": scores.counts.fp,
     }
-    people = person_counts(_Instances(frame.instance_map), predicted)
+    people = person_counts(_Instances(frame.instance_map), labels)
     if not people:
         return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
     pixels = frame.class_map.size

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError, ValerieError
 from valerie.perception.base import BatchFunction, PerceptionFunction
+from valerie.perception.batches import require_size
 from valerie.perception.limits import time_limit
 from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
@@ -89,10 +90,8 @@ class InferMaker:
                 predictions = None
         if predictions is None:
             predictions = [function.predict(pictures[0])]
-        name = function.card.name
         for prediction in predictions:
-            if prediction.shape != pictures[0].shape[:2]:
-                raise InferenceError(f"{name} answered {prediction.shape} for a picture of {pictures[0].shape[:2]}")
+            require_size(function.card.name, prediction, pictures[0])
         return predictions
 
     def _companions(self, job: Job, shape: tuple[int, ...], most: int) -> dict[str, NDArray[uint8]]:

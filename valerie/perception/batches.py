@@ -1,0 +1,64 @@
+"""Predicting many pictures with one function: together where that is cheaper, always with answers of the right size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import InferenceError
+from valerie.perception.base import BatchFunction, PerceptionFunction
+
+Owner = TypeVar("Owner")
+
+
+def predicted(
+    function: PerceptionFunction, pictures: Iterable[tuple[Owner, NDArray[np.uint8]]]
+) -> Iterator[tuple[Owner, NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Every picture with its labels, in the order given; as many are read ahead as the function takes together.
+
+    Args:
+        function: under test.
+        pictures: whatever a picture belongs to, and the (H, W, 3) uint8 picture.
+
+    Yields:
+        what it belongs to, the picture, (H, W) uint8 train ids.
+
+    Raises:
+        InferenceError: the answer has another size than the picture.
+    """
+    most = function.batch_size if isinstance(function, BatchFunction) else 1
+    waiting: list[tuple[Owner, NDArray[np.uint8]]] = []
+    for owner, picture in pictures:
+        if waiting and picture.shape != waiting[0][1].shape:
+            yield from _together(function, waiting)
+            waiting = []
+        waiting.append((owner, picture))
+        if len(waiting) >= most:
+            yield from _together(function, waiting)
+            waiting = []
+    yield from _together(function, waiting)
+
+
+def require_size(name: str, labels: NDArray[np.uint8], picture: NDArray[np.uint8]) -> None:
+    """Refuse an answer that does not fit the picture.
+
+    Raises:
+        InferenceError: names the function and both sizes.
+    """
+    if labels.shape != picture.shape[:2]:
+        raise InferenceError(f"{name} answered {labels.shape} for a picture of {picture.shape[:2]}")
+
+
+def _together(
+    function: PerceptionFunction, waiting: list[tuple[Owner, NDArray[np.uint8]]]
+) -> Iterator[tuple[Owner, NDArray[np.uint8], NDArray[np.uint8]]]:
+    if len(waiting) > 1 and isinstance(function, BatchFunction):
+        answers = function.predict_many([picture for _, picture in waiting])
+    else:
+        answers = [function.predict(picture) for _, picture in waiting]
+    for (owner, picture), labels in zip(waiting, answers, strict=True):
+        require_size(function.card.name, labels, picture)
+        yield owner, picture, labels
