@@ -285,6 +285,7 @@ def _training_settings(document: FunctionDocument, settings: RetrainSettings) ->
             **known,
             "architecture": document.architecture,
             "time_budget_s": None,
+            "keep_norm_statistics": True,
             "validate_every": max(1, settings.steps // _VALIDATIONS),
             "warmup_steps": min(20, settings.steps),
             **settings.model_dump(include={"steps", "learning_rate", "batch", "seed"}),

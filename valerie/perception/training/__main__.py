@@ -129,6 +129,12 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--seed", type=int)
     fit.add_argument("--learning-rate", type=float)
     fit.add_argument("--person-weight", type=float)
+    fit.add_argument(
+        "--keep-norm-statistics",
+        action="store_const",
+        const=True,
+        help="batch normalisation keeps the statistics that it has; for going on from a trained network",
+    )
     fit.add_argument("--precision", choices=("bf16", "fp32"))
     fit.add_argument("--device", choices=("auto", "cpu", "cuda"))
     fit.add_argument("--loader-threads", type=int)

@@ -131,7 +131,7 @@ def train(
         mean, std = channel_statistics(frames)
     else:
         mean, std = _start_from(start_from, settings, network)
-    network = in_channels_last(network).to(device).train()
+    network = _in_training(in_channels_last(network).to(device), settings)
     mean_tensor, std_tensor = torch.tensor(mean, device=device), torch.tensor(std, device=device)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
     weights = torch.ones(NUM_TRAIN_CLASSES, device=device)
@@ -163,6 +163,7 @@ def train(
             figures = None
             if held_out and step % settings.validate_every == 0 and step < settings.steps:
                 figures = validate(network, _spread(held_out), mean_tensor, std_tensor)
+                _in_training(network, settings)
             if checkpoint is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
                 elapsed = time.monotonic() - started
                 write_checkpoint(checkpoint, settings, mean, std, network, optimiser, (step, elapsed, recent))
@@ -191,6 +192,16 @@ def _start_from(
         )
     network.load_state_dict(started.state_dict())
     return header.mean, header.std
+
+
+def _in_training(network: Network, settings: TrainingSettings) -> Network:
+    """The network in training mode, but for what keeps its statistics."""
+    network.train()
+    if settings.keep_norm_statistics:
+        for module in network.modules():
+            if isinstance(module, nn.BatchNorm2d):
+                module.eval()
+    return network
 
 
 def _step(

@@ -58,6 +58,8 @@ class TrainingSettings(BaseModel):
         person_weight: weight of person pixels in the cross-entropy; all others have 1.
         learning_rate: highest; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
+        keep_norm_statistics: batch normalisation works with the means and variances that it has, in training as in use, and they
+            stay. For going on from a trained network: those of a few small batches would be worse.
         precision: of the forward and backward pass: ``bf16`` autocast or ``fp32``. Weights are always fp32.
         device: ``cpu``, ``cuda``, or ``auto``: cuda where there is one.
         loader_threads: threads that cut samples; the result does not depend on it.
@@ -77,6 +79,7 @@ class TrainingSettings(BaseModel):
     learning_rate: _Positive = 2e-3
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-2
     warmup_steps: Annotated[int, Field(ge=0)] = 100
+    keep_norm_statistics: bool = False
     precision: Literal["bf16", "fp32"] = "bf16"
     device: Literal["auto", "cpu", "cuda"] = "auto"
     loader_threads: Annotated[int, Field(ge=1, le=64)] = 4

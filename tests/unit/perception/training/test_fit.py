@@ -6,6 +6,7 @@ import torch
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.catalog import function_card, load_function
+from valerie.perception.loaders import load_network
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 
@@ -180,6 +181,24 @@ def test_training_starts_from_the_weights_and_normalisation_of_a_function_file(m
     assert (second.mean, second.std) == (first.mean, first.std)
     parameters = zip(second.network.parameters(), first.network.parameters(), strict=True)
     assert all(torch.allclose(one, other, atol=1e-6) for one, other in parameters)
+
+
+def test_batch_normalisation_keeps_its_statistics_where_asked(make_frames, tmp_path: Path) -> None:
+    path = tmp_path / "before.safetensors"
+    path.write_bytes(train(settings(), make_frames(3)).to_bytes({}))
+    before, _ = load_network(path)
+
+    def trained(**changes: object) -> dict[str, torch.Tensor]:
+        # validated on the way, which goes through evaluation mode and back
+        held_out = make_frames(1, street_seed=900)
+        model = train(settings(validate_every=2, **changes), make_frames(3), held_out=held_out, start_from=path)
+        return model.network.state_dict()
+
+    kept, moved = trained(keep_norm_statistics=True), trained()
+    for name, value in before.state_dict().items():
+        is_statistic = name.endswith(("running_mean", "running_var"))
+        assert torch.equal(kept[name], value) == is_statistic or name.endswith("num_batches_tracked"), name
+        assert not (is_statistic and torch.equal(moved[name], value)), name
 
 
 def test_a_function_file_of_another_architecture_is_no_beginning(make_frames, tmp_path: Path) -> None:
