@@ -148,6 +148,11 @@ class Client:
         """One run."""
         return self._read(Run, "GET", f"/v1/runs/{run_id}")
 
+    def spec(self, run_id: str) -> dict[str, Any]:
+        """The spec of a run."""
+        found: dict[str, Any] = self._document("GET", f"/v1/runs/{run_id}")["spec"]
+        return found
+
     def progress(self, run_id: str) -> Progress:
         """How far a run is."""
         return self._read(Progress, "GET", f"/v1/runs/{run_id}/progress")
@@ -234,6 +239,10 @@ class Client:
         """What functions see of a frame, as PNG."""
         parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
+
+    def annotation(self, frame_id: str, kind: str) -> bytes:
+        """An annotation of a frame, as a file that ``numpy.load`` reads."""
+        return self._send("GET", f"/v1/frames/{frame_id}/annotations/{quote(kind, safe='')}").content
 
     def put_prediction(
         self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from valerie.cli.frames import Annotations, annotation_names
 from valerie.cli.shell import DataDir, Json, context_of, say
 from valerie.errors import InvalidInput, UnknownName
 
@@ -46,6 +47,7 @@ def export(
         list[str] | None,
         typer.Option("--predictions", metavar="FUNCTION", help="Also what a function made of the frames."),
     ] = None,
+    annotations: Annotations = None,
     polygons: Annotated[bool, typer.Option("--polygons", help="Also Cityscapes' polygons (larger, slower).")] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
@@ -65,6 +67,7 @@ def export(
         splits=parse_splits(splits),
         sensor=sensor,
         predictions=tuple(predictions or ()),
+        annotations=annotation_names(annotations),
         polygons=polygons,
     )
     lines = Lines("frames")

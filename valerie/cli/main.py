@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli import assets, datasets, evaluation, functions, machine, predictions, runs, specs, training
+from valerie.cli import assets, datasets, evaluation, frames, functions, machine, predictions, runs, specs, training
 from valerie.cli.shell import guarded
 
 _HELP = """Validation of perception DNNs of automated vehicles by systematic variation of synthetic scenes.
@@ -58,7 +58,7 @@ app.command(rich_help_panel=_PARTS)(evaluation.evaluate)
 app.add_typer(datasets.app, name="dataset", rich_help_panel=_PARTS)
 app.add_typer(assets.app, name="asset", rich_help_panel=_PARTS)
 app.add_typer(functions.app, name="function", rich_help_panel=_PARTS)
-app.add_typer(predictions.frames_app, name="frames", rich_help_panel=_PARTS)
+app.add_typer(frames.frames_app, name="frames", rich_help_panel=_PARTS)
 app.add_typer(predictions.predictions_app, name="predictions", rich_help_panel=_PARTS)
 app.command(rich_help_panel=_PARTS)(machine.worker)
 app.add_typer(training.app, name="train", rich_help_panel=_PARTS)

@@ -8,7 +8,6 @@ not there, and the same request goes on where it was interrupted.
 from __future__ import annotations
 
 import json
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,9 +28,17 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailable
 from valerie.parameters.assignment import digest
+from valerie.pipeline.annotation_files import (
+    Arrays,
+    annotation_arrays,
+    chosen_annotations,
+    find_annotations,
+    key_points,
+    npz,
+)
 from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
-from valerie.pipeline.dataset_annotations import key_points, read_annotations, write_annotations
+from valerie.pipeline.dataset_folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.makers.resolved import RunCache, StoredRun
@@ -50,17 +57,16 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.conditions import with_sun_angles
 from valerie.scene.model import JOINTS
 from valerie.scene.variation import apply
-from valerie.storage.annotations import Annotation
 
 Format = Literal["cityscapes", "coco", "parquet"]
 FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "parquet")
 #: Describes a finished data set.
 DOCUMENT: Final = "dataset.json"
 FORMAT_NAME: Final = "valerie-dataset/1"
-_REQUEST: Final = "request.json"
-_FRAGMENTS: Final = "fragments"
 #: Bytes per pixel to be on the safe side: a picture's PNG, labels and colours, a prediction.
 _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
+#: The same of annotations with a value in each pixel.
+_ANNOTATION_BYTES: Final = {AnnotationKind.NORMALS: 3.0, AnnotationKind.FLOW: 7.0, AnnotationKind.VELOCITY: 7.0}
 #: What a person's annotation carries beside masks.
 _OF_PERSON: Final = (
     "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
@@ -77,6 +83,7 @@ class ExportSettings(BaseModel):
         splits: split to share of the variants; the frames of one variant stay together.
         sensor: name of the sensor setting that the pictures are made with; None: the run's first.
         predictions: functions whose predictions are exported too.
+        annotations: kinds to take along; None: all that the run asked for.
         polygons: also write Cityscapes' polygons.
     """
 
@@ -87,6 +94,7 @@ class ExportSettings(BaseModel):
     splits: dict[str, float] = Field(default={"val": 1.0}, min_length=1)
     sensor: str | None = None
     predictions: tuple[str, ...] = ()
+    annotations: tuple[str, ...] | None = None
     polygons: bool = False
 
     @field_validator("splits")
@@ -168,8 +176,9 @@ def export_run(
     stored = run.run(run_id)
     resolved = stored.resolved
     where = run_where(settings.where, resolved) if settings.where else None
+    kinds = chosen_annotations(settings.annotations, resolved)
     sensor = sensor_index(settings.sensor, resolved)
-    _require_free_name(out)
+    require_free_name(out)
     with reading(context.engine) as connection:
         everything = choose_frames(connection, run_id, resolved, sensor=sensor)
         frames = choose_frames(connection, run_id, resolved, where=where, sensor=sensor) if where else everything
@@ -183,11 +192,12 @@ def export_run(
         if missing:
             raise Conflict(f"{missing} of {len(frames)} frames have no prediction of {name} yet")
     size = resolved.spec.resolution
-    _require_room(out, len(frames), size.width * size.height, settings, context.settings.min_free_mb)
-    export = _Export(context, run, stored, run_id, settings, sensor, predicted)
+    needed = len(frames) * size.width * size.height * _bytes_per_pixel(settings, kinds)
+    require_room(out, needed, f"{len(frames):,} frames", context.settings.min_free_mb)
+    export = _Export(context, run, stored, run_id, settings, sensor, predicted, kinds)
     partial = out.with_name(f".{out.name}.partial")
     try:
-        _open_partial(partial, export.request(frames))
+        open_partial(partial, export.request(frames))
         _write_frames(export, frames, partial, progress)
         counts = _finish(export, frames, partial)
         if out.exists():
@@ -212,8 +222,10 @@ class _Export:
         settings: ExportSettings,
         sensor: int,
         predicted: Mapping[str, Mapping[FrameKey, tuple[str, bytes]]],
+        kinds: tuple[AnnotationKind, ...],
     ) -> None:
         self.context, self.run_id, self.settings, self.sensor = context, run_id, settings, sensor
+        self.kinds = kinds
         self.stored, self.resolved = stored, stored.resolved
         self._runs, self._predicted = runs, predicted
         self._reader = ProductReader(context.store)
@@ -225,6 +237,7 @@ class _Export:
             "format": FORMAT_NAME,
             "run": self.run_id,
             "settings": self.settings.model_dump(mode="json"),
+            "annotations": [kind.value for kind in self.kinds],
             "frames": len(frames),
             "frames_digest": digest("dataset", *[list(link) for link in links]),
         }
@@ -243,10 +256,11 @@ class _Export:
         if capture.distorted:
             seen = capture.seen_truth(self._reader)
             frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
-        annotations = {}
-        if self.resolved.spec.annotations:
-            annotations = read_annotations(self.context, self._reader, self.run_id, frame.key, self.name(frame))
-            write_annotations(root, split, self.name(frame), annotations)
+        annotations = self._annotations(frame)
+        for kind, arrays in annotations.items():
+            path = root / "annotations" / split / self.name(frame).city / f"{self.name(frame)}_{kind}.npz"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(npz(arrays))
         made = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
         picture = cityscapes.write_picture(root, split, made)
         height, width = made.class_map.shape
@@ -286,7 +300,14 @@ class _Export:
             velocity=frame.velocity,
         )
 
-    def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Annotation | None) -> LabelledFrame:
+    def _annotations(self, frame: ChosenFrame) -> dict[AnnotationKind, Arrays]:
+        try:
+            found = find_annotations(self.context, self.run_id, frame.key, self.kinds)
+        except Conflict as error:
+            raise Conflict(f"{self.name(frame)}: {error}") from error
+        return {kind: annotation_arrays(self.context, self._reader, kind, product) for kind, product in found.items()}
+
+    def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Arrays | None) -> LabelledFrame:
         spec = self.resolved.spec
         truth = capture.seen_truth(self._reader)
         camera: dict[str, Any] = {}
@@ -302,8 +323,8 @@ class _Export:
             if row["instance_id"] is not None
         }
         # Joints are of the pin-hole camera.
-        if isinstance(joints, Joints) and not capture.distorted:
-            for number, points in key_points(joints).items():
+        if joints is not None and not capture.distorted:
+            for number, points in key_points(Joints(**joints)).items():
                 persons.setdefault(number, {}).update(points)
         return LabelledFrame(
             name=self.name(frame),
@@ -321,7 +342,7 @@ def _write_frames(
 ) -> None:
     started, made, resumed = time.monotonic(), 0, 0
     for done, frame in enumerate(frames, start=1):
-        fragment = partial / _FRAGMENTS / f"{export.name(frame)}.json"
+        fragment = partial / FRAGMENTS / f"{export.name(frame)}.json"
         if fragment.is_file():
             resumed += 1
         else:
@@ -359,13 +380,11 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
         "asset_digest": resolved.asset_digest,
         "pins": export.stored.pins,
         "sensor": resolved.spec.sensors[export.sensor].model_dump(mode="json"),
-        "annotations": [kind.value for kind in resolved.spec.annotations if kind.stored],
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
     }
     (partial / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-    (partial / _REQUEST).unlink()
-    shutil.rmtree(partial / _FRAGMENTS)
+    close_partial(partial)
     return counts
 
 
@@ -398,39 +417,14 @@ def _write_evaluations(export: _Export, frames: Sequence[ChosenFrame], path: Pat
 
 def _fragments(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> Iterator[dict[str, Any]]:
     for frame in frames:
-        fragment: dict[str, Any] = json.loads((partial / _FRAGMENTS / f"{export.name(frame)}.json").read_bytes())
+        fragment: dict[str, Any] = json.loads((partial / FRAGMENTS / f"{export.name(frame)}.json").read_bytes())
         yield fragment
 
 
-def _open_partial(partial: Path, request: dict[str, Any]) -> None:
-    """The folder to write into: an earlier attempt's at the same request, else an empty one."""
-    path = partial / _REQUEST
-    if path.is_file() and (partial / _FRAGMENTS).is_dir() and json.loads(path.read_bytes()) == request:
-        return
-    if partial.exists():
-        shutil.rmtree(partial)
-    (partial / _FRAGMENTS).mkdir(parents=True)
-    path.write_text(json.dumps(request))
-
-
-def _require_free_name(out: Path) -> None:
-    if out.is_dir() and not any(out.iterdir()):
-        return
-    if out.exists() or out.is_symlink():
-        raise Conflict(f"{out} is there already; an export never writes over anything")
-
-
-def _require_room(out: Path, frames: int, pixels: int, settings: ExportSettings, min_free_mb: int) -> None:
-    """Raises StorageFull before anything is written."""
-    per_pixel = _PICTURE_BYTES + _PREDICTION_BYTES * len(settings.predictions)
-    per_pixel += _LABEL_BYTES * len(settings.formats)
-    needed = frames * pixels * per_pixel
-    place = next(parent for parent in out.absolute().parents if parent.exists())
-    free = shutil.disk_usage(place).free - min_free_mb * 1e6
-    if needed > free:
-        raise StorageFull(
-            f"{frames:,} frames need up to {needed / 1e6:,.0f} MB; {max(free, 0) / 1e6:,.0f} MB may be used in {place}"
-        )
+def _bytes_per_pixel(settings: ExportSettings, kinds: Sequence[AnnotationKind]) -> float:
+    """Of all files of one frame, at most."""
+    labels = _PICTURE_BYTES + _LABEL_BYTES * len(settings.formats) + _PREDICTION_BYTES * len(settings.predictions)
+    return labels + sum(_ANNOTATION_BYTES.get(kind, 0.0) for kind in kinds)
 
 
 def _plain(dtype: pa.DataType) -> pa.DataType:

@@ -25,9 +25,12 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
 from valerie.pipeline import frames
+from valerie.pipeline.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
+from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, KINDS, png
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import character_of, frame_id
+from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.spec import ResolvedRun
 from valerie.storage.keys import product_key
 
@@ -167,6 +170,35 @@ def image(
         media_type="image/png",
         size=size,
         read=lambda start, length: painted[0][start : start + length],
+    )
+
+
+@router.get(
+    "/frames/{frame_id}/annotations/{kind}",
+    response_class=Response,
+    responses={**problems(404, 409, 422), **binary("application/zip", "Arrays as numpy.load reads them (.npz)")},
+    summary="An annotation of a frame as a file of numpy",
+)
+def annotation(
+    frame_id: FrameId,
+    context: ContextDependency,
+    conditions: ConditionsDependency,
+    kind: Annotated[str, Path(max_length=40, description=f"one of {', '.join(AnnotationKind)}", examples=["normals"])],
+) -> Response:
+    run_id, *key = split_frame_id(frame_id)
+    ((found, product),) = find_annotations(context, run_id, (key[0], key[1], key[2]), [kind]).items()
+    written: list[bytes] = []
+
+    def size() -> int:
+        written.append(npz(annotation_arrays(context, ProductReader(context.store), found, product)))
+        return len(written[0])
+
+    return send(
+        conditions,
+        tag=f"{product}-npz-{FILES_REVISION}",
+        media_type="application/zip",
+        size=size,
+        read=lambda start, length: written[0][start : start + length],
     )
 
 

@@ -17,7 +17,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, RenderingError, UnknownName
 from valerie.pipeline import frames, gc, lifecycle
-from valerie.pipeline.dataset_annotations import key_points
+from valerie.pipeline.annotation_files import key_points
 from valerie.pipeline.datasets import ExportSettings, export_run
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.plan import plan_run
@@ -98,15 +98,42 @@ def test_an_export_takes_their_arrays_along(pipeline: Pipeline, tmp_path: Path) 
     pipeline.run(run)
     export_run(pipeline.context, run, tmp_path / "set", ExportSettings(formats=("coco", "parquet")))
     files = sorted(path.name for path in (tmp_path / "set/annotations/val/boxes-camera-1").iterdir())
-    assert files[:3] == [f"boxes-camera-1_000000_000000_{kind}.npz" for kind in ("boxes", "joints", "normals")]
-    assert len(files) == 3 * FRAMES // 2
+    kinds = ("boxes", "joints", "light", "normals")
+    assert files[:4] == [f"boxes-camera-1_000000_000000_{kind}.npz" for kind in kinds]
+    assert len(files) == 4 * FRAMES // 2
     with np.load(tmp_path / "set/annotations/val/boxes-camera-1" / files[0]) as stored:
         assert stored["instances"].tolist() == [24001, 26001]
+    with np.load(tmp_path / "set/annotations/val/boxes-camera-1" / files[2]) as stored:
+        assert (stored["instances"].tolist(), stored["irradiance"].tolist()) == ([24001], [0.5])
     rows = pq.read_table(tmp_path / "set/index.parquet").to_pylist()
     assert {row["irradiance"] for row in rows if row["pixel_area"]} == {0.5}
     document = json.loads((tmp_path / "set/coco/instances_val.json").read_text())
     assert not any("keypoints" in one for one in document["annotations"])  # nobody has a skeleton
     assert not any("keypoints" in one for one in document["categories"])
+
+
+def test_an_export_takes_only_the_annotations_that_are_named(pipeline: Pipeline, tmp_path: Path) -> None:
+    run = pipeline.submit(ASKED)
+    pipeline.run(run)
+    export_run(pipeline.context, run, tmp_path / "some", ExportSettings(annotations=("boxes",)))
+    assert {path.name.rpartition("_")[2] for path in tmp_path.glob("some/annotations/val/*/*")} == {"boxes.npz"}
+    assert json.loads((tmp_path / "some/dataset.json").read_text())["annotations"] == ["boxes"]
+    export_run(pipeline.context, run, tmp_path / "bare", ExportSettings(annotations=()))
+    assert not (tmp_path / "bare/annotations").exists()
+    with pytest.raises(UnknownName, match="unknown annotation of the run 'box'; did you mean boxes"):
+        export_run(pipeline.context, run, tmp_path / "none", ExportSettings(annotations=("box",)))
+
+
+def test_an_export_says_which_annotation_failed_and_what_helps(pipeline: Pipeline, tmp_path: Path) -> None:
+    def refuse(job: object) -> None:
+        if job.kind == "boxes":  # type: ignore[attr-defined]
+            raise RenderingError("no boxes today")
+
+    pipeline.makers["render"].before = refuse
+    run = pipeline.submit(ASKED)
+    pipeline.run(run)
+    with pytest.raises(Conflict, match=f"boxes failed for good; `valerie retry {run}` tries again"):
+        export_run(pipeline.context, run, tmp_path / "set", ExportSettings())
 
 
 def test_joints_become_key_points_with_cocos_flags() -> None:

@@ -1,0 +1,58 @@
+"""The folder that an export writes into: nothing is written over, and an interrupted export goes on in it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from valerie.errors import Conflict, StorageFull
+
+#: Subfolder of an unfinished export with one document per frame that is written.
+FRAGMENTS: Final = "fragments"
+_REQUEST: Final = "request.json"
+
+
+def open_partial(partial: Path, request: Mapping[str, Any]) -> None:
+    """Make it the folder to write into: an earlier attempt's at the same request as it is, else an empty one."""
+    path = partial / _REQUEST
+    if path.is_file() and (partial / FRAGMENTS).is_dir() and json.loads(path.read_bytes()) == request:
+        return
+    if partial.exists():
+        shutil.rmtree(partial)
+    (partial / FRAGMENTS).mkdir(parents=True)
+    path.write_text(json.dumps(request))
+
+
+def close_partial(partial: Path) -> None:
+    """Remove what only an unfinished export needs."""
+    (partial / _REQUEST).unlink()
+    shutil.rmtree(partial / FRAGMENTS)
+
+
+def require_free_name(out: Path) -> None:
+    """Refuse a name that something has.
+
+    Raises:
+        Conflict: ``out`` is anything but an empty folder.
+    """
+    if out.is_dir() and not any(out.iterdir()):
+        return
+    if out.exists() or out.is_symlink():
+        raise Conflict(f"{out} is there already; an export never writes over anything")
+
+
+def require_room(out: Path, needed: float, what: str, min_free_mb: int) -> None:
+    """Refuse before anything is written.
+
+    Raises:
+        StorageFull: ``needed`` bytes for ``what`` would leave less than ``min_free_mb``.
+    """
+    place = next(parent for parent in out.absolute().parents if parent.exists())
+    free = shutil.disk_usage(place).free - min_free_mb * 1e6
+    if needed > free:
+        raise StorageFull(
+            f"{what} need up to {needed / 1e6:,.0f} MB; {max(free, 0) / 1e6:,.0f} MB may be used in {place}"
+        )
