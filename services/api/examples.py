@@ -119,6 +119,7 @@ FRAME_DETAIL: Final[dict[str, Any]] = {
             },
         }
     ],
+    "sequence": None,
     "annotations": {},
     "images": {kind: f"{_IMAGE}?kind={kind}" for kind in ("picture", "truth", "truth-overlay", "instances", "depth")},
     "previous": f"{_RUN_ID}.4.2.0",
@@ -183,6 +184,7 @@ POINTS: Final[dict[str, Any]] = {
     "instance": [24001],
     "undefined": {"fully hidden": 2},
     "share": 1.0,
+    "axes": [{"column": "distance_m", "title": "distance", "unit": "m", "scale": 1.0, "group": "person"}],
 }
 SUMMARY: Final[dict[str, Any]] = {
     "summary": {

@@ -168,12 +168,20 @@ class FrameEvaluation(Read):
     images: dict[str, str] = Field(description="kind of picture to its address: what this function saw and made of it")
 
 
+class SequenceRead(Read):
+    frames: int = Field(
+        description="moments of each variant and camera; their frames' ids differ in the last part alone"
+    )
+    step_s: float = Field(description="seconds from one to the next")
+
+
 class FrameDetail(FrameRead):
     model_config = _example(examples.FRAME_DETAIL)
 
     run_id: str
     width: int
     height: int
+    sequence: SequenceRead | None = Field(description="None: each variant and camera has one frame")
     assignment: dict[str, Any] = Field(description="of the variant, and where things that move are at the frame's time")
     annotations: dict[str, str] = Field(description="kind to product of the annotations that the run asked for")
     persons: list[PersonRead]
@@ -232,6 +240,14 @@ class EvaluationPage(Read):
     next: str | None = Field(description="cursor of the next page; None on the last")
 
 
+class PlotAxis(Read):
+    column: str = Field(description="of the long table: a fixed one, or the path of a varied parameter")
+    title: str
+    unit: str = Field(description="behind numbers that were multiplied by `scale`; may be empty")
+    scale: float
+    group: str = Field(description="person, conditions or varied")
+
+
 class PointColumns(Read):
     """Points of a scatter plot, column by column: the i-th entries belong together."""
 
@@ -253,6 +269,7 @@ class PointColumns(Read):
     instance: list[int]
     undefined: dict[str, int] = Field(description="person-frames without a pACC, by reason")
     share: float = Field(description="share of the variants that is shown; below 1 it is an even sample")
+    axes: list[PlotAxis] = Field(description="what this run's pACC can be plotted over")
 
 
 class SummaryRead(Read):

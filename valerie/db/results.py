@@ -213,22 +213,24 @@ def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> 
     return int(connection.scalar(query) or 0)
 
 
-def points(connection: Connection, run_id: str, column: str, *, share: float = 1.0) -> list[Row[Any]]:
+def points(connection: Connection, run_id: str, column: str | None, *, share: float = 1.0) -> list[Row[Any]]:
     """What a scatter plot needs: the key, ``x`` (the column), ``pacc``, ``undefined_reason``.
 
     Args:
         connection: to read with.
         run_id: of an existing run.
-        column: of `COLUMNS`, numeric.
+        column: of `COLUMNS`, numeric; None: there is no ``x``.
         share: below 1, an even sample of the variants: Knuth's multiplicative hash of their index decides.
 
     Raises:
         UnknownName: no such column.
     """
-    if column not in COLUMNS:
+    if column is not None and column not in COLUMNS:
         raise UnknownName("column", column, COLUMNS, field="column")
     wanted = [COLUMNS[name].label(name) for name in (*KEY, "pacc", "undefined_reason")]
-    query = long_table(run_id).with_only_columns(*wanted, COLUMNS[column].label("x"), maintain_column_froms=True)
+    if column is not None:
+        wanted.append(COLUMNS[column].label("x"))
+    query = long_table(run_id).with_only_columns(*wanted, maintain_column_froms=True)
     if share < 1.0:
         spread = Frame.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
         query = query.where(spread < literal(int(share * 2**32), BigInteger))

@@ -82,8 +82,8 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
 
 def npz(arrays: Arrays) -> bytes:
     """An archive that `numpy.load` reads; equal arrays give equal bytes."""
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **dict(arrays))
+    buffer, members = io.BytesIO(), dict[str, Any](arrays)
+    np.savez_compressed(buffer, **members)
     return buffer.getvalue()
 
 

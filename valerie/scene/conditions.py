@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -38,6 +38,17 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
         UnknownName, InvalidInput: as `valerie.scene.variation.complete`.
     """
     return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
+
+
+def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
+    """Which of the `Conditions` differ between variants in which the parameters at these paths do."""
+    by_time = any(path in varied for path in CLOCK_PATHS)
+    differs = {
+        "sun_azimuth_deg": by_time or AZIMUTH in varied,
+        "sun_elevation_deg": by_time or ELEVATION in varied,
+        "road_friction": _RAIN in varied,
+    }
+    return tuple(name for name in Conditions._fields if differs[name])
 
 
 @lru_cache(maxsize=1024)

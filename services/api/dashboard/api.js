@@ -49,7 +49,7 @@ export async function remove(path) { await send(path, { method: "DELETE" }); }
 
 // The last pictures, so that going back and forth shows them at once.
 const pictures = new Map();
-const KEPT = 48;
+const KEPT = 96;
 
 export function picture(path) {
   if (!pictures.has(path)) {

@@ -2,6 +2,7 @@
 import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
 import { count, fixed, percent, short, value, words } from "./format.js";
+import { player } from "./player.js";
 
 const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
@@ -28,6 +29,12 @@ export async function frameView({ main, key, parameters, signal }) {
     h("button", { type: "button", "data-view": name, on: { click: () => { SETTINGS.view = name; update(); } } }, VIEWS[name])));
   const boxes = toggle("Boxes", "boxes", () => update());
   const near = toggle("Zoom to person", "near", () => update());
+  const title = `Variant ${frame.variant_index}, ${frame.camera}${frame.sequence || frame.time_s ? `, ${fixed(frame.time_s, 2)} s` : ""}`;
+  const sequence = player(frame, {
+    show: (id) => Promise.all([...shownPanes.values()].filter((one) => one.element.isConnected).map((one) => one.show(id))),
+    open: (id) => { location.hash = `#/frames/${id}`; },
+    signal,
+  });
   const step = (text, target, label) => (target
     ? h("a", { class: "button", href: `#/frames/${target}`, "aria-label": label }, text)
     : h("button", { type: "button", disabled: true, "aria-label": label }, text));
@@ -35,10 +42,10 @@ export async function frameView({ main, key, parameters, signal }) {
     h("div", { class: "stack" },
       h("p", { class: "crumbs" }, h("a", { href: "#/" }, "Runs"), " / ", h("a", { href: `#/runs/${frame.run_id}` }, run.name), " / ", h("span", { class: "mono" }, `${frame.variant_index}.${frame.id.split(".").slice(2).join(".")}`)),
       h("div", { class: "spread" },
-        h("h1", {}, `Variant ${frame.variant_index}, ${frame.camera}`),
+        h("h1", {}, title),
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame")))),
     frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}: pictures appear as they are made.`),
-    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, legend),
+    h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
   ].filter(Boolean));
@@ -71,7 +78,7 @@ export async function frameView({ main, key, parameters, signal }) {
     else if (event.key === "z") { SETTINGS.near = !SETTINGS.near; near.querySelector("input").checked = SETTINGS.near; update(); }
   }, { signal });
   prefetch(frame, signal);
-  return `Variant ${frame.variant_index}, ${frame.camera}`;
+  return title;
 }
 
 function toggle(text, name, changed) {
@@ -118,22 +125,24 @@ function pane(frame, evaluation) {
     }
   };
 
-  const show = () => {
+  // Of another moment of the sequence the pictures alone: boxes are known of this frame only.
+  const show = (id = frame.id) => {
     const { view, opacity, boxes, near } = SETTINGS;
     const mine = (latest += 1);
     trouble.hidden = true;
     const images = evaluation ? evaluation.images : frame.images;
-    load(below, images.picture, mine);
+    const loads = [load(below, images.picture.replace(frame.id, id), mine)];
     const over = view === "picture" ? null : images[view];
     above.hidden = !over;
-    if (over) load(above, over, mine);
+    if (over) loads.push(load(above, over.replace(frame.id, id), mine));
     above.style.setProperty("opacity", WHOLE.has(view) ? "1" : String(opacity / 100));
     element.setAttribute("aria-label", `${VIEWS[view]}${evaluation ? ` of ${evaluation.function}` : ""}`);
-    rectangles.replaceChildren(...(boxes ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
+    rectangles.replaceChildren(...(boxes && id === frame.id ? frame.persons.filter((one) => one.amodal_box).flatMap((one) => outline(one)) : []));
     const zoom = near ? zoomOf(frame) : null;
     world.classList.toggle("near", Boolean(zoom));
     world.style.setProperty("--scale", zoom ? zoom.scale : 1);
     world.style.setProperty("transform", zoom ? `scale(${zoom.scale}) translate(${-100 * zoom.x}%, ${-100 * zoom.y}%)` : "none");
+    return Promise.all(loads);
   };
   return { element, show };
 }

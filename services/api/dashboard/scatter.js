@@ -1,34 +1,49 @@
 // pACC over one column, one panel per function: canvas for many points, mouse, touch and keyboard for each of them.
 import { get } from "./api.js";
-import { h } from "./dom.js";
+import { h, put } from "./dom.js";
 import { NONE, count, fixed, percent, plural } from "./format.js";
 
-const AXES = {
-  distance_m: { title: "Distance", unit: "m", scale: 1 },
-  occlusion_rate: { title: "Occlusion", unit: "%", scale: 100 },
-  pixel_area_percent: { title: "Pixel area", unit: "% of the image", scale: 1 },
-  pixel_area: { title: "Pixel area", unit: "pixels", scale: 1 },
-};
+const FIRST = "distance_m";
+const GROUPS = { person: "Of the person", conditions: "Moment and weather", varied: "Varied" };
 const SHAPES = ["circle", "diamond", "square", "triangle", "cross", "ring"];
 const PAD = { left: 46, right: 14, top: 12, bottom: 42 };
 const BINS = 8;
 const FEWEST = 5;
 
 export function scatterSection({ path, parameters, signal }) {
-  let column = AXES[parameters.get("x")] ? parameters.get("x") : "distance_m";
+  let column = parameters.get("x") ?? FIRST;
   const panels = h("div", { class: "panels" });
   const legend = h("div", { class: "legend" });
   const note = h("p", { class: "small soft under" });
-  const axis = h("select", { id: "axis", on: { change: () => { column = axis.value; history.replaceState(null, "", `${location.hash.split("?")[0]}?x=${column}`); load(); } } },
-    Object.entries(AXES).map(([name, one]) => h("option", { value: name }, `${one.title} (${one.unit})`)));
-  axis.value = column;
+  const axis = h("select", { id: "axis", on: { change: () => { column = axis.value; history.replaceState(null, "", `${location.hash.split("?")[0]}?${new URLSearchParams({ x: column })}`); load(); } } });
   const element = h("section", { class: "card", hidden: true },
     h("div", { class: "head" }, h("h2", {}, "What the functions saw"), legend, h("label", { class: "inline", for: "axis" }, "pACC over", axis)), panels, note);
   let drawn = [];
 
+  // An address may name an axis that this run has not.
+  const ask = async () => {
+    const of = (name) => get(`${path}/points?${new URLSearchParams({ column: name })}`, { signal });
+    try {
+      return await of(column);
+    } catch (error) {
+      if (error.status !== 422 || column === FIRST) throw error;
+      column = FIRST;
+      return of(column);
+    }
+  };
+  const offer = (axes) => {
+    put(axis, axes, Object.entries(GROUPS).map(([group, label]) => {
+      const members = axes.filter((one) => one.group === group).map(axisOf);
+      return members.length ? h("optgroup", { label }, members.map((one) => h("option", { value: one.column }, one.label))) : null;
+    }));
+    axis.value = column;
+  };
+
   const load = async (evaluated) => {
     if (evaluated === 0) { element.hidden = true; return; }
-    const data = await get(`${path}/points?column=${column}`, { signal });
+    const data = await ask();
+    const shown = axisOf(data.axes.find((one) => one.column === column));
+    offer(data.axes);
     element.hidden = false;
     // The same order, and so the same colours, as in the report.
     const characters = [...data.characters].sort();
@@ -42,13 +57,13 @@ export function scatterSection({ path, parameters, signal }) {
       groups.get(name).push(i);
     });
     const names = [...groups.keys()].sort();
-    const range = extent(data.x.map((x) => x * AXES[column].scale));
+    const range = extent(data.x.map((x) => x * shown.scale));
     if (drawn.map((one) => one.name).join() !== names.join()) {
       drawn.forEach((one) => one.end());
       drawn = names.map((name) => panel(name, path));
       panels.replaceChildren(...(drawn.length ? drawn.map((one) => one.element) : [h("p", { class: "soft" }, "No person with a defined pACC yet.")]));
     }
-    drawn.forEach((one) => one.show({ data, rows: groups.get(one.name), axis: AXES[column], range, styleOf, characters }));
+    drawn.forEach((one) => one.show({ data, rows: groups.get(one.name), axis: shown, range, styleOf, characters }));
     const gaps = Object.entries(data.undefined);
     note.textContent = [
       "Each point is one person in one frame; choose one to see the frame.",
@@ -58,6 +73,12 @@ export function scatterSection({ path, parameters, signal }) {
   };
   signal.addEventListener("abort", () => drawn.forEach((one) => one.end()));
   return { element, load };
+}
+
+// With words for people: Distance (m).
+function axisOf(one) {
+  const title = one.title[0].toUpperCase() + one.title.slice(1);
+  return { ...one, title, label: one.unit ? `${title} (${one.unit})` : title };
 }
 
 function extent(values) {
@@ -139,7 +160,7 @@ function panel(name, path) {
     context.textAlign = "center";
     context.textBaseline = "top";
     for (const tick of ticks(range, Math.max(3, Math.round(width / 90)))) context.fillText(String(tick), toX(tick), height - PAD.bottom + 9);
-    context.fillText(`${axis.title} (${axis.unit})`, PAD.left + (width - PAD.left - PAD.right) / 2, height - 16);
+    context.fillText(axis.label, PAD.left + (width - PAD.left - PAD.right) / 2, height - 16);
     context.save();
     context.translate(12, PAD.top + (height - PAD.top - PAD.bottom) / 2);
     context.rotate(-Math.PI / 2);

@@ -114,6 +114,9 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
             "time_s": resolved.seconds(row.assignment, time),
             "width": resolution.width,
             "height": resolution.height,
+            "sequence": None
+            if resolved.times.step is None
+            else {"frames": len(resolved.times.elapsed), "step_s": resolved.times.step},
             "background": row.background,
             "layer": row.layer,
             "truth": row.truth,

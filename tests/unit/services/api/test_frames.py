@@ -179,6 +179,13 @@ def test_a_failed_frame_says_so_and_shows_what_there_is(api: httpx.Client, sketc
     assert "failed" in answer.json()["detail"]
 
 
+def test_an_annotation_that_the_run_has_not_is_refused(api: httpx.Client, frame: dict[str, Any]) -> None:
+    answer = api.get(f"/v1/frames/{frame['id']}/annotations/normals")
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "annotations"
+    assert api.get(f"/v1/frames/{frame['run_id']}.99.0.0/annotations/normals").status_code == 404
+
+
 def test_unknown_names_in_a_picture_are_told_with_near_ones(api: httpx.Client, frame: dict[str, Any]) -> None:
     for parameter, name, near in (
         ("kind", "pictur", "picture"),

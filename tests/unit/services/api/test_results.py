@@ -120,6 +120,26 @@ def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Ske
     assert sum(points["undefined"].values()) == sum(1 for row in table if row["pacc"] is None)
 
 
+def test_points_over_a_varied_parameter_are_those_of_its_column(
+    api: httpx.Client, sketch: Sketch, table: list[Row]
+) -> None:
+    column = "scene.person-1.pos.y"
+    points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": column}).json()
+    found = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
+    assert found == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
+    (axis,) = [one for one in points["axes"] if one["column"] == column]
+    assert axis == {"column": column, "title": "person-1.pos.y", "unit": "m", "scale": 1.0, "group": "varied"}
+
+
+def test_an_axis_that_the_run_has_not_is_refused_with_those_that_it_has(api: httpx.Client, sketch: Sketch) -> None:
+    path = f"/v1/runs/{sketch.finished}/points"
+    for column in ("contrast", "sun_elevation_deg", "time_s", "scene.person-1.character", "pacc"):
+        assert column not in [axis["column"] for axis in api.get(path).json()["axes"]]
+        assert api.get(path, params={"column": column}).status_code == 422
+    refused = api.get(path, params={"column": "distance"}).json()
+    assert "did you mean distance_m" in refused["detail"]
+
+
 def test_a_sample_of_points_is_a_part_of_all_and_always_the_same(api: httpx.Client, sketch: Sketch) -> None:
     path = f"/v1/runs/{sketch.finished}/points"
     whole = set(api.get(path).json()["variant"])
