@@ -79,7 +79,7 @@ RENDERERS: Final = MappingProxyType(
 ENGINE_HINTS: Final = MappingProxyType({"cycles": "`make cycles` installs it"})
 #: What an engine cannot show: name to the attributes of the environment that a spec with it may not name.
 _WEATHER: Final = frozenset({"cloud_cover", "visibility", "rain"})
-WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_lamps"}, "cycles": frozenset({"rain"})})
+WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_lamps"}})
 #: Engines that need the sun above the horizon.
 BY_DAY_ONLY: Final = frozenset({"pyrender"})
 _RENDERERS: Final = _Kind(

@@ -322,3 +322,50 @@ def sheet_above(material: str) -> Node:
         material=material,
     )
     return Node("scene.pole-1", place(0, 0, 3.0), (mesh,))
+
+
+#: Water is mirror enough to be seen along the ground only.
+ALONG: Camera = Camera("scene.camera-1", camera_transform((0, 0, 3), 0, -25, 0), focal_length_mm=20.0)
+WET = Environment(cloud_cover=1.0, rain=3.0)
+
+
+def wet_ground(environment: Environment) -> Scene:
+    asphalt = Material("ground", (0.12, 0.12, 0.12), roughness=0.9, specular=1.0)
+    scene = ground(asphalt, sun=Sun(2.0, math.radians(40)), cameras={"camera-1": ALONG})
+    return replace(scene, environment=environment)
+
+
+def test_a_wet_road_darkens_below_and_mirrors_the_sky_far_away_in_patches_as_in_the_raster_engine(
+    holder: BlenderHolder, raster: RasterRenderer
+) -> None:
+    cycles = CyclesRenderer(CyclesSettings(samples=64), holder)
+    view = View("camera-1", 120, 80)
+
+    def seen(engine: CyclesRenderer | RasterRenderer, environment: Environment) -> NDArray[np.float64]:
+        pixels: NDArray[np.float64] = engine.full(wet_ground(environment), view).pixels.astype(np.float64)
+        return pixels.mean(axis=2)
+
+    wet, dry = (seen(cycles, environment) for environment in (WET, Environment(cloud_cover=1.0)))
+    far, near = ((wet / dry)[rows].mean() for rows in (slice(44, 50), slice(70, 80)))
+    assert near < 0.9 < far
+    # Puddles, and streaks of rain, lie at the same places in both engines.
+    patches = [one[46:66] / one[46:66].mean(axis=1, keepdims=True) for one in (wet, seen(raster, WET))]
+    same, other = (np.corrcoef(patches[0].ravel(), one.ravel())[0, 1] for one in (patches[1], patches[1][:, ::-1]))
+    assert same > 0.4 > 2 * other
+
+
+def test_a_wet_wall_keeps_its_colour_and_a_dry_scene_has_no_water_left(cycles: CyclesRenderer) -> None:
+    before = cycles.background(wet_ground(Environment(cloud_cover=1.0)), VIEW)
+    cycles.background(wet_ground(WET), VIEW)
+    np.testing.assert_array_equal(
+        cycles.background(wet_ground(Environment(cloud_cover=1.0)), VIEW).pixels, before.pixels
+    )
+
+    wall = Node("scene.wall-1", place(0, 8), (box_mesh((-50, 0, -1), (50, 1, 50), "ground"),))
+    level = Camera("scene.camera-1", camera_transform((0, 0, 8), 0, 8, 0), focal_length_mm=80.0)
+    colours = []
+    for rain in (0.0, 0.4):  # the road is wet, hardly a drop is in the air
+        scene = wet_ground(replace(WET, rain=rain))
+        scene = replace(scene, nodes={**scene.nodes, wall.path: wall}, cameras={"camera-1": level})
+        colours.append(mean(cycles, scene))
+    np.testing.assert_allclose(colours[1], colours[0], rtol=0.05)

@@ -196,6 +196,15 @@ class Studio:
             bumps.uv_map = "uv"
             nodes.link(image.outputs["Color"], bumps.inputs["Color"])
             nodes.link(bumps.outputs["Normal"], principled.inputs["Normal"])
+        if header["wet"]:
+            water = nodes.add("ShaderNodeGroup")
+            water.node_tree = self._water
+            nodes.feed_alike(water.inputs["Metallic"], principled.inputs["Metallic"])
+            for name in ("Base Color", "Roughness", "Specular IOR Level"):
+                nodes.feed_alike(water.inputs[name], principled.inputs[name])
+                nodes.link(water.outputs[name], principled.inputs[name])
+            if header["normal_texture"] is not None:
+                nodes.link(water.outputs["Relief"], bumps.inputs["Strength"])
         surface = principled.outputs["BSDF"]
         if header["translucency"]:
             through = nodes.add("ShaderNodeBsdfTranslucent")
@@ -245,6 +254,7 @@ class Studio:
         self._materials: dict[str, Any] = {}
         self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
         self._air: Any = _air_group(bpy)
+        self._water: Any = _water_group(bpy)
         self._light_set: object = None
         self._lamps: list[dict[str, Any]] = []
         scene = self._scene = bpy.context.scene
@@ -352,6 +362,7 @@ class Studio:
             self._world.show_panorama(self._bpy.data, sky, panorama)
         else:
             self._world.show(sky, strength=sky["irradiance"] / self._unit_sky(sky) if sky["irradiance"] > 0 else 0.0)
+        self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
         self._light_set = wanted
@@ -483,6 +494,13 @@ class Nodes:
         node.outputs[0].default_value = (*rgb, 1.0)
         return node.outputs[0]
 
+    def feed_alike(self, target: Any, other: Any) -> None:
+        """Give an input what another one has: its link, or its value."""
+        if other.is_linked:
+            self.link(other.links[0].from_socket, target)
+        else:
+            target.default_value = other.default_value
+
     def multiplied(self, output: Any, rgb: Any) -> Any:
         if tuple(rgb) == (1.0, 1.0, 1.0):
             return output
@@ -496,6 +514,25 @@ class Nodes:
         self.link(base, gray.inputs[0])
         hue = self._vector("DIVIDE", base, gray.outputs[0])
         return self._vector("MULTIPLY_ADD", hue, (share,) * 3, (1 - share,) * 3)
+
+    def smoothstep(self, low: float, high: float, value: Any) -> Any:
+        """0 below ``low``, 1 above ``high``, smooth between."""
+        node = self.add("ShaderNodeMapRange")
+        node.interpolation_type = "SMOOTHSTEP"
+        self._feed(node, (value, low, high, 0.0, 1.0))
+        return node.outputs[0]
+
+    def between(self, first: Any, second: Any, share: Any) -> Any:
+        """``first`` (1 − share) + ``second`` share."""
+        return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
+
+    def scaled(self, vector: Any, factor: Any) -> Any:
+        """A vector or colour times a number."""
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = "SCALE"
+        self.link(vector, node.inputs[0])
+        self.link(factor, node.inputs["Scale"])
+        return node.outputs[0]
 
     def mixed(self, share: Any, first: Any, second: Any) -> Any:
         """The first shader, with a share (a number or an output) of the second."""
@@ -586,6 +623,44 @@ def _air_group(bpy: Any) -> Any:
     hidden = nodes.math("SUBTRACT", 1.0, clear)
     seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
     nodes.link(nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0])
+    return group
+
+
+def _water_group(bpy: Any) -> Any:
+    """Water on what faces up, as in the raster engine: full pores darken (Lekner and Dorf 1988,
+    doi:10.1364/AO.27.001278), the film is smooth, fills the relief and reflects as water does, and stands in puddles and
+    patches a metre or two wide.
+    """
+    group = bpy.data.node_groups.new("water", "ShaderNodeTree")
+    sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
+    for name, kind in {**sockets, "Metallic": "Float"}.items():
+        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    for name, kind in {**sockets, "Relief": "Float"}.items():
+        group.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
+    nodes = Nodes(group)
+    given, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
+    geometry = nodes.add("ShaderNodeNewGeometry").outputs
+    up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
+    nodes.link(geometry["Normal"], up.inputs[0])
+    nodes.link(geometry["Position"], at.inputs[0])
+    x, y = at.outputs["X"], at.outputs["Y"]
+
+    def wave(along: Any, along_rate: float, across: Any, across_rate: float) -> Any:
+        bent = nodes.math("MULTIPLY", nodes.math("SINE", nodes.math("MULTIPLY", across, across_rate)), 2.0)
+        return nodes.math("SINE", nodes.math("MULTIPLY_ADD", along, along_rate, bent))
+
+    dry = nodes.math("SUBTRACT", 1.0, given["Metallic"])
+    wetness = nodes.add("ShaderNodeValue", "wetness").outputs[0]
+    film = nodes.math("MULTIPLY", nodes.math("MULTIPLY", wetness, nodes.smoothstep(0.7, 0.95, up.outputs["Z"])), dry)
+    pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, given["Roughness"]))
+    patch = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", wave(x, 1.9, y, 1.3), wave(y, 0.9, x, 0.7)), 0.5, 0.5)
+    nodes.link(nodes.scaled(given["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
+    smooth = nodes.between(given["Roughness"], nodes.between(0.32, 0.07, patch), film)
+    nodes.link(smooth, result["Roughness"])
+    # Half of the socket's range is a reflectance of 4 %.
+    shining = nodes.math("MAXIMUM", given["Specular IOR Level"], 0.5 * 0.55)
+    nodes.link(nodes.between(given["Specular IOR Level"], shining, film), result["Specular IOR Level"])
+    nodes.link(nodes.between(1.0, 0.15, film), result["Relief"])
     return group
 
 

@@ -3,7 +3,8 @@
 Light that a movable reflects, or keeps from others, reaches everywhere, only ever less. So this bound is not exact, as the
 raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, what it changes by
 indirect light is smaller than the noise of a picture of the default quality (docs/cycles.md has the measurement).
-Its own pixels and its shadow from the sun are bounded exactly. Mirror images in distant smooth surfaces are outside.
+Its own pixels and its shadow from the sun are bounded exactly; its mirror image in a wet road is inside, those in distant
+smooth surfaces are not.
 """
 
 from __future__ import annotations
@@ -51,10 +52,12 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
     lamps = _frame_lamps(scene, view)
     exact = with_lamps(exact, corners, camera, view, lowest, lamps)
-    near = []
+    near, wet = [], sky_of(scene).wetness > 0.0
     for low, high in boxes:
-        more = REACH * float(high[2] - low[2])
-        near.append(box_corners(low - more, high + more))
+        height = float(high[2] - low[2])
+        more = REACH * height
+        # A mirror image hangs upside down below the road.
+        near.append(box_corners(low - [more, more, more + height * wet], high + more))
     return union(exact, covered_rectangle(near, camera, view))
 
 

@@ -18,6 +18,7 @@ from scipy.ndimage import map_coordinates
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
+from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
 from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
@@ -61,7 +62,8 @@ def render(
     """
     items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
     _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, index=False, movables=movables)
-    return made["pixels"]
+    sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
+    return rained_on(made["pixels"], sky.drops, sky.haze, part, view.height)
 
 
 def object_index(
@@ -93,7 +95,8 @@ def _ask(
     # Blender's sky knows neither clouds nor fog nor dusk.
     dusk = math.degrees(scene.sun.elevation) < DUSK
     own_sky = settings["sky"] == "scene" or scene.environment.cloud_cover > 0 or sky.fog > 0 or dusk
-    sender = _Sender(blender, scene, {name for name, m in scene.materials.items() if m is not unlit.materials[name]})
+    lenses = {name for name, material in scene.materials.items() if material is not unlit.materials[name]}
+    sender = _Sender(blender, scene, lenses, wet=sky.wetness > 0.0)
     placed = [one for i, item in enumerate(items, start=1) for one in sender.placed(item, i)]
     sender.forget_unused()
     matrices = np.stack([one.world for one in placed]) if placed else np.zeros((0, 4, 4))
@@ -116,12 +119,16 @@ class _Sender:
 
     Args:
         lenses: names of materials that glow because a lamp is on: the lamp gives their light.
+        wet: whether water lies on what faces up.
     """
 
-    def __init__(self, blender: BlenderProcess, scene: Scene, lenses: Set[str] = frozenset()) -> None:
+    def __init__(
+        self, blender: BlenderProcess, scene: Scene, lenses: Set[str] = frozenset(), *, wet: bool = False
+    ) -> None:
         self._blender = blender
         self._scene = scene
         self._lenses = lenses
+        self._wet = wet
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
@@ -177,10 +184,10 @@ class _Sender:
         }
         values = asdict(material) | textures
         lens = material.name in self._lenses
-        key = f"material-{hash((material, lens, *textures.values())) & (1 << 64) - 1:x}"
+        key = f"material-{hash((material, lens, self._wet, *textures.values())) & (1 << 64) - 1:x}"
         if self._is_new(key, material):
             share = _TRANSLUCENT_SHARE if material.double_sided else 0.0
-            self._blender.ask("material", key=key, translucency=share, lens=lens, **values)
+            self._blender.ask("material", key=key, translucency=share, lens=lens, wet=self._wet, **values)
         return key
 
     def _texture(self, name: str | None, *, color: bool) -> str | None:
@@ -220,6 +227,7 @@ def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
             "angular_diameter": scene.sun.angular_diameter,
             "extinction": float(sky.extinction @ _LUMINANCE),
             "haze": sky.haze.tolist(),
+            "wetness": sky.wetness,
         },
         "sky": {
             "elevation": scene.sun.elevation,

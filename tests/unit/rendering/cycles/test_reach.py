@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from valerie.rendering.base import View
+from valerie.rendering.cycles.reach import reached_rectangle
+from valerie.rendering.raster.camera_math import project
+from valerie.scene.model import Environment, Scene
+from valerie.testing.assets import simple_asset
+
+VIEW = View("camera-1", 320, 180)
+
+
+def in_rain(rain: float) -> Scene:
+    base = simple_asset().base
+    camera = base.cameras["camera-1"]
+    wide = replace(camera, focal_length_mm=0.4 * camera.focal_length_mm)
+    return replace(base, cameras={"camera-1": wide}, environment=Environment(cloud_cover=1.0, rain=rain))
+
+
+def test_on_a_wet_road_the_rectangle_holds_the_mirror_image_of_the_head() -> None:
+    dry, wet = (reached_rectangle(in_rain(rain), VIEW) for rain in (0.0, 5.0))
+    assert wet.y + wet.height > dry.y + dry.height
+    # A person of 1.8 m stands at (0, 10): the mirror image of the head is seen as far below the ground.
+    ((x, y),) = project(np.array([[0.0, 10.0, -1.8]]), in_rain(5.0).cameras["camera-1"], 320, 180)[:, :2]
+    assert wet.x <= x <= wet.x + wet.width
+    assert wet.y <= y <= wet.y + wet.height
+
+
+@pytest.mark.parametrize("rain", [0.0, 5.0])
+def test_without_movables_nothing_is_reached(rain: float) -> None:
+    scene = in_rain(rain)
+    statics = replace(scene, nodes={p: n for p, n in scene.nodes.items() if not n.movable})
+    assert reached_rectangle(statics, VIEW).empty

@@ -1,0 +1,83 @@
+"""Streaks of rain across an image, the same in every engine.
+
+The raster engine draws them in its shader (``streak`` in ``raster/shaders/lighting.frag.glsl``); `streaks` are the same cells and
+drops for engines whose picture comes from elsewhere. The pattern stands in the image: background and layer of a frame agree.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.base import Rectangle
+
+Floats = NDArray[np.float32]
+
+#: Share of a drop's own light in the middle of its streak.
+OPACITY: Final = 0.3
+_LAYERS: Final = 4
+#: Samples of a pixel across and down, as the raster engine takes them.
+_SAMPLES: Final = 2
+
+
+def rained_on(pixels: Floats, drops: float, light: NDArray[np.float64], part: Rectangle, image_height: int) -> Floats:
+    """Linear radiance behind streaks of rain.
+
+    Args:
+        pixels: (h, w, 3), of the part of the image.
+        drops: share of the image that streaks cross, 0 for no rain (`valerie.rendering.sky.Sky.drops`).
+        light: (3,) radiance that a drop shows: it turns a wide piece of the surroundings upside down.
+        part: where the pixels lie in the image.
+        image_height: of the whole image, pixels.
+
+    Returns:
+        (h, w, 3) float32; the array itself without rain.
+    """
+    if drops <= 0.0:
+        return pixels
+    share = np.float32(OPACITY) * streaks(drops, part, image_height)[..., None]
+    return np.asarray(pixels + share * (light.astype(np.float32) - pixels), np.float32)
+
+
+def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
+    """(h, w) float32 in [0, 1]: how much of a drop's streak lies over each pixel of a part of the image.
+
+    Layers of cells, each with at most one drop drawn out by its fall during the exposure.
+    """
+    samples = np.zeros((part.height * _SAMPLES, part.width * _SAMPLES), np.float32)
+    y, x = np.indices(samples.shape, np.float32)
+    at_x = (x + np.float32(part.x * _SAMPLES + 0.5)) / np.float32(image_height)
+    # The shader counts rows from the bottom.
+    at_y = (np.float32((image_height - part.y) * _SAMPLES - 0.5) - y) / np.float32(image_height)
+    for layer in range(_LAYERS):
+        finer = np.float32(1.0 + 0.7 * layer)
+        cells_y = at_y * 5 * finer
+        cells_x = at_x * 30 * finer + cells_y * np.float32(0.12)
+        number = np.float32(layer)
+        cells_y = cells_y + _random(np.floor(cells_x), number, np.float32(7.0))
+        column, row = np.floor(cells_x), np.floor(cells_y)
+        centre = np.float32(0.15) + np.float32(0.7) * _random(column + 11, row + 11, number + 11)
+        thin = 1 - _smoothstep(0.0, 0.035, np.abs(cells_x - column - centre))
+        inside = cells_y - row
+        long_side = _smoothstep(0.0, 0.3, inside) * (1 - _smoothstep(0.5, 0.9, inside))
+        falls = _random(column, row, number) < np.float32(drops * 1.6)
+        np.maximum(samples, np.where(falls, thin * long_side / finer, 0), out=samples)
+    blocks = samples.reshape(part.height, _SAMPLES, part.width, _SAMPLES)
+    return np.asarray(blocks.mean(axis=(1, 3)), np.float32)
+
+
+def _random(x: Floats | np.float32, y: Floats | np.float32, z: Floats | np.float32) -> Floats:
+    """In [0, 1), of a place; in the precision of the shader, of which every bit counts here."""
+    parts = [
+        (value * np.float32(factor)) % 1 for value, factor in zip((x, y, z), (0.1031, 0.1030, 0.0973), strict=True)
+    ]
+    mixed = sum(a * (b + np.float32(33.33)) for a, b in zip(parts, (parts[1], parts[2], parts[0]), strict=True))
+    p, q, r = (part + mixed for part in parts)
+    return np.asarray((p + q) * r % 1, np.float32)
+
+
+def _smoothstep(low: float, high: float, x: Floats) -> Floats:
+    t = ((x - np.float32(low)) / np.float32(high - low)).clip(0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
