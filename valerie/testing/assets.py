@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.parameters.assignment import digest
-from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.parameters.declaring import angle, choice, number
+from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.asset import SceneAsset
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
 from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
@@ -74,45 +75,30 @@ def _person(path: str, *, shown: bool) -> list[Node]:
     return nodes
 
 
-def _number(
-    path: str, low: float, high: float, default: float, affects: Affects, unit: str = ""
-) -> ParameterDefinition:
-    return ParameterDefinition(
-        path=path, type=ParameterType.FLOAT, minimum=low, maximum=high, default=default, affects=affects, unit=unit
-    )
-
-
-def _angle(path: str, default: float, affects: Affects, low: float = 0.0, high: float = 360.0) -> ParameterDefinition:
-    return ParameterDefinition(
-        path=path, type=ParameterType.ANGLE, minimum=low, maximum=high, default=default, affects=affects
-    )
-
-
 def _parameters() -> tuple[ParameterDefinition, ...]:
     found: list[ParameterDefinition] = []
     for path, (x, y, heading) in PERSON_PLACES.items():
         found += [
-            _number(f"{path}.pos.x", -15, 15, x, Affects.GEOMETRY, "m"),
-            _number(f"{path}.pos.y", 0, 50, y, Affects.GEOMETRY, "m"),
-            _angle(f"{path}.heading", heading, Affects.GEOMETRY),
-            ParameterDefinition(
-                path=f"{path}.character",
-                type=ParameterType.CATEGORICAL,
-                choices=(*_COATS, "absent"),
-                default="red-coat" if path.endswith("-1") else "absent",
-                affects=Affects.GEOMETRY,
+            number(f"{path}.pos.x", -15, 15, x, Affects.GEOMETRY, "m"),
+            number(f"{path}.pos.y", 0, 50, y, Affects.GEOMETRY, "m"),
+            angle(f"{path}.heading", heading, Affects.GEOMETRY),
+            choice(
+                f"{path}.character",
+                (*_COATS, "absent"),
+                "red-coat" if path.endswith("-1") else "absent",
+                Affects.GEOMETRY,
             ),
-            _number(f"{path}.cloth.metallic", 0, 1, 0.0, Affects.MATERIAL),
-            _number(f"{path}.cloth.roughness", 0, 1, 0.8, Affects.MATERIAL),
+            number(f"{path}.cloth.metallic", 0, 1, 0.0, Affects.MATERIAL),
+            number(f"{path}.cloth.roughness", 0, 1, 0.8, Affects.MATERIAL),
         ]
     found += [
-        _angle("scene.sun-1.azimuth", 140.0, Affects.LIGHT),
-        _number("scene.sun-1.elevation", 5, 85, 45.0, Affects.LIGHT, "deg"),
-        _number("scene.sun-1.irradiance", 0, 2, 1.0, Affects.LIGHT),
-        _number("scene.camera-1.pos.x", -5, 5, 0.0, Affects.GEOMETRY, "m"),
-        _number("scene.camera-2.focal_length_mm", 20, 100, 35.0, Affects.GEOMETRY, "mm"),
-        _number("sensor.exposure_ev", -4, 4, 0.0, Affects.SENSOR_RADIOMETRY, "EV"),
-        _number("sensor.gamma", 0.5, 3, 1.0, Affects.SENSOR_RADIOMETRY),
+        angle("scene.sun-1.azimuth", 140.0, Affects.LIGHT),
+        number("scene.sun-1.elevation", 5, 85, 45.0, Affects.LIGHT, "deg"),
+        number("scene.sun-1.irradiance", 0, 2, 1.0, Affects.LIGHT),
+        number("scene.camera-1.pos.x", -5, 5, 0.0, Affects.GEOMETRY, "m"),
+        number("scene.camera-2.focal_length_mm", 20, 100, 35.0, Affects.GEOMETRY, "mm"),
+        number("sensor.exposure_ev", -4, 4, 0.0, Affects.SENSOR_RADIOMETRY, "EV"),
+        number("sensor.gamma", 0.5, 3, 1.0, Affects.SENSOR_RADIOMETRY),
     ]
     return tuple(found)
 

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.parameters.declaring import angle, choice, number
+from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.attributes import ABSENT
 from valerie.scene.model import CARRIED, POSES, Material, Node, Stance, Texture
 from valerie.scene.naming import ROOT
@@ -65,56 +66,21 @@ def persons(count: int) -> dict[str, PersonPlace]:
 def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefinition]:
     """What can be varied of one person."""
     path = f"{ROOT}.{name}"
-    number = partial(ParameterDefinition, type=ParameterType.FLOAT)
-    choice = partial(ParameterDefinition, type=ParameterType.CATEGORICAL, affects=Affects.GEOMETRY)
-    for axis, low, high, at, across in (
-        ("x", -10.0, 20.0, person.x, "across"),
-        ("y", 0.0, 100.0, person.y, "along"),
-    ):
-        yield number(
-            path=f"{path}.pos.{axis}",
-            minimum=low,
-            maximum=high,
-            unit="m",
-            default=at,
-            affects=Affects.GEOMETRY,
-            description=f"{across} the street",
-        )
-    yield ParameterDefinition(
-        path=f"{path}.heading",
-        type=ParameterType.ANGLE,
-        default=person.heading,
-        affects=Affects.GEOMETRY,
-        description="0 faces +y, counter-clockwise from above",
-    )
+    yield number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
+    yield number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
+    yield angle(f"{path}.heading", person.heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
     yield choice(
-        path=f"{path}.character",
-        choices=(*CHARACTERS, ABSENT),
-        default=person.character,
-        description="who is seen, or nobody",
+        f"{path}.character", (*CHARACTERS, ABSENT), person.character, Affects.GEOMETRY, "who is seen, or nobody"
     )
     own = Stance()
-    yield choice(path=f"{path}.pose", choices=POSES, default=own.pose, description="what the person does")
+    yield choice(f"{path}.pose", POSES, own.pose, Affects.GEOMETRY, "what the person does")
     yield number(
-        path=f"{path}.gait_phase",
-        minimum=0.0,
-        maximum=1.0,
-        default=own.gait_phase,
-        affects=Affects.GEOMETRY,
-        description="of a walk: share of the cycle after the character's first instant; the nearest 1/16 is shown",
-    )
-    yield choice(
-        path=f"{path}.carries", choices=CARRIED, default=own.carries, description="own: what the character comes with"
-    )
+        f"{path}.gait_phase", 0.0, 1.0, own.gait_phase, Affects.GEOMETRY, "",
+        "of a walk: share of the cycle after the character's first instant; the nearest 1/16 is shown",
+    )  # fmt: skip
+    yield choice(f"{path}.carries", CARRIED, own.carries, Affects.GEOMETRY, "own: what the character comes with")
     for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
-        yield number(
-            path=f"{path}.cloth.{field}",
-            minimum=0.0,
-            maximum=1.0,
-            default=default,
-            affects=Affects.MATERIAL,
-            description="of everything worn",
-        )
+        yield number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
 
 
 class Crowd:

@@ -33,7 +33,8 @@ from typing import Any, Final
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from valerie.errors import InvalidInput
-from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.parameters.declaring import angle, choice, number, switch
+from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.asset import GeneratorSettings
 from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
@@ -233,57 +234,44 @@ def _traffic_parameters() -> Iterator[ParameterDefinition]:
     for name, place_of in TRAFFIC.items():
         path = f"{ROOT}.{name}"
         if place_of.kinds:
-            yield _choice(f"{path}.kind", (*place_of.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
+            yield choice(f"{path}.kind", (*place_of.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
         else:
-            yield ParameterDefinition(
-                path=f"{path}.visible",
-                type=ParameterType.BOOL,
-                default=False,
-                affects=Affects.GEOMETRY,
-                description="whether it is there",
-            )
+            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is there")
         yield from _place_parameters(path, place_of.x, place_of.y, place_of.heading)
-        yield _choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
+        yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
 
 
 def _parked_parameters(car: Placement, seed: int) -> Iterator[ParameterDefinition]:
     yield from _place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
     coat = picked_paint(car.kind, vehicle_seed(seed, car.variant))
-    yield _choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
-    yield ParameterDefinition(
-        path=f"{car.path}.door-2.rot.z",
-        type=ParameterType.ANGLE,
-        minimum=0.0,
-        maximum=70.0,
-        default=0.0,
-        affects=Affects.GEOMETRY,
-        description="how far the right front door is open",
-    )
+    yield choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
+    door = "how far the right front door is open"
+    yield angle(f"{car.path}.door-2.rot.z", 0.0, Affects.GEOMETRY, door, high=70.0)
 
 
 def _place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
-    yield _number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
-    yield _number(f"{path}.pos.y", -30.0, 112.0, y, Affects.GEOMETRY, "m", "along the street")
-    yield _angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
+    yield number(f"{path}.pos.y", -30.0, 112.0, y, Affects.GEOMETRY, "m", "along the street")
+    yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 
 def _other_parameters() -> Iterator[ParameterDefinition]:
-    yield _angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
-    yield _number(f"{SUN_PATH}.elevation", -20.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
-    yield _number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
+    yield angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
+    yield number(f"{SUN_PATH}.elevation", -20.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
+    yield number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
     for clock in CLOCK:
         yield clock.definition()
-    yield _number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
-    yield _number(
+    yield number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
+    yield number(
         f"{ENVIRONMENT_PATH}.cloud_cover", 0.0, 1.0, 0.0, Affects.LIGHT, "", "0 clear … 1 overcast, no shadows"
     )
-    yield _number(
+    yield number(
         f"{ENVIRONMENT_PATH}.visibility", 20.0, CLEAR_VISIBILITY_M, CLEAR_VISIBILITY_M, Affects.LIGHT, "m",
         "in fog (Koschmieder, 2 %); the largest value is no fog",
     )  # fmt: skip
-    yield _number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
+    yield number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
     for lamps, whose in (("street_lamps", "lamp posts"), ("car_lamps", "vehicles in traffic")):
-        yield _choice(
+        yield choice(
             f"{ENVIRONMENT_PATH}.{lamps}", POSITIONS, "auto", Affects.LIGHT, f"of {whose}; auto: when it is dark"
         )
     for name, camera in CAMERAS.items():
@@ -294,46 +282,12 @@ def _other_parameters() -> Iterator[ParameterDefinition]:
 
 def _camera_parameters(path: str, camera: CameraPlace) -> Iterator[ParameterDefinition]:
     x, y, z = camera.position
-    yield _number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "of the optical centre")
-    yield _number(f"{path}.pos.y", -30.0, 110.0, y, Affects.GEOMETRY, "m", "of the optical centre")
-    yield _number(f"{path}.pos.z", 0.2, 60.0, z, Affects.GEOMETRY, "m", "of the optical centre")
-    yield _angle(f"{path}.yaw", camera.yaw, Affects.GEOMETRY, "0 looks along +y, counter-clockwise from above")
-    yield _number(f"{path}.pitch", -90.0, 90.0, camera.pitch, Affects.GEOMETRY, "deg", "upwards")
-    yield _angle(f"{path}.roll", 0.0, Affects.GEOMETRY, "lowers the camera's right side")
-    yield _number(
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "of the optical centre")
+    yield number(f"{path}.pos.y", -30.0, 110.0, y, Affects.GEOMETRY, "m", "of the optical centre")
+    yield number(f"{path}.pos.z", 0.2, 60.0, z, Affects.GEOMETRY, "m", "of the optical centre")
+    yield angle(f"{path}.yaw", camera.yaw, Affects.GEOMETRY, "0 looks along +y, counter-clockwise from above")
+    yield number(f"{path}.pitch", -90.0, 90.0, camera.pitch, Affects.GEOMETRY, "deg", "upwards")
+    yield angle(f"{path}.roll", 0.0, Affects.GEOMETRY, "lowers the camera's right side")
+    yield number(
         f"{path}.focal_length_mm", 8.0, 400.0, camera.focal_length_mm, Affects.GEOMETRY, "mm", "on a 36 mm wide sensor"
-    )
-
-
-def _number(
-    path: str, low: float, high: float, default: float, affects: Affects, unit: str, description: str
-) -> ParameterDefinition:
-    return ParameterDefinition(
-        path=path,
-        type=ParameterType.FLOAT,
-        minimum=low,
-        maximum=high,
-        unit=unit,
-        default=default,
-        affects=affects,
-        description=description,
-    )
-
-
-def _choice(
-    path: str, choices: tuple[str, ...], default: str, affects: Affects, description: str
-) -> ParameterDefinition:
-    return ParameterDefinition(
-        path=path,
-        type=ParameterType.CATEGORICAL,
-        choices=choices,
-        default=default,
-        affects=affects,
-        description=description,
-    )
-
-
-def _angle(path: str, default: float, affects: Affects, description: str) -> ParameterDefinition:
-    return ParameterDefinition(
-        path=path, type=ParameterType.ANGLE, default=default, affects=affects, description=description
     )

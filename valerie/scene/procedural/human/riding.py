@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.body import Body
-from valerie.scene.procedural.human.pose import fingers, pose_body
+from valerie.scene.procedural.human.pose import fingers, pose_body, turn
 from valerie.scene.procedural.human.surface import Points, normalize
 
 Place = tuple[float, float, float]
@@ -47,14 +47,14 @@ def ride(body: Body, contact: Contact) -> tuple[dict[str, Rotation], Points]:
     """
     lean = contact.lean_deg
     rotations = {
-        "pelvis": _x(-0.55 * lean),
-        "spine_01": _x(-0.25 * lean - 3.0),
-        "spine_02": _x(-0.20 * lean - 3.0),
-        "spine_03": _x(-0.10 * lean),
-        "neck_01": _x(0.45 * lean + 2.0),
-        "head": _x(0.55 * lean + 3.0),
-        "clavicle_l": _z(5.0),
-        "clavicle_r": _z(-5.0),
+        "pelvis": turn(x=-0.55 * lean),
+        "spine_01": turn(x=-0.25 * lean - 3.0),
+        "spine_02": turn(x=-0.20 * lean - 3.0),
+        "spine_03": turn(x=-0.10 * lean),
+        "neck_01": turn(x=0.45 * lean + 2.0),
+        "head": turn(x=0.55 * lean + 3.0),
+        "clavicle_l": turn(z=5.0),
+        "clavicle_r": turn(z=-5.0),
     }
     trunk = pose_body(body, rotations).transforms
     bones = data.rig().bones
@@ -76,7 +76,7 @@ def _leg(
     body: Body, side: str, outwards: float, pelvis: Points, hip: Points, pedal: Points, contact: Contact
 ) -> dict[str, Rotation]:
     thigh, calf, foot, ball = (body.head(f"{name}_{side}") for name in ("thigh", "calf", "foot", "ball"))
-    tilt = _x(-14.0).as_matrix()
+    tilt = turn(x=-14.0).as_matrix()
     target = pedal + np.array([0.0, 0.0, _SOLE]) - tilt @ (ball - foot)
     pole = np.array([outwards * contact.knees_out, 1.0, 0.25])
     knee = _joint(hip, target, float(np.linalg.norm(calf - thigh)), float(np.linalg.norm(foot - calf)), pole)
@@ -88,7 +88,7 @@ def _leg(
         f"thigh_{side}": Rotation.from_matrix(pelvis.T @ upper),
         f"calf_{side}": Rotation.from_matrix(upper.T @ lower),
         f"foot_{side}": Rotation.from_matrix(lower.T @ tilt),
-        f"ball_{side}": _x(8.0),
+        f"ball_{side}": turn(x=8.0),
     }
 
 
@@ -140,11 +140,3 @@ def _frame(direction: Points, hinge: Points) -> Points:
 def _moved(transforms: Points, bones: tuple[str, ...], bone: str, point: Points) -> Points:
     matrix = transforms[bones.index(bone)]
     return np.asarray(matrix[:3, :3] @ point + matrix[:3, 3])
-
-
-def _x(degrees: float) -> Rotation:
-    return Rotation.from_euler("x", degrees, degrees=True)
-
-
-def _z(degrees: float) -> Rotation:
-    return Rotation.from_euler("z", degrees, degrees=True)

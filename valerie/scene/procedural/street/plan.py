@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
-#: Across, metres: house fronts, kerbs. Along: where the carriageway ends (both ends are closed by houses).
-LEFT_FRONT, LEFT_KERB, RIGHT_KERB, RIGHT_FRONT = -3.6, -0.8, 5.8, 8.6
+#: Across, metres: the kerbs of a street of default width. Along: where the carriageway ends (both ends are closed by houses).
+LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
 ROAD_START, ROAD_STOP = -33.0, 112.2
 ROW_START, ROW_STOP = -27.0, 105.0

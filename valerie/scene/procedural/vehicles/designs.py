@@ -11,17 +11,6 @@ Section = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class LampShape:
-    """Where lamps and grille sit on nose or tail.
-
-    Attributes:
-        outline: (share of the half width along the bow, rail) corners; rails as in `Section`, from 0 to 8.
-    """
-
-    outline: Line
-
-
-@dataclass(frozen=True, slots=True)
 class CarDesign:
     """One body; metres, y from the middle of the length to the front, z from the road.
 
@@ -46,7 +35,8 @@ class CarDesign:
         doors: y of the front edge of the front doors, of the middle gap, and of the rear doors' end.
         quarter: (y at the belt, y at the roof) of the glass's rear end.
         hatch: the tail opens with the rear window (no boot lid).
-        head, tail_lamp, grille, intake: outlines on nose and tail, for the half x ≥ 0.
+        head, tail_lamp, grille, intake: outlines on nose and tail, for the half x ≥ 0: (share of the half width along the bow,
+            rail) corners; rails as in `Section`, from 0 to 8.
         plate: rail of the number plate's middle, front and rear.
         roof_rails: bars along the roof.
         cladding: unpainted lower edge and arches.

@@ -1,0 +1,57 @@
+"""Short forms in which an asset made by code declares its parameters."""
+
+from __future__ import annotations
+
+from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, ParameterType
+
+
+def number(
+    path: str, low: float, high: float, default: float, affects: Affects, unit: str = "", description: str = ""
+) -> ParameterDefinition:
+    """A FLOAT in [low, high], in ``unit``."""
+    return ParameterDefinition(
+        path=path,
+        type=ParameterType.FLOAT,
+        minimum=low,
+        maximum=high,
+        unit=unit,
+        default=default,
+        affects=affects,
+        description=description,
+    )
+
+
+def angle(
+    path: str, default: float, affects: Affects, description: str = "", *, low: float = 0.0, high: float = TURN
+) -> ParameterDefinition:
+    """An ANGLE in degrees: a whole turn, unless told a part of it."""
+    return ParameterDefinition(
+        path=path,
+        type=ParameterType.ANGLE,
+        minimum=low,
+        maximum=high,
+        default=default,
+        affects=affects,
+        description=description,
+    )
+
+
+def choice(
+    path: str, choices: tuple[str, ...], default: str, affects: Affects, description: str = ""
+) -> ParameterDefinition:
+    """A CATEGORICAL with its choices in order."""
+    return ParameterDefinition(
+        path=path,
+        type=ParameterType.CATEGORICAL,
+        choices=choices,
+        default=default,
+        affects=affects,
+        description=description,
+    )
+
+
+def switch(path: str, default: bool, affects: Affects, description: str = "") -> ParameterDefinition:
+    """A BOOL."""
+    return ParameterDefinition(
+        path=path, type=ParameterType.BOOL, default=default, affects=affects, description=description
+    )
