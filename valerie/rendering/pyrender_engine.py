@@ -54,7 +54,7 @@ class PyrenderRenderer:
         self._renderer, driver = _process_renderer()
         self._numeric_class = f"pyrender-{version('pyrender')}-{driver}"
         self._meshes: dict[Hashable, tuple[Mesh, Any]] = {}
-        self._textures: dict[int, tuple[Texture, Any]] = {}
+        self._textures: dict[Hashable, tuple[Texture, Any]] = {}
         self._backgrounds: dict[Hashable, tuple[Scene, LinearImage]] = {}
 
     @property
@@ -156,16 +156,19 @@ class PyrenderRenderer:
         key = (id(mesh), material)
         found = self._meshes.get(key)
         if found is None:
-            texture = scene.textures[material.base_color_texture] if material.base_color_texture is not None else None
+            # Its shader reads roughness and metallic where it has put them, in the first two channels.
+            color = self._texture(scene, material.base_color_texture, (0, 1, 2))
+            rough = self._texture(scene, material.roughness_texture, (1, 2, 0))
             primitive = self._library.Primitive(
                 positions=mesh.positions,
                 normals=mesh.normals,
                 # The library's textures are uploaded bottom row first.
-                texcoord_0=None if texture is None else np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1),
+                texcoord_0=np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], axis=1) if color or rough else None,
                 indices=mesh.faces,
                 material=self._library.MetallicRoughnessMaterial(
                     baseColorFactor=(*material.base_color, 1.0),
-                    baseColorTexture=None if texture is None else self._texture(texture),
+                    baseColorTexture=color,
+                    metallicRoughnessTexture=rough,
                     metallicFactor=material.metallic,
                     roughnessFactor=max(material.roughness, 0.05),
                     emissiveFactor=tuple(value / HEADROOM for value in material.emissive),
@@ -176,12 +179,16 @@ class PyrenderRenderer:
             self._meshes[key] = found
         return found[1]
 
-    def _texture(self, texture: Texture) -> Any:
-        found = self._textures.get(id(texture))
+    def _texture(self, scene: Scene, name: str | None, channels: tuple[int, int, int]) -> Any:
+        if name is None:
+            return None
+        texture = scene.textures[name]
+        key = (id(texture), channels)
+        found = self._textures.get(key)
         if found is None:
-            rgb = np.ascontiguousarray(texture.image[..., :3])
-            found = (texture, self._library.Texture(source=rgb, source_channels="RGB"))
-            self._textures[id(texture)] = found
+            image = np.ascontiguousarray(texture.image[..., channels])
+            found = (texture, self._library.Texture(source=image, source_channels="RGB"))
+            self._textures[key] = found
         return found[1]
 
     def _forget_all_but(self, used: set[Hashable]) -> None:

@@ -118,8 +118,8 @@ def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
     material = scene.materials.get(mesh.material)
     if material is None:
         raise RenderingError(f"{path}: the scene has no material {mesh.material!r}")
-    for texture in (material.base_color_texture, material.normal_texture):
-        if texture is not None and texture not in scene.textures:
+    for texture in material.textures:
+        if texture not in scene.textures:
             raise RenderingError(f"{path}: material {material.name!r} names texture {texture!r}, which is not there")
     return material
 

@@ -51,6 +51,8 @@ class Material:
         base_color: linear RGB factor in [0, 1].
         base_color_texture: texture name, multiplied with ``base_color`` after sRGB decoding.
         normal_texture: tangent-space normals, linear.
+        roughness_texture: linear; its green channel is multiplied with ``roughness``, its blue one with ``metallic``
+            (glTF's metallicRoughnessTexture). Red is not read.
         metallic, roughness: in [0, 1].
         specular: reflectance at normal incidence relative to 4 % (1 = 0.04), in [0, 2].
         specular_tint: 0 white highlights … 1 highlights in the base colour, in [0, 1].
@@ -65,6 +67,7 @@ class Material:
     base_color: tuple[float, float, float] = (0.8, 0.8, 0.8)
     base_color_texture: str | None = None
     normal_texture: str | None = None
+    roughness_texture: str | None = None
     metallic: float = 0.0
     roughness: float = 0.8
     specular: float = 1.0
@@ -73,6 +76,12 @@ class Material:
     alpha_cutoff: float | None = None
     double_sided: bool = False
     transmission: float = 0.0
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """Names of all textures that it has."""
+        named = (self.base_color_texture, self.normal_texture, self.roughness_texture)
+        return tuple(name for name in named if name is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from valerie.errors import RenderingError, UnknownName
 from valerie.rendering.base import LinearImage, Rectangle, Renderer, View
 from valerie.scene.asset import SceneAsset
-from valerie.scene.model import Camera, Environment, Scene, Sun
+from valerie.scene.model import Camera, Environment, Scene, Sun, Texture
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
 
@@ -127,6 +127,24 @@ class RendererContract:
             for irradiance in (0.25, 0.5)
         )
         assert 1.8 < bright.mean() / dim.mean() < 2.2
+
+    def test_a_roughness_map_is_multiplied_with_roughness_and_metallic(
+        self, renderer: Renderer, asset: SceneAsset, view: View
+    ) -> None:
+        plain = asset.base.materials["paving"]
+        texels = np.empty((16, 16, 3), np.uint8)
+        texels[:] = (255, 102, 204)
+        textures = {**asset.base.textures, "map": Texture("map", texels)}
+
+        def full(**changes: Any) -> NDArray[np.float64]:
+            materials = {**asset.base.materials, "paving": replace(plain, **changes)}
+            scene = replace(asset.base, materials=materials, textures=textures)
+            return renderer.full(scene, view).pixels.astype(np.float64)
+
+        mapped = full(roughness=0.75, metallic=0.5, roughness_texture="map")
+        np.testing.assert_allclose(mapped, full(roughness=0.3, metallic=0.4), rtol=2e-3, atol=2e-3)
+        assert abs(mapped - full(roughness=0.75, metallic=0.4)).max() > 0.01
+        assert abs(mapped - full(roughness=0.3, metallic=0.5)).max() > 0.01
 
     def test_an_unknown_camera_is_named(self, renderer: Renderer, asset: SceneAsset) -> None:
         with pytest.raises(UnknownName, match="camera-9"):

@@ -129,7 +129,7 @@ def test_a_lamp_that_cannot_be_is_refused(tmp_path: Path, change: dict[str, Any]
 def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     base = simple_asset().base
     odd = Material(
-        "paving", (0.1, 0.2, 0.3), "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
+        "paving", (0.1, 0.2, 0.3), "paving", "paving", "paving", 0.4, 0.55, specular=1.7, specular_tint=0.6,
         emissive=(3.5, 0.1, 0.0), alpha_cutoff=0.3, double_sided=True, transmission=0.4,
     )  # fmt: skip
     scene = Scene(

@@ -180,6 +180,14 @@ class Studio:
         nodes.link(base, principled.inputs["Base Color"])
         for name in ("metallic", "roughness"):
             principled.inputs[name.capitalize()].default_value = header[name]
+        if header["roughness_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["roughness_texture"]]
+            channels = nodes.add("ShaderNodeSeparateColor")
+            nodes.link(image.outputs["Color"], channels.inputs["Color"])
+            for name, channel in (("metallic", "Blue"), ("roughness", "Green")):
+                factor = nodes.math("MULTIPLY", channels.outputs[channel], header[name])
+                nodes.link(factor, principled.inputs[name.capitalize()])
         # 1 stands for a reflectance of 4 %, which is half of the socket's range (index of refraction 1.5).
         principled.inputs["Specular IOR Level"].default_value = 0.5 * header["specular"]
         nodes.link(nodes.tinted(base, header["specular_tint"]), principled.inputs["Specular Tint"])

@@ -181,6 +181,7 @@ class _Sender:
         textures = {
             "base_color_texture": self._texture(material.base_color_texture, color=True),
             "normal_texture": self._texture(material.normal_texture, color=False),
+            "roughness_texture": self._texture(material.roughness_texture, color=False),
         }
         values = asdict(material) | textures
         lens = material.name in self._lenses

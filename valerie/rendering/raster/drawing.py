@@ -23,7 +23,7 @@ class SurfaceDrawer:
     Args:
         context: owns programs; current in every call.
         fragment: the shader file, e.g. ``surface.frag``.
-        colors: whether it reads colour and normal textures (else only the alpha of cut surfaces).
+        colors: whether it reads textures (else only the alpha of cut surfaces).
         frames: whether it wants to know of textures, without reading them.
         depth_test: False draws over everything.
         all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
@@ -102,7 +102,10 @@ class SurfaceDrawer:
         if kind.normal_side and self._colors:
             defines["NORMAL_TEXTURE"] = 1
             bound["normal_textures"] = textures.arrays[kind.normal_side]
-        if self._frames and (kind.color_side or kind.normal_side):
+        if kind.roughness_side and self._colors:
+            defines["ROUGHNESS_TEXTURE"] = 1
+            bound["roughness_textures"] = textures.arrays[kind.roughness_side]
+        if self._frames and (kind.color_side or kind.normal_side or kind.roughness_side):
             defines["TEXTURED"] = 1
             if kind.normal_side:
                 defines["NORMAL_TEXTURE"] = 1

@@ -21,7 +21,7 @@ class SurfaceKind(NamedTuple):
     """What decides which program and state draws a material; meshes of one kind share a draw call.
 
     Attributes:
-        color_side, normal_side: texture array sides, 0 for none.
+        color_side, normal_side, roughness_side: texture array sides, 0 for none.
         double_sided: back faces are drawn.
         cut: texels with low alpha are cut.
         clear: a pane that one sees through.
@@ -29,6 +29,7 @@ class SurfaceKind(NamedTuple):
 
     color_side: int
     normal_side: int
+    roughness_side: int
     double_sided: bool
     cut: bool
     clear: bool
@@ -40,6 +41,7 @@ def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
     return SurfaceKind(
         textures.side(material.base_color_texture),
         textures.side(material.normal_texture),
+        textures.side(material.roughness_texture),
         material.double_sided,
         cut,
         material.transmission > 0.0,
@@ -50,7 +52,8 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
     """(N, 5, 4) float32: per material five RGBA texels.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
-    3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, 0, 0, 0.
+    3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness
+    texture, side of its array (0: none), 0.
     """
     table = np.zeros((max(len(materials), 1), TEXELS, 4), np.float32)
     for row, material in zip(table, materials, strict=False):
@@ -62,4 +65,7 @@ def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArr
                 slot = textures.slots[name]
                 row[3, column], row[3, column + 2] = slot.layer, slot.side
         row[4, 0] = material.transmission
+        if material.roughness_texture is not None:
+            slot = textures.slots[material.roughness_texture]
+            row[4, 1:3] = slot.layer, slot.side
     return table

@@ -143,9 +143,7 @@ class SceneStore:
             tuple((tuple(map(id, i.meshes)), i.world.tobytes(), i.node.label_id, i.node.instance_id) for i in items),
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
-        appearance = tuple(
-            (m.base_color, m.base_color_texture, m.normal_texture, m.alpha_cutoff, m.transmission) for m in materials
-        )
+        appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
         self._last = Statics(
             nodes,
             geometry,

@@ -104,9 +104,9 @@ class ImageTargets:
 
 
 def surface_target(gl: moderngl.Context, view: View) -> Target:
-    """A G-buffer: albedo, normals, material row, depth."""
+    """A G-buffer: albedo, normals, material row with what its roughness texture says, depth."""
     fine = (view.width * SAMPLES, view.height * SAMPLES)
-    return Target(gl, fine, ((4, "f1"), (4, "nu2"), (1, "u2")), depth=True)
+    return Target(gl, fine, ((4, "f1"), (4, "nu2"), (2, "u2")), depth=True)
 
 
 def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[int, int, int, int]:

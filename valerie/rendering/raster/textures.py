@@ -58,8 +58,8 @@ class TextureSet:
         """Upload what these materials need and is not there."""
         grown: set[int] = set()
         for material in materials:
-            for name in (material.base_color_texture, material.normal_texture):
-                if name is not None and name not in self.slots:
+            for name in material.textures:
+                if name not in self.slots:
                     image = self._textures[name].image
                     side = _side_for(image.shape[0], image.shape[1])
                     layers = self._layers.setdefault(side, [])

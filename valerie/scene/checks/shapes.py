@@ -109,7 +109,7 @@ def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
     material = scene.materials.get(mesh.material)
     if material is None or not len(mesh.uvs):
         return
-    texture = material.base_color_texture or material.normal_texture
+    texture = next(iter(material.textures), None)
     if texture is not None and not np.ptp(mesh.uvs, axis=0).any():
         yield Finding(
             Severity.WARNING,

@@ -141,6 +141,7 @@ def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart
                 name=f"{for_materials}/{name}",
                 base_color_texture=textured(material.base_color_texture),
                 normal_texture=textured(material.normal_texture),
+                roughness_texture=textured(material.roughness_texture),
             )
             for name, material in part.materials.items()
         },

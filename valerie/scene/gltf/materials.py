@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pygltflib
-from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, own_extras
@@ -15,7 +14,6 @@ from valerie.scene.model import Material
 
 TextureIndex = Callable[[str], int]
 TextureName = Callable[[int], str]
-TextureImage = Callable[[int], NDArray[np.uint8]]
 
 
 def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
@@ -44,6 +42,7 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
     }
     color = None if material.base_color_texture is None else texture_index(material.base_color_texture)
     normal = None if material.normal_texture is None else texture_index(material.normal_texture)
+    rough = None if material.roughness_texture is None else texture_index(material.roughness_texture)
     return pygltflib.Material(
         name=material.name,
         pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
@@ -51,6 +50,7 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
             metallicFactor=material.metallic,
             roughnessFactor=material.roughness,
             baseColorTexture=None if color is None else pygltflib.TextureInfo(index=color),
+            metallicRoughnessTexture=None if rough is None else pygltflib.TextureInfo(index=rough),
         ),
         normalTexture=None if normal is None else pygltflib.NormalMaterialTexture(index=normal),
         emissiveFactor=[float(c) / strength for c in material.emissive],
@@ -67,7 +67,6 @@ def read_material(
     name: str,
     *,
     texture_name: TextureName,
-    texture_image: TextureImage,
     notes: list[str],
 ) -> Material:
     """A material of a scene; what the model lacks is approximated and noted.
@@ -76,7 +75,6 @@ def read_material(
         given: as it stands in the file.
         name: under which the scene knows it.
         texture_name: name of a glTF texture.
-        texture_image: texels of a glTF texture.
         notes: takes what was ignored or approximated, in words.
 
     Raises:
@@ -84,11 +82,7 @@ def read_material(
     """
     pbr = given.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
     metallic, roughness = _one(pbr.metallicFactor, 1.0), _one(pbr.roughnessFactor, 1.0)
-    if pbr.metallicRoughnessTexture is not None:
-        texels = texture_image(pbr.metallicRoughnessTexture.index)
-        roughness *= float(texels[..., 1].mean()) / 255.0
-        metallic *= float(texels[..., 2].mean()) / 255.0
-        notes.append(f"material {name}: its metallic-roughness texture is replaced by its mean")
+    rough = pbr.metallicRoughnessTexture
     if given.emissiveTexture is not None:
         notes.append(f"material {name}: its emissive texture is ignored")
     if given.occlusionTexture is not None:
@@ -110,6 +104,7 @@ def read_material(
         base_color=_in_range(color, f"{name}.base_color", 1.0),
         base_color_texture=None if pbr.baseColorTexture is None else texture_name(pbr.baseColorTexture.index),
         normal_texture=None if given.normalTexture is None else texture_name(given.normalTexture.index),
+        roughness_texture=None if rough is None else texture_name(rough.index),
         metallic=_in_range([metallic], f"{name}.metallic", 1.0)[0],
         roughness=_in_range([roughness], f"{name}.roughness", 1.0)[0],
         specular=_one(extras.get("specular"), _one(specular.get("specularFactor"), 1.0)),

@@ -60,7 +60,6 @@ class MeshReader:
                 material,
                 name,
                 texture_name=self._textures.name,
-                texture_image=self._textures.texels,
                 notes=self._notes,
             )
             for name, material in zip(self._names, self._document.materials, strict=True)

@@ -25,10 +25,6 @@ class TextureReader:
         """The name of a glTF texture in the scene."""
         return self._names[self._source(texture)]
 
-    def texels(self, texture: int) -> NDArray[np.uint8]:
-        """(H, W, 3 or 4) uint8 of a glTF texture."""
-        return self._image(self._source(texture))
-
     def all_textures(self) -> dict[str, Texture]:
         """Every image of the file as a texture, by name."""
         return {name: Texture(name, self._image(index)) for index, name in enumerate(self._names)}

@@ -247,6 +247,39 @@ def test_a_metal_has_no_diffuse_light(raster: RasterRenderer) -> None:
     assert metal.mean() < 0.6 * matt.mean()
 
 
+@pytest.mark.parametrize("movable", [False, True])
+def test_a_roughness_map_changes_the_highlight_where_it_is_smooth(raster: RasterRenderer, movable: bool) -> None:
+    camera = Camera("scene.camera-1", camera_transform((0, -4, 2), 0, -30, 0), focal_length_mm=50.0)
+    floor = box_mesh((-8, -8, -1), (8, 8, 0), "m")
+    # u grows with x on the floor: its left half is smooth, its right half is left to the material.
+    image = np.full((64, 64, 3), 255, np.uint8)
+    image[:, :32, 1] = 102
+
+    def picture(material: Material) -> np.ndarray:
+        scene = one_mesh(floor, material, camera, elevation=35.0, image=image)
+        nodes = {path: replace(node, movable=movable) for path, node in scene.nodes.items()}
+        return raster.full(replace(scene, nodes=nodes), View("camera-1", 64, 64)).pixels.astype(np.float64)
+
+    smooth, rough = (picture(Material("m", (0.05, 0.05, 0.05), roughness=r)) for r in (0.4, 1.0))
+    mapped = picture(Material("m", (0.05, 0.05, 0.05), roughness=1.0, roughness_texture="image"))
+    # Away from the edge between them, which coarser copies of the map blur.
+    left, right = np.s_[24:, :24], np.s_[24:, 40:]
+    assert smooth[left].max() > 1.5 * rough[left].max()
+    np.testing.assert_allclose(mapped[left], smooth[left], rtol=2e-3)
+    np.testing.assert_array_equal(mapped[right], rough[right])
+
+
+def test_the_cache_of_statics_notices_a_changed_roughness_map(raster: RasterRenderer) -> None:
+    scene, view = simple_asset().base, View("camera-1", 64, 36)
+    textures = scene.textures | {n: Texture(n, np.full((8, 8, 3), v, np.uint8)) for n, v in (("a", 40), ("b", 250))}
+    pictures = []
+    for name in "ab":
+        paving = replace(scene.materials["paving"], roughness_texture=name)
+        mapped = replace(scene, textures=textures, materials=scene.materials | {"paving": paving})
+        pictures.append(raster.background(mapped, view).pixels)
+    assert (pictures[0] != pictures[1]).any()
+
+
 def test_the_cache_of_statics_notices_a_changed_static_material(raster: RasterRenderer) -> None:
     scene, view = simple_asset().base, View("camera-1", 64, 36)
     before = raster.background(scene, view)

@@ -5,12 +5,12 @@ uniform usampler2D from_material;
 uniform sampler2D from_depth;
 layout(location = 0) out vec4 out_albedo;
 layout(location = 1) out vec4 out_normals;
-layout(location = 2) out uint out_material;
+layout(location = 2) out uvec2 out_material;
 
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     out_albedo = texelFetch(from_albedo, s, 0);
     out_normals = texelFetch(from_normals, s, 0);
-    out_material = texelFetch(from_material, s, 0).r;
+    out_material = texelFetch(from_material, s, 0).rg;
     gl_FragDepth = texelFetch(from_depth, s, 0).r;
 }

@@ -1,6 +1,7 @@
 // Radiance of every sample: sun with soft shadows, sky light with occlusion, sky reflections, air light.
 // Unit: π × radiance, so that a white Lambert surface facing a sun of irradiance 1 shows 1 (sky.py).
 #include "octahedron.glsl"
+#include "roughness.glsl"
 #include "sample.glsl"
 #include "shadow.glsl"
 uniform sampler2D albedo_map;
@@ -175,9 +176,11 @@ void main() {
     albedo *= albedo;
     vec4 normals = texelFetch(normals_map, s, 0);
     vec3 normal = octahedron_decode(normals.xy), face = octahedron_decode(normals.zw);
-    int row = int(texelFetch(material_map, s, 0).r);
+    uvec2 material = texelFetch(material_map, s, 0).rg;
+    int row = int(material.x);
     vec4 surface = texelFetch(material_table, ivec2(1, row), 0);
     vec4 glow = texelFetch(material_table, ivec2(2, row), 0);
+    surface.xy *= unpacked_factors(material.y);
     float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
 
     // Water on what faces up: pores filled with water darken (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and the film is

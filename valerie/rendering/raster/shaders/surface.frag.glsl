@@ -3,9 +3,13 @@
 #include "surface.glsl"
 layout(location = 0) out vec4 out_albedo;    // square root of the linear base colour
 layout(location = 1) out vec4 out_normals;   // octahedral: shading normal, interpolated normal
-layout(location = 2) out uint out_material;  // row of the material table
+layout(location = 2) out uvec2 out_material; // row of the material table; texel of its roughness texture (roughness.glsl)
+#include "roughness.glsl"
 #ifdef NORMAL_TEXTURE
 uniform sampler2DArray normal_textures;
+#endif
+#ifdef ROUGHNESS_TEXTURE
+uniform sampler2DArray roughness_textures;
 #endif
 
 vec3 linear_from_srgb(vec3 c) {
@@ -43,5 +47,9 @@ void main() {
 #endif
     out_albedo = vec4(sqrt(color), 1.0);
     out_normals = vec4(octahedron_encode(shading), octahedron_encode(normal));
-    out_material = material_row;
+    uint factors = NO_ROUGHNESS_TEXTURE;
+#ifdef ROUGHNESS_TEXTURE
+    factors = packed_factors(texture(roughness_textures, vec3(uv, material_texel(4).y)).gb);
+#endif
+    out_material = uvec2(material_row, factors);
 }

@@ -1,12 +1,13 @@
 // Textures of the movables' samples that stayed: base colour and shading normal into the G-buffer.
 #include "octahedron.glsl"
+#include "roughness.glsl"
 uniform sampler2D uv_map;
 uniform sampler2D frame_map;
 uniform usampler2D row_map;
 uniform sampler2D material_table;
 layout(location = 0) out vec4 out_albedo;
 layout(location = 1) out vec4 out_normals;
-layout(location = 2) out uint out_material;
+layout(location = 2) out uvec2 out_material;
 
 // One array of textures per side. Loops of zero turns instead of branches: see shadow.glsl.
 #define READ(SIDE) for (int i = 0; i < (side == SIDE ? 1 : 0); ++i) \
@@ -78,9 +79,11 @@ void main() {
         vec3 t = texel(side, places.y, uv, level).xyz * 2.0 - 1.0;
         shading = normalize(mat3(tangent, bitangent, normal) * t);
     }
+    vec4 more = moving ? texelFetch(material_table, ivec2(4, row), 0) : vec4(0.0);
+    vec2 factors = texel(int(more.z), more.y, uv, level).gb;
     // At the end: llvmpipe's loops do not leave off for lanes that were discarded before.
     if (!moving) discard;
     out_albedo = vec4(sqrt(color), 1.0);
     out_normals = vec4(octahedron_encode(shading), frame.xy);
-    out_material = uint(row);
+    out_material = uvec2(row, packed_factors(factors));
 }

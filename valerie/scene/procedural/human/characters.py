@@ -82,7 +82,7 @@ def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:
     found = figure(name)
     everything = np.concatenate([mesh.positions for mesh in meshes])
     materials = {mesh.material: found.materials[mesh.material] for mesh in meshes}
-    wanted = [t for m in materials.values() for t in (m.base_color_texture, m.normal_texture) if t is not None]
+    wanted = [t for m in materials.values() for t in m.textures]
     return Character(
         name=name,
         meshes=meshes,

@@ -62,12 +62,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
     used = {mesh.material for part in parts for mesh in part.meshes}
     made = make_materials(layout.settings.seed, reliefs=layout.settings.variety == "mixed") | workshop.materials
     materials = {name: material for name, material in made.items() if name in used}
-    wanted = {
-        texture
-        for material in materials.values()
-        for texture in (material.base_color_texture, material.normal_texture)
-        if texture
-    }
+    wanted = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(layout.settings) | workshop.textures
     textures = {name: texture for name, texture in painted.items() if name in wanted}
     return StreetContent(tuple(parts), materials, textures)

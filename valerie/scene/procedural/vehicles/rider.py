@@ -58,7 +58,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         height = max(height, *(float(mesh.positions[:, 2].max()) for mesh in found))
     used = {mesh.material for mesh in meshes}
     materials = {name: material for name, material in materials.items() if name in used}
-    images = {n for m in materials.values() for n in (m.base_color_texture, m.normal_texture) if n is not None}
+    images = {name for m in materials.values() for name in m.textures}
     return VehicleContent(
         kind=f"rider-{mount}",
         object_class="rider",
