@@ -46,7 +46,7 @@ class PyrenderRenderer:
     """
 
     name: ClassVar[str] = "pyrender"
-    revision: ClassVar[int] = 2
+    revision: ClassVar[int] = 3
 
     def __init__(self) -> None:
         self._library = _import_pyrender()
