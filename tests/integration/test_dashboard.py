@@ -41,6 +41,9 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     work(context, bell, spec("finished"))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
     work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.variant_index == 4)
+    walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
+    way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
+    work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
     work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
     for source in ("first.onnx", "<b>second</b>.onnx"):
         functions.register(context, *small_onnx(folder, provenance={"source": source, "checked": "opened and run"}))
@@ -97,7 +100,7 @@ def test_a_wrong_token_is_told_and_asked_for_again(browser: Browser, url: str) -
 
 def test_the_list_shows_every_run_with_its_state(page: Page) -> None:
     rows = page.locator("tbody tr")
-    assert rows.count() == 3
+    assert rows.count() == 4
     states = {row.locator("a").inner_text(): row.locator(".chip").inner_text() for row in rows.all()}
     assert states["finished"] == "completed"
     assert "failures" in states["lost a layer"]
@@ -120,6 +123,41 @@ def test_another_axis_is_part_of_the_address(page: Page) -> None:
     page.wait_for_selector(".plot canvas")
     page.select_option("#axis", "occlusion_rate")
     page.wait_for_url("**occlusion_rate**")
+
+
+def test_pacc_is_drawn_over_what_the_run_varied(page: Page) -> None:
+    open_run(page, "finished")
+    page.wait_for_selector(".plot canvas")
+    offered = page.locator("#axis option").all_inner_texts()
+    assert "Bearing (°)" in offered
+    assert "Contrast to the surroundings (Michelson)" not in offered, "the run did not ask for light"
+    page.select_option("#axis", "scene.person-1.pos.y")
+    page.wait_for_url("**x=scene.person-1.pos.y")
+    plot = page.locator(".plot canvas").first
+    page.wait_for_function("() => document.querySelector('.plot canvas').ariaLabel.includes('person-1.pos.y')")
+    plot.focus()
+    page.keyboard.press("ArrowRight")
+    assert "person-1.pos.y 5.00 m" in page.locator(".tip").first.inner_text()
+
+
+def test_a_sequence_is_played_and_its_slider_leads_to_its_moments(page: Page) -> None:
+    open_run(page, "walking")
+    page.click("button:has-text('Frames')")
+    page.wait_for_selector(".player")
+    assert page.locator("h1").inner_text().endswith(", 0.00 s")
+    page.click(".player button")
+    page.wait_for_function("() => document.querySelector('.player span').textContent.includes('frame 3 of 3')")
+    page.click(".player button")
+    page.wait_for_function("() => document.querySelector('.player button').textContent.includes('Play')")
+    moment = page.locator(".player input")
+    moment.focus()
+    page.keyboard.press("Home")
+    page.wait_for_url("**.0.0.0?*")
+    page.locator(".player input").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_url("**.0.0.1?*")
+    page.wait_for_function("() => document.querySelector('h1').textContent.endsWith('0.50 s')")
+    page.wait_for_function("() => document.activeElement.type === 'range'")
 
 
 def test_results_can_be_taken_away(page: Page) -> None:
@@ -180,4 +218,4 @@ def test_a_run_is_cancelled_and_deleted_only_after_a_question(page: Page) -> Non
     page.click("button:has-text('Delete')")
     page.click("text=Delete for good")
     page.wait_for_url("**#/")
-    page.wait_for_function("() => document.querySelectorAll('tbody tr').length === 2")
+    page.wait_for_function("() => document.querySelectorAll('tbody tr').length === 3")

@@ -17,8 +17,8 @@ from valerie.analysis.summary import OCCLUDED, Summary, SummaryRow
 _DASH = "–"
 
 
-def summary_renderable(summary: Summary, findings: Findings | None = None) -> RenderableType:
-    """The summary for a rich console; with the strongest findings below it where they are given."""
+def summary_renderable(summary: Summary, findings: Findings | None = None, *, most: int | None = 5) -> RenderableType:
+    """The summary for a rich console; below it, where they are given, so many of the strongest findings (None: all)."""
     several = len({row.sensor for row in summary.rows}) > 1
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     table.add_column("pedestrian", no_wrap=True)
@@ -38,7 +38,7 @@ def summary_renderable(summary: Summary, findings: Findings | None = None) -> Re
     parts += [Text(line, style="dim") for line in _notes(summary)]
     if findings is not None and findings.items:
         parts.append(Text("\nFindings", style="bold"))
-        parts += [Text(f"{i}. {finding.sentence}") for i, finding in enumerate(findings.items[:5], 1)]
+        parts += [Text(f"{i}. {finding.sentence}") for i, finding in enumerate(findings.items[:most], 1)]
     return Group(*parts)
 
 

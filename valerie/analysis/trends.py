@@ -1,4 +1,4 @@
-"""How pACC depends on distance, pixel area and occlusion: curves with bands, binned means (the paper's figures 4–7).
+"""How pACC depends on distance, pixel area, occlusion, light and time: curves with bands, binned means (the paper's figures 4–7).
 
 Numbers only; `valerie.analysis.plots` draws them.
 """
@@ -45,6 +45,7 @@ AXES: Final = (
     Axis("irradiance", "light on the body", "of a clear noon sun", 1.0, 0.1),
     Axis("shadow_share", "body in shadow", "%", 100.0, 0.1),
     Axis("contrast", "contrast to the surroundings", "Michelson", 1.0, 0.1),
+    Axis("time_s", "time", "s", 1.0, 0.5),
 )
 
 
@@ -106,7 +107,7 @@ def axis_of(column: str) -> Axis:
 def find_trends(
     table: EvaluationTable, *, resampler: Resampler, seed: int, threshold: float = 0.5, axes: Sequence[Axis] = AXES
 ) -> Trends:
-    """Regress and bin pACC over each axis, per function, sensor and character and combined.
+    """Regress and bin pACC over each axis on which several values occur, per function, sensor and character and combined.
 
     Args:
         table: the run's evaluations.
@@ -120,7 +121,7 @@ def find_trends(
     for axis in axes:
         x = table.numbers(axis.column)
         known = x[np.isfinite(x) & np.isfinite(pacc)]
-        if not len(known):
+        if not len(known) or known.min() == known.max():
             continue
         edges = bin_edges(float(known.min()), float(known.max()), axis.bin_width)
         for group in groups(table):

@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from valerie.cli import assets, datasets, evaluation, frames, functions, machine, predictions, runs, specs, training
+from valerie.cli import (
+    assets,
+    datasets,
+    evaluation,
+    frames,
+    functions,
+    machine,
+    predictions,
+    results,
+    runs,
+    specs,
+    training,
+)
 from valerie.cli.shell import guarded
 
 _HELP = """Validation of perception DNNs of automated vehicles by systematic variation of synthetic scenes.
@@ -49,6 +61,8 @@ app.command(rich_help_panel=_RUN)(runs.up)
 app.command(rich_help_panel=_RUN)(runs.submit)
 app.command(rich_help_panel=_WATCH)(runs.status)
 app.command(rich_help_panel=_WATCH)(runs.report)
+app.command(rich_help_panel=_WATCH)(results.findings)
+app.command(rich_help_panel=_WATCH)(results.rows)
 app.command(rich_help_panel=_WATCH)(runs.cancel)
 app.command(rich_help_panel=_WATCH)(runs.resume)
 app.command(rich_help_panel=_WATCH)(runs.retry)

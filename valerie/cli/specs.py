@@ -178,9 +178,8 @@ def _show(plan: Plan) -> None:
     table.add_column()
     table.add_row("variants", f"{plan.variants:,}", f"{about}{rejected:,} rejected" if rejected else "")
     moments = f", {plan.moments:,} moments each" if plan.moments > 1 else ""
-    table.add_row(
-        "frames", f"{about}{plan.frames:,}", f"{len(plan.cameras)} cameras: {', '.join(plan.cameras)}{moments}"
-    )
+    cameras = "1 camera" if len(plan.cameras) == 1 else f"{len(plan.cameras)} cameras"
+    table.add_row("frames", f"{about}{plan.frames:,}", f"{cameras}: {', '.join(plan.cameras)}{moments}")
     table.add_row("evaluations", f"{about}{plan.evaluations:,}", "frames × sensors × functions")
     out.print(table)
     for reason, count in sorted(plan.rejected.items(), key=lambda item: -item[1])[:8]:
@@ -221,6 +220,8 @@ def _show_products(plan: Plan) -> None:
             duration(product.cpu_seconds),
             _bytes(product.bytes),
         )
+    if plan.start_cpu_seconds:
+        table.add_row("start", "workers, asset, results", "", "", "", duration(plan.start_cpu_seconds), "")
     table.add_section()
     made = sum(product.to_make for product in plan.products)
     table.add_row("all", "", "", "", f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))

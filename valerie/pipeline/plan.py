@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, Final
 
 from valerie.db import processes, products
 from valerie.db.engine import reading
@@ -34,15 +34,17 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         def present(digests: set[str]) -> set[str]:
             return products.done_digests(connection, digests)
 
-        return plan(resolved, pins=pins, present=present, costs=CostTable(_costs(resolved, pins, recorded)))
+        return plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
 
 
-def _costs(
-    resolved: ResolvedRun, pins: dict[str, Any] | None, recorded: list[products.RecordedCost]
-) -> dict[CostKey, Cost]:
+#: Products of which the mean is believed rather than the shipped table.
+_MANY: Final = 3
+
+
+def _costs(resolved: ResolvedRun, pins: dict[str, Any] | None, recorded: list[products.RecordedCost]) -> CostTable:
     """Recorded means at this run's resolution and with what it would pin, by the planner's keys."""
     if pins is None:
-        return {}
+        return CostTable()
     resolution, spec = resolved.spec.resolution, resolved.spec
     pixels = resolution.width * resolution.height
     makers: dict[tuple[str, str], str] = {
@@ -55,9 +57,10 @@ def _costs(
         makers |= {(kind, pins["engine"]["route"]): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
     by_digest = {pins["functions"][name]["digest"][:32]: name for name in spec.functions}
     costs: dict[CostKey, Cost] = {}
+    few: dict[CostKey, Cost] = {}
     for row in recorded:
         maker = by_digest.get(row.group) if row.kind == ProductKind.PREDICTION else makers.get((row.kind, row.route))
         if maker is not None and row.pixels == pixels:
             key = CostKey(ProductKind(row.kind), maker, resolution.width, resolution.height)
-            costs[key] = Cost(row.cpu_seconds, row.bytes)
-    return costs
+            (costs if row.count >= _MANY else few)[key] = Cost(row.cpu_seconds, row.bytes)
+    return CostTable(costs, few)

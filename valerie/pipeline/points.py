@@ -48,7 +48,7 @@ _ALWAYS: Final = (
     PlotAxis("bearing_deg", "bearing", "°", 1.0, "person"),
     PlotAxis("aspect_deg", "aspect", "°", 1.0, "person"),
 )
-_TIME: Final = PlotAxis("time_s", "time", "s", 1.0, "conditions")
+_TIME: Final = _OF_REPORT["time_s"]._replace(group="conditions")
 _CONDITIONS: Final = {
     "sun_azimuth_deg": PlotAxis("sun_azimuth_deg", "sun azimuth", "°", 1.0, "conditions"),
     "sun_elevation_deg": PlotAxis("sun_elevation_deg", "sun elevation", "°", 1.0, "conditions"),

@@ -54,10 +54,14 @@ class CostTable:
 
     Args:
         recorded: means over what this installation made.
+        few: the same where so few were made that the shipped table is believed sooner: the first product of a worker
+            also pays for what is loaded then.
     """
 
-    def __init__(self, recorded: Mapping[CostKey, Cost] | None = None) -> None:
-        self._recorded = dict(recorded or {})
+    def __init__(
+        self, recorded: Mapping[CostKey, Cost] | None = None, few: Mapping[CostKey, Cost] | None = None
+    ) -> None:
+        self._recorded, self._few = dict(recorded or {}), dict(few or {})
 
     def cost(self, key: CostKey) -> tuple[Cost, Basis]:
         """The cost of one product, and where it is known from."""
@@ -67,7 +71,18 @@ class CostTable:
         makers = _shipped()["costs"][key.kind.value]
         if key.maker in makers:
             return _at(makers[key.maker], megapixels), Basis.SHIPPED
+        if key in self._few:
+            return self._few[key], Basis.RECORDED
         return max(_at(entry, megapixels) for entry in makers.values()), Basis.GUESSED
+
+    def statics(self, width: int, height: int) -> Cost:
+        """Of the truth of what cannot move, which the truths of one camera share."""
+        return _at(_shipped()["statics"], width * height / 1e6)
+
+    @property
+    def start_seconds(self) -> float:
+        """CPU seconds of a run on one machine beside its products: start of the system, workers, the asset, results."""
+        return float(_shipped()["start"]["cpu_seconds"])
 
     @property
     def machine(self) -> str:

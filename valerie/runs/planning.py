@@ -96,11 +96,13 @@ class Plan(BaseModel):
         renders: backgrounds, layers, truths and annotations that must still be rendered.
         inferences: predictions that must still be made.
         products: by kind and maker.
-        cpu_seconds: of all that must still be made, on one core.
+        start_cpu_seconds: of starting the system on one machine, loading the asset and writing the results; 0 where workers
+            run already.
+        cpu_seconds: of all that must still be made, and of the start, on one core.
         bytes: that it will take in the artifact store.
         cost_basis: where the costs are known from, in words.
         first, last: variants from the beginning and the end.
-        units: name of each varied parameter to its unit.
+        units: name of each parameter in these to its unit.
         estimated: rejections, frames and products come from a sample of ``sample`` variants.
         warnings: what the user may not have meant.
         notes: what was assumed.
@@ -121,6 +123,7 @@ class Plan(BaseModel):
     renders: int
     inferences: int
     products: tuple[ProductPlan, ...]
+    start_cpu_seconds: float = 0.0
     cpu_seconds: float
     bytes: int
     cost_basis: str
@@ -171,6 +174,11 @@ def plan(
                       present=present, known=known, costs=costs)
         for (kind, maker), digests in seen.digests.items()
     ]  # fmt: skip
+    _add_statics(products, seen, resolved, costs, scale=1.0 if indexes is None else size / looked_at)
+    start = 0.0 if known or not frames else costs.start_seconds
+    first = _shown(resolved, range(min(SHOWN, size)))
+    last = _shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
+    units = {d.name: d.unit for d in resolved.definitions}
     if indexes is not None:
         warnings.append(
             f"{size:,} variants: rejections, frames and products are estimated from a sample of {looked_at:,}"
@@ -191,12 +199,13 @@ def plan(
         renders=sum(product.to_make for product in products if product.kind.stage is Stage.RENDER),
         inferences=sum(product.to_make for product in products if product.kind is ProductKind.PREDICTION),
         products=tuple(products),
-        cpu_seconds=round(sum(product.cpu_seconds for product in products), 3),
+        start_cpu_seconds=start,
+        cpu_seconds=round(start + sum(product.cpu_seconds for product in products), 3),
         bytes=sum(product.bytes for product in products),
         cost_basis=_basis_text(products, costs),
-        first=_shown(resolved, range(min(SHOWN, size))),
-        last=_shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size)),
-        units={d.name: d.unit for path in resolved.space.varied for d in (resolved.space.definitions[path],)},
+        first=first,
+        last=last,
+        units={name: units[name] for one in (*first, *last) for name in one.values},
         estimated=indexes is not None,
         sample=None if indexes is None else looked_at,
         warnings=tuple(warnings),
@@ -206,10 +215,11 @@ def plan(
 
 @dataclass(slots=True)
 class _Seen:
-    """Digests, each as 16 bytes in a row, by kind and maker; and rejections."""
+    """Digests, each as 16 bytes in a row, by kind and maker; rejections; and how often each camera stood where."""
 
     digests: dict[tuple[ProductKind, str], bytearray]
     rejected: Counter[str]
+    stands: Counter[tuple[Any, ...]]
 
 
 def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Seen:
@@ -224,7 +234,11 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
             (ProductKind.EVALUATION, ""): bytearray(),
         },
         Counter(),
+        Counter(),
     )
+    of_camera = [
+        [d.path for d in resolved.definitions if d.path.startswith(f"scene.{camera}.")] for camera in resolved.cameras
+    ]
     for values in _variants(resolved, indexes):
         reason = resolved.rejection(values)
         if reason is not None:
@@ -233,6 +247,7 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
         for time in range(len(resolved.times.elapsed)):
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
+                seen.stands[camera, *(moment.get(path) for path in of_camera[camera])] += 1
                 _note(seen, resolved, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
     return seen
 
@@ -300,6 +315,29 @@ def _product_plan(
         cpu_seconds=(needed - found) * cost.cpu_seconds * work,
         bytes=round((needed - found) * cost.bytes),
         basis=basis,
+    )
+
+
+def _add_statics(
+    products: list[ProductPlan], seen: _Seen, resolved: ResolvedRun, costs: CostTable, *, scale: float
+) -> None:
+    """Add what the truths share to what they cost: the truth of the statics, once wherever a camera stands.
+
+    Where some truths are there already, as many of these are taken to be.
+    """
+    place = next(i for i, product in enumerate(products) if product.kind is ProductKind.TRUTH)
+    truth = products[place]
+    if not truth.to_make:
+        return
+    counts = np.array(list(seen.stands.values()))
+    stands = len(counts) if scale == 1.0 else _estimated_distinct(counts, scale)
+    resolution, share = resolved.spec.resolution, truth.to_make / truth.needed
+    cost = costs.statics(resolution.width, resolution.height)
+    products[place] = truth.model_copy(
+        update={
+            "cpu_seconds": truth.cpu_seconds + stands * share * cost.cpu_seconds,
+            "bytes": truth.bytes + round(stands * share * cost.bytes),
+        }
     )
 
 

@@ -8,6 +8,12 @@ const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predicti
 const OF_FUNCTION = new Set(["prediction", "errors"]);
 const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // there only if the run asked for them
 const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // covers the picture
+const NOTES = {
+  depth: "Near is bright, from 1 m to 200 m; black is nothing.",
+  normals: "Where the surface faces, in the world: red across the street, green along it, blue up; black is no surface.",
+  flow: "Where it is in the next frame: white stands still, red moves to the right, green down, cyan to the left, violet up; the stronger, the farther, up to the farthest of this frame. Grey is undefined.",
+  velocity: "How fast it moves: white stands still, red moves to the right, green down, cyan to the left, violet up; the stronger, the faster, up to the fastest of this frame.",
+};
 const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
 
 let labels = null;
@@ -172,6 +178,7 @@ function zoomOf(frame) {
 }
 
 function legendOf(view) {
+  if (NOTES[view]) return h("p", { class: "small soft under" }, NOTES[view]);
   if (view === "errors") {
     return h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, is none"]].map(([kind, text]) => h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
   }

@@ -75,9 +75,9 @@ export function scatterSection({ path, parameters, signal }) {
   return { element, load };
 }
 
-// With words for people: Distance (m).
+// With words for people: Distance (m). Parameters keep their names.
 function axisOf(one) {
-  const title = one.title[0].toUpperCase() + one.title.slice(1);
+  const title = one.group === "varied" ? one.title : one.title[0].toUpperCase() + one.title.slice(1);
   return { ...one, title, label: one.unit ? `${title} (${one.unit})` : title };
 }
 
@@ -244,7 +244,7 @@ function panel(name, path) {
       const values = given.rows.map((i) => given.data.pacc[i]);
       const average = values.length ? values.reduce((sum, one) => sum + one, 0) / values.length : null;
       mean.textContent = `mean ${average === null ? NONE : percent(average)} of ${plural(values.length, "person-frame")}`;
-      canvas.setAttribute("aria-label", `${name}: pACC over ${given.axis.title.toLowerCase()}, ${mean.textContent}. Arrow keys choose a point, Enter opens its frame.`);
+      canvas.setAttribute("aria-label", `${name}: pACC over ${given.axis.title}, ${mean.textContent}. Arrow keys choose a point, Enter opens its frame.`);
       draw();
     },
     end() { resize.disconnect(); theme.removeEventListener("change", draw); },

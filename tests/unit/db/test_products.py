@@ -280,6 +280,14 @@ class TestTotals:
 
 
 class TestRecordedCosts:
+    def test_the_dearest_is_left_out_unless_it_is_alone(self, engine: Engine) -> None:
+        with writing(engine) as connection:
+            for number, seconds in enumerate([20.0, 1.0, 3.0]):
+                row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number), "pixels": 100}
+                products.insert_ignoring(connection, Product, [row | {"cpu_seconds": seconds, "bytes": 10}])
+            assert [(one.count, one.cpu_seconds) for one in products.recorded_costs(connection)] == [(3, 2.0)]
+            assert [(one.count, one.cpu_seconds) for one in products.recorded_costs(connection, sample=1)] == [(1, 3.0)]
+
     def test_they_are_means_over_the_newest_of_each_kind(self, engine: Engine) -> None:
         with writing(engine) as connection:
             for number in range(6):
@@ -287,7 +295,7 @@ class TestRecordedCosts:
                 row |= {"cpu_seconds": float(number), "bytes": 10 * number, "pixels": 100}
                 products.insert_ignoring(connection, Product, [row])
             costs = products.recorded_costs(connection, sample=2)
-        assert costs == [products.RecordedCost("layer", "render", "", 100, 4.5, 45.0)]
+        assert costs == [products.RecordedCost("layer", "render", "", 100, 2, 4.0, 45.0)]
 
 
 def plans_of(engine: Engine, ask: Callable[[Connection], object]) -> list[tuple[str, list[str]]]:

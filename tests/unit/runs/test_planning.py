@@ -149,6 +149,38 @@ def test_shipped_costs_grow_with_pixels_and_are_all_positive() -> None:
         assert 0 < small.bytes < large.bytes
 
 
+def test_truths_share_their_statics_wherever_a_camera_stands(street: Manifest, pins: dict[str, Any]) -> None:
+    def truth(**more: Any) -> Any:
+        found = plan(
+            resolved(street, vary={"person-1.pos.y": {"choice": [8, 9, 10]}, **more}, cameras=["camera-1"]), pins=pins
+        )
+        return next(product for product in found.products if product.kind is ProductKind.TRUTH)
+
+    table = CostTable()
+    each, statics = table.cost(CostKey(ProductKind.TRUTH, "", 960, 540))[0], table.statics(960, 540)
+    assert truth().bytes == pytest.approx(3 * each.bytes + statics.bytes, abs=2)
+    moved = truth(**{"camera-1.yaw": {"choice": [0, 5]}})
+    assert moved.needed == 6
+    assert moved.bytes == pytest.approx(6 * each.bytes + 2 * statics.bytes, abs=2)
+    assert statics.bytes > 10 * each.bytes
+
+
+def test_a_start_is_part_of_a_plan_where_no_workers_run(street: Manifest, pins: dict[str, Any]) -> None:
+    running, cold = plan(resolved(street), pins=pins), plan(resolved(street))
+    assert running.start_cpu_seconds == 0
+    assert cold.start_cpu_seconds > 10
+    assert cold.cpu_seconds == pytest.approx(running.cpu_seconds + cold.start_cpu_seconds)
+
+
+def test_what_few_products_cost_is_believed_only_where_the_shipped_table_is_silent() -> None:
+    known, own = (CostKey(ProductKind.LAYER, name, 960, 540) for name in ("raster", "own"))
+    few = {known: Cost(99.0, 9.0), own: Cost(7.0, 9.0)}
+    table = CostTable({}, few)
+    assert table.cost(known) == CostTable().cost(known)
+    assert table.cost(own) == (Cost(7.0, 9.0), Basis.RECORDED)
+    assert CostTable(few).cost(known) == (Cost(99.0, 9.0), Basis.RECORDED)
+
+
 def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: Manifest, pins: dict[str, Any]) -> None:
     run = resolved(
         street,

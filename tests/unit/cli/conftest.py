@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.acceptance.system import write_box_street
+from tests.unit.pipeline.harness import Pipeline
+
+
+@pytest.fixture(scope="session")
+def deployed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A data folder (in ``data``) with a completed run of the blank engine, and its id; only to be read."""
+    folder = tmp_path_factory.mktemp("cli")
+    write_box_street(folder / "assets" / "box-street")
+    pipeline = Pipeline(folder / "data", folder / "assets")
+    run_id = pipeline.submit()
+    assert pipeline.run(run_id) == "completed"
+    return folder, run_id
+
+
+@pytest.fixture
+def invoke(deployed: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> CliRunner:
+    folder, _ = deployed
+    monkeypatch.setenv("VALERIE_ASSET_DIR", str(folder / "assets"))
+    monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
+    monkeypatch.setenv("VALERIE_TESTING_ENGINES", "true")
+    monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
+    return CliRunner()

@@ -1,0 +1,59 @@
+"""`valerie findings` and `valerie rows` over a run of the blank engine."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from valerie.cli.main import app
+from valerie.errors import InvalidInput, NotFound, UnknownName
+
+
+def told(invoke: CliRunner, deployed: tuple[Path, str], *arguments: str) -> str:
+    given = [*arguments, "--data-dir", str(deployed[0] / "data")]
+    result = invoke.invoke(app, given, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_findings_shows_the_table_of_a_run_that_ended_without_a_server(
+    invoke: CliRunner, deployed: tuple[Path, str]
+) -> None:
+    printed = told(invoke, deployed, "findings", deployed[1])
+    assert "mean pACC" in printed
+    assert "blank" in printed
+    document = json.loads(told(invoke, deployed, "findings", deployed[1], "--json"))
+    assert document["summary"]["frames"] == 24
+    with pytest.raises(NotFound):
+        told(invoke, deployed, "findings", "r0000000000")
+
+
+def test_rows_is_the_long_table_and_where_picks_among_its_rows(
+    invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path
+) -> None:
+    run_id = deployed[1]
+    table = list(csv.DictReader(io.StringIO(told(invoke, deployed, "rows", run_id))))
+    assert len(table) == 48  # two persons, one of them absent, in 24 frames
+    seen = [row for row in table if row["distance_m"] and row["camera"] == "camera-1"]
+    middle = sorted(float(row["distance_m"]) for row in seen)[len(seen) // 2]
+    expected = [row["frame_id"] for row in seen if float(row["distance_m"]) > middle]
+    assert 0 < len(expected) < len(seen)
+    out = tmp_path / "far.parquet"
+    where = f"distance_m > {middle!r} and camera == 'camera-1'"
+    told(invoke, deployed, "rows", run_id, "-o", str(out), "--where", where)
+    assert pq.read_table(out)["frame_id"].to_pylist() == expected
+
+
+def test_what_rows_cannot_write_or_select_is_refused(
+    invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInput, match="the ending tells the format"):
+        told(invoke, deployed, "rows", deployed[1], "-o", str(tmp_path / "rows.xlsx"))
+    with pytest.raises(UnknownName, match="did you mean distance_m"):
+        told(invoke, deployed, "rows", deployed[1], "--where", "distance > 12")

@@ -1,0 +1,76 @@
+"""Commands that show or take away the numbers of a run; they work here, and need no server."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from valerie.cli.datasets import Where
+from valerie.cli.runs import RunId
+from valerie.cli.shell import DataDir, Json, console, context_of, say
+from valerie.errors import Conflict, InvalidInput
+
+
+def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
+    """Show the table and the findings of an ended run again."""
+    from valerie.analysis.findings import Findings
+    from valerie.analysis.summary import Summary
+    from valerie.analysis.summary_text import summary_renderable
+    from valerie.db import runs
+    from valerie.db.engine import reading
+
+    with context_of(data_dir) as context, reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+    if run.summary is None:
+        raise Conflict(f"run {run_id} is {run.state}; it has findings when it has ended")
+    if as_json:
+        typer.echo(json.dumps(run.summary, ensure_ascii=False))
+        return
+    numbers, found = Summary.from_json(run.summary["summary"]), Findings.from_json(run.summary["findings"])
+    out = console()
+    out.print(summary_renderable(numbers, found, most=None))
+    if not found.items:
+        why = f"none of {found.examined:,} comparisons holds" if found.examined else "too few situations to compare"
+        out.print(f"\nNo findings: {why}.", style="dim")
+
+
+def rows(
+    run_id: RunId,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="FILE.csv or FILE.parquet; standard output by default."),
+    ] = None,
+    where: Where = "",
+    data_dir: DataDir = None,
+) -> None:
+    """Write the long table of a run: one row per person in an evaluation, of what is evaluated so far."""
+    import io
+
+    import numpy as np
+
+    from valerie.db.engine import reading
+    from valerie.pipeline.makers.resolved import RunCache
+    from valerie.pipeline.selection import evaluated_rows, run_where
+    from valerie.pipeline.tables import read_table
+
+    if output is not None and output.suffix not in (".csv", ".parquet"):
+        raise InvalidInput("the ending tells the format", field="--output", value=output, limit=".csv or .parquet")
+    with context_of(data_dir) as context:
+        resolved = RunCache(context).run(run_id).resolved
+        table = read_table(context.engine, run_id, resolved)
+        if where:
+            chosen = run_where(where, resolved, field="--where")
+            with reading(context.engine) as connection:
+                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run_id, resolved)]
+            # A run that is at work may have more rows by now.
+            table = table.select(np.array(met[: len(table)], np.bool_))
+    if output is None:
+        buffer = io.BytesIO()
+        table.to_csv(buffer)
+        typer.echo(buffer.getvalue().decode(), nl=False)
+        return
+    (table.to_csv if output.suffix == ".csv" else table.to_parquet)(output)
+    say(f"{output}: {len(table):,} rows")
