@@ -26,6 +26,18 @@ def test_there_is_a_trend_per_axis_function_and_character_and_combined(trends):
     assert found == expected
 
 
+def test_time_is_an_axis_of_runs_that_know_several_moments(synthetic, parameters):
+    law = lambda _function, _character, distance, _occlusion, _noise: 0.9 if distance < 30 else 0.5  # noqa: E731
+    rows = synthetic(law, xs=np.linspace(-2, 7, 6).tolist(), ys=np.linspace(5, 33, 8).tolist())
+    for row in rows:
+        row["time_s"] = row["scene.person-1.pos.y"] / 10  # as if the person walked away
+    table = EvaluationTable.from_rows(rows, parameters)
+    found = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
+    trend = next(t for t in found.of("time_s", "a-net", "default") if t.character == "all")
+    assert [b.low for b in trend.bins][:2] == [0.5, 1.0]
+    assert trend.bins[0].mean > trend.bins[-1].mean
+
+
 def test_a_constant_law_gives_a_flat_curve(trends):
     (trend,) = [t for t in trends.of("distance_m", "b-net", "default") if t.character == "black-outfit"]
 
