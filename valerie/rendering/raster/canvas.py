@@ -103,7 +103,7 @@ class Canvas:
 
     Attributes:
         targets: what the passes write.
-        occluded, smoothed, skylit, shaded: per pass, the tiles that are right for the statics alone.
+        occluded, smoothed, opened, skylit, shaded: per pass, the tiles that are right for the statics alone.
     """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
@@ -119,7 +119,7 @@ class Canvas:
         self._light: Hashable = None
         #: Where the G-buffer is not the statics': where movables were drawn; everywhere, before anything was.
         self.drawn: Area = (0, 0, self.grid.width, self.grid.height)
-        self.occluded, self.smoothed, self.skylit, self.shaded = (self.grid.none() for _ in range(4))
+        self.occluded, self.smoothed, self.opened, self.skylit, self.shaded = (self.grid.none() for _ in range(5))
 
     def take(self, camera: Hashable, light: Hashable) -> None:
         """Go on with the statics seen by this camera under this light."""
@@ -135,12 +135,19 @@ class Canvas:
         spans = self.grid.spans
         shaded = widened(wanted) & ~self.shaded
         self.occlude(frame, widened(shaded))
-        skylit = widened(shaded) & ~self.skylit
-        frame.light_sky(spans(skylit))
-        self.skylit |= skylit
+        self.light_sky(frame, widened(shaded))
         frame.shade.run(spans(shaded))
         self.shaded |= shaded
         frame.resolve.run(spans(wanted))
+
+    def light_sky(self, frame: LitFrame, wanted: Mask) -> None:
+        """Make the sky light of the tiles of ``wanted``."""
+        skylit = wanted & ~self.skylit
+        opened = skylit & ~self.opened
+        frame.open_sky(self.grid.spans(opened))
+        self.opened |= opened
+        frame.light_sky(self.grid.spans(skylit))
+        self.skylit |= skylit
 
     def occlude(self, frame: LitFrame, wanted: Mask) -> None:
         """Make the near occlusion of the tiles of ``wanted``."""
@@ -150,6 +157,11 @@ class Canvas:
         self.occluded |= occluded
         frame.smooth.run(self.grid.spans(smoothed))
         self.smoothed |= smoothed
+
+    def cover(self, tiles: Mask) -> None:
+        """Take the sky light of tiles for granted no more: movables have come or gone."""
+        self.opened &= ~tiles
+        self.skylit &= ~tiles
 
     def receive(self, frame: LitFrame, lighting: Lighting, areas: Sequence[Area]) -> list[NDArray[np.float32]]:
         """Light on what is seen in each area, movables included: (height, width, 4), rows from the bottom.
@@ -165,11 +177,12 @@ class Canvas:
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.occlude(frame, near)
-        frame.light_sky(self.grid.spans(near))
+        self.cover(near)
+        self.light_sky(frame, near)
         lighting.receive(frame, self._received, self.grid.spans(wanted))
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
-        self.skylit &= ~near
+        self.cover(near)
         return [_read(self._received.framebuffer, area, 4, "f4").reshape(area[3], area[2], 4) for area in areas]
 
     def read_pixels(self, area: Area) -> NDArray[np.float16]:

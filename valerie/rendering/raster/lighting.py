@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 import numpy as np
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.bounds import Reach
+from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.drawing import table_texture
 from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES
 from valerie.rendering.raster.lamplight import ATLAS, LampLight
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 _STREET_ALBEDO = np.array([0.26, 0.23, 0.20])
 
 
+#: What a frame may need of the shading pass beside sun and sky: symbols of its shader.
+Need = Literal["LAMPS", "MOVABLES", "RAIN", "RECEIVED"]
+
+
 class Lighting:
     """The passes over the screen.
 
@@ -46,31 +51,30 @@ class Lighting:
         self._gl = gl
         self._reach = reach
         directions = SKY_TILES[0] * SKY_TILES[1]
-        self.skylight = ScreenPass(
-            gl, context.program("screen.vert", "skylight.frag", DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL)
+        self.openness, self.skylight = (
+            ScreenPass(gl, context.program("screen.vert", name, DIRECTIONS=directions, SKYLIGHT_CELL=SKYLIGHT_CELL))
+            for name in ("openness.frag", "skylight.frag")
         )
         self.occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
         self.resolve = ScreenPass(gl, context.program("screen.vert", "resolve.frag"))
         self._context = context
-        self._shading: dict[tuple[bool, bool], ScreenPass] = {}
+        self._shading: dict[tuple[str, ...], ScreenPass] = {}
 
-    def _shade(self, *, lamps: bool, received: bool = False) -> ScreenPass:
+    def _shade(self, kind: Set[Need]) -> ScreenPass:
         """The shading pass; each of its kinds is compiled when it is first needed.
 
         Args:
-            lamps: with lamplight, which costs too much to be carried along by day.
-            received: light before materials instead of the picture.
+            kind: what it can do. What is not needed would cost nearly as much as what is: a CPU rasteriser leaves nothing out.
         """
-        if (lamps, received) not in self._shading:
-            defines = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
-            if lamps:
-                defines |= {"LAMPS": 1, "LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
-            if received:
-                defines["RECEIVED"] = 1
+        key = tuple(sorted(kind))
+        if key not in self._shading:
+            defines = {"SKYLIGHT_CELL": SKYLIGHT_CELL, **dict.fromkeys(key, 1)}
+            if "LAMPS" in kind:
+                defines |= {"LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
             program = self._context.program("screen.vert", "lighting.frag", **defines)
-            self._shading[lamps, received] = ScreenPass(self._gl, program)
-        return self._shading[lamps, received]
+            self._shading[key] = ScreenPass(self._gl, program)
+        return self._shading[key]
 
     def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
         """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
@@ -78,9 +82,7 @@ class Lighting:
         Needs what `LitFrame.shade` needs around these parts.
         """
         shade = frame.shade
-        self._shade(lamps="lamp_table" in shade.textures, received=True).run(
-            target, parts, shade.textures, shade.values
-        )
+        self._shade(frame.needs - {"RAIN"} | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
 
     def inputs(
         self,
@@ -98,22 +100,17 @@ class Lighting:
         """The passes with everything they read bound to them, for one frame."""
         surfaces = targets.surfaces
         assert surfaces.depth is not None
+        assert static_shadow.casters is not None
         common = _sample_values(camera, view)
         depth = {"depth_map": surfaces.depth}
         normals = {"normals_map": surfaces.colors[1]}
         street_by_sky = _STREET_ALBEDO * sky.sky_irradiance * 0.7
         # Of the surfaces that face the sun, about half lie in the shadow of others.
         street_by_sun = _STREET_ALBEDO * sky.sun * 0.6
-        skylight = common | {
-            "tiles": SKY_TILES,
-            "tile_rows": sky_maps.rows.reshape(-1),
-            "directions": sky_maps.directions.reshape(-1),
-            "sky_radiance": sky.radiance(sky_maps.directions).reshape(-1),
-            "toward_sun": sky.sun_direction,
-            "surface_by_sky": street_by_sky,
-            "surface_by_sun": street_by_sun,
-            "ground": sky.ground * 0.8 if lamps is None else sky.ground * 0.8 + lamps.bounce,
-        }
+        openness = common | {"tiles": SKY_TILES, "tile_rows": sky_maps.rows.reshape(-1)}
+        below = sky.ground * 0.8 if lamps is None else sky.ground * 0.8 + lamps.bounce
+        hidden, weights = _sky_weights(sky, sky_maps.directions, street_by_sky, street_by_sun, below)
+        skylight = common | {"hidden": hidden.reshape(-1), "weights": weights.reshape(-1)}
         occlusion = common | {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
@@ -123,6 +120,7 @@ class Lighting:
         sky_table.filter = (moderngl.LINEAR, moderngl.LINEAR)
         sky_table.repeat_x = sky_table.repeat_y = False
         caster = movable_shadow or static_shadow
+        first, second = targets.openness.colors
         red, green, blue, open_sky = targets.skylight.colors
         shade_textures = {
             **depth,
@@ -137,6 +135,7 @@ class Lighting:
             "skylight_open": open_sky,
             "occlusion_map": targets.smooth_occlusion.colors[0],
             "static_shadow": static_shadow.texture,
+            "static_casters": static_shadow.casters,
             "movable_shadow": caster.texture,
         }
         shade = common | {
@@ -145,7 +144,6 @@ class Lighting:
             "static_extent": static_shadow.light.extent,
             "movable_origin": caster.light.origin,
             "movable_extent": caster.light.extent,
-            "has_movables": movable_shadow is not None,
             "sun_spread": float(np.tan(scene.sun.angular_diameter / 2)),
             "sun_angle": scene.sun.angular_diameter / 2,
             "largest_penumbra": LARGEST_PENUMBRA,
@@ -170,19 +168,29 @@ class Lighting:
                 "movable_lamps": moving.texture,
             }
             shade |= {"lamp_count": len(lamps.lamps), "lamp_clip": lamps.matrices()}
+        wanted: dict[Need, bool] = {
+            "LAMPS": lamps is not None,
+            "MOVABLES": movable_shadow is not None,
+            "RAIN": sky.wetness > 0 or sky.drops > 0,
+        }
+        needs = frozenset(need for need, there in wanted.items() if there)
         return LitFrame(
             occlusion=_Step(self.occlusion, targets.occlusion, depth | normals, occlusion),
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common),
-            skylight=_Step(self.skylight, targets.skylight, {**depth, **normals, "atlas": sky_maps.texture}, skylight),
-            shade=_Step(self._shade(lamps=lamps is not None), targets.radiance, shade_textures, shade, samples=SAMPLES),
+            openness=_Step(self.openness, targets.openness, depth | normals | {"atlas": sky_maps.texture}, openness),
+            skylight=_Step(self.skylight, targets.skylight, depth | {"first": first, "second": second}, skylight),
+            shade=_Step(self._shade(needs), targets.radiance, shade_textures, shade, samples=SAMPLES),
             resolve=_Step(self.resolve, targets.pixels, {"radiance": targets.radiance.colors[0]}, {}),
             owned=tuple(owned),
             movable_shadow=movable_shadow,
+            needs=needs,
         )
 
     def release(self) -> None:
         """Free the passes."""
-        for screen_pass in (self.skylight, self.occlusion, self.blur, self.resolve, *self._shading.values()):
+        for screen_pass in (
+            self.openness, self.skylight, self.occlusion, self.blur, self.resolve, *self._shading.values(),
+        ):  # fmt: skip
             screen_pass.release()
 
 
@@ -210,22 +218,56 @@ class LitFrame:
 
     occlusion: _Step
     smooth: _Step
+    openness: _Step
     skylight: _Step
     shade: _Step
     resolve: _Step
     owned: tuple[moderngl.Texture, ...]
     movable_shadow: ShadowMap | None
+    needs: frozenset[Need]
+
+    def open_sky(self, parts: Spans) -> None:
+        """How open the sky is over the cells that touch the parts."""
+        self.openness.run(_cells(parts))
 
     def light_sky(self, parts: Spans) -> None:
         """Sky light of the cells that touch the parts."""
-        cells = parts * SAMPLES
-        cells = np.concatenate([cells[:, :2] // SKYLIGHT_CELL, -(-cells[:, 2:] // SKYLIGHT_CELL)], axis=1)
-        self.skylight.run(cells)
+        self.skylight.run(_cells(parts))
 
     def release(self) -> None:
         """Free what belongs to this frame alone."""
         for texture in self.owned:
             texture.release()
+
+
+def _cells(parts: Spans) -> Spans:
+    samples = parts * SAMPLES
+    return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
+
+
+def _sky_weights(
+    sky: Sky, directions: Points, street_by_sky: Points, street_by_sun: Points, ground: Points
+) -> tuple[Points, Points]:
+    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions of the upper half of the sphere.
+
+    Where a direction is hidden, the light of an average street surface comes from there: lit by the sun if it faces it. The lower
+    half is the ground, seen from all around.
+
+    Returns:
+        (4, 4): the sums of red, green, blue and openness where nothing is open; and (K, 4, 4): what is added per 1/255 of
+        openness.
+    """
+    count = len(directions)
+    facing = np.column_stack([-directions[:, :2], np.full(count, 0.2)])
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    by_sun = np.maximum(facing @ sky.sun_direction, 0)[:, None]
+    street = np.column_stack([street_by_sky + street_by_sun * by_sun, np.zeros(count)])
+    light = np.column_stack([sky.radiance(directions), np.ones(count)])
+    # The upper half of the sphere is the mean over the directions.
+    basis = np.column_stack([np.ones(count), 3 * directions]) * (0.5 / count)
+    hidden = np.einsum("kc,kb->cb", street, basis)
+    hidden[:3] += ground[:, None] * np.array([0.5, 0, 0, -0.75])
+    return hidden, (light - street)[:, :, None] * basis[:, None] / 255
 
 
 def _sample_values(camera: Camera, view: View) -> dict[str, Any]:

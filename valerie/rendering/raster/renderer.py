@@ -55,7 +55,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 4
+    revision: ClassVar[int] = 5
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -183,7 +183,7 @@ class RasterRenderer:
                 shadow = self._static_shadows.get(
                     (seen, sun.tobytes()), lambda: self._shadows.static(statics, camera, view, sun, table)
                 )
-                sky_maps = self._sky_maps.get(statics.key, lambda: self._shadows.sky(statics, table))
+                sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 lamp_key = (statics.key, tuple(one.lamp for one in shadowed))
                 lamp_maps = (
                     self._lamp_maps.get(lamp_key, lambda: self._lamp_shadows.static(statics, shadowed, table))
@@ -274,7 +274,7 @@ class RasterRenderer:
                 dirty |= shadowed_tiles(region & ~dirty, bodies, surfaces, camera, view, lit.movable_shadow)
             dirty |= lamp_shadowed_tiles(grid, bodies, camera, view, self._lowest(frame), frame.lamps)
             dirty &= region
-            canvas.skylit &= ~body
+            canvas.cover(body)
             canvas.shaded &= ~dirty
             canvas.light(lit, dirty)
         part, pixels = (area[0], area[1], 0, 0), np.zeros((0, 0, 3), np.float16)
@@ -286,7 +286,7 @@ class RasterRenderer:
         # These hold movables now.
         canvas.occluded &= ~occluded
         canvas.smoothed &= ~smoothed
-        canvas.skylit &= ~body
+        canvas.cover(body)
         canvas.shaded &= ~dirty
         return part, pixels
 

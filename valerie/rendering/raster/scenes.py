@@ -31,6 +31,7 @@ class Statics:
     Attributes:
         nodes: the nodes it was made of, in order; compared by identity.
         key: differs for statics that differ in shape or in what of their materials is baked into the G-buffer.
+        shape_key: differs for statics that differ in what hides the sun and the sky.
         materials: of the statics, in the order of their rows.
         table: these rows of the material table.
     """
@@ -40,6 +41,7 @@ class Statics:
     textures: TextureSet
     materials: tuple[Material, ...]
     key: Hashable
+    shape_key: Hashable
     table: NDArray[np.float32]
 
 
@@ -144,12 +146,18 @@ class SceneStore:
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
         appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
+        # Of a solid surface no texture matters to what it hides.
+        shape = tuple(
+            (m.alpha_cutoff, m.base_color_texture if surface_kind(m, textures).cut else None, m.transmission)
+            for m in materials
+        )
         self._last = Statics(
             nodes,
             geometry,
             textures,
             tuple(materials),
             (geometry.serial, textures.serial, appearance),
+            (geometry.serial, textures.serial, shape),
             material_table(materials, textures),
         )
         return self._last

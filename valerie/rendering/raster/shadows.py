@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 #: Texels per side of the statics' and of the movables' map.
 STATIC_MAP: Final = 4096
 MOVABLE_MAP: Final = 1024
+#: Texels per side of a block of the statics' map, over which its depths are surveyed.
+_BLOCK: Final = 8
 #: Metres along the optical axis, beyond which there are no shadows.
 SHADOW_DISTANCE: Final = 160.0
 #: Metres, widest blur of a shadow's edge to each side.
@@ -41,16 +43,37 @@ SKY_MAP: Final = 512
 
 
 class ShadowMap:
-    """A depth map and the box that it covers."""
+    """A depth map and the box that it covers.
+
+    Attributes:
+        casters: after `survey`, the least and the largest depth around each block of texels.
+    """
 
     def __init__(self, gl: moderngl.Context, light: LightView, resolution: int) -> None:
+        self._gl = gl
         self.light = light
+        self.casters: moderngl.Texture | None = None
         self.target = Target(gl, (resolution, resolution), (), depth=True)
 
     @property
     def texture(self) -> moderngl.Texture:
         assert self.target.depth is not None
         return self.target.depth
+
+    def survey(self) -> None:
+        """Note what casts shadows within the widest penumbra of each block, so that most places need not search for it."""
+        side = self.target.size[0]
+        data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
+        rows = np.frombuffer(data, np.float32).reshape(side // _BLOCK, _BLOCK, side)
+        across, up = np.ceil((LARGEST_PENUMBRA * side / self.light.extent[:2] + 1) / _BLOCK).astype(int)
+        around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
+        found = [
+            spread(pick.reduce(pick.reduce(rows, axis=1).reshape(-1, side // _BLOCK, _BLOCK), axis=2), around)
+            for pick, spread in ((np.minimum, cv2.erode), (np.maximum, cv2.dilate))
+        ]
+        size = (side // _BLOCK, side // _BLOCK)
+        self.casters = self._gl.texture(size, 2, np.stack(found, axis=2).tobytes(), dtype="f4")
+        self.casters.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def holds(self, low: Points, high: Points) -> Mask:
         """(N,) whether the map holds anything in the rectangles ``low`` … ``high``: (N, 2) metres in the light's axes."""
@@ -68,6 +91,8 @@ class ShadowMap:
 
     def release(self) -> None:
         """Free the map."""
+        if self.casters is not None:
+            self.casters.release()
         self.target.release()
 
 
@@ -130,6 +155,7 @@ class Shadows:
         shadow.target.use()
         shadow.target.clear()
         self._drawer.statics(statics, table, {"clip_from_world": light.clip_from_world})
+        shadow.survey()
         return shadow
 
     def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> ShadowMap:

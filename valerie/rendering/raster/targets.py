@@ -77,7 +77,7 @@ class Target:
 
 
 class ImageTargets:
-    """The targets of one image size: G-buffer with movables, sky light, occlusion, radiance, pixels.
+    """The targets of one image size: G-buffer with movables, openness, sky light, occlusion, radiance, pixels.
 
     ``moving`` holds what is known of movables' samples before their textures are read; its depth is the G-buffer's.
     """
@@ -89,6 +89,7 @@ class ImageTargets:
         assert self.surfaces.depth is not None
         self.moving = Target(gl, fine, ((2, "f4"), (4, "nu2"), (2, "u2")), depth=self.surfaces.depth)
         coarse = (-(-fine[0] // SKYLIGHT_CELL), -(-fine[1] // SKYLIGHT_CELL))
+        self.openness = Target(gl, coarse, ((4, "u4"),) * 2, depth=False)
         self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
         self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
@@ -98,7 +99,8 @@ class ImageTargets:
     def release(self) -> None:
         """Free all of them."""
         for target in (
-            self.moving, self.surfaces, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance, self.pixels,
+            self.moving, self.surfaces, self.openness, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance,
+            self.pixels,
         ):  # fmt: skip
             target.release()
 

@@ -2,11 +2,13 @@
 uniform sampler2D lamp_table;       // rows: see LampLight.table
 uniform int lamp_count;
 uniform sampler2D static_lamps;     // LAMP_ACROSS × … tiles of LAMP_MAP texels a side
+#ifdef MOVABLES
 uniform sampler2D movable_lamps;
+#endif
 uniform mat4 lamp_clip[LAMP_TILES];
 const int LAMP_TAPS = 6;
 
-// Share of a lamp's light that reaches a place. Loops of zero turns instead of branches: see shadow.glsl.
+// Share of a lamp's light that reaches a place. No taps where none is wanted: see shadow.glsl.
 float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
     vec4 at = lamp_clip[max(tile, 0)] * vec4(p, 1.0);
     // A texel's width along the normal keeps a surface from shadowing itself.
@@ -17,12 +19,16 @@ float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
     ivec2 corner = ivec2(tile % LAMP_ACROSS, tile / LAMP_ACROSS) * LAMP_MAP;
     float depth = ndc.z * 0.5 + 0.5;
     float hidden = 0.0;
+    vec2 way = direction(turn);
     int taps = inside ? LAMP_TAPS : 0;
     for (int i = 0; i < taps; ++i) {
-        vec2 o = vogel(i, LAMP_TAPS, turn) * 1.5;
+        vec2 o = way * (1.5 * sqrt((float(i) + 0.5) / float(LAMP_TAPS)));
+        way = GOLDEN * way;
         ivec2 s = corner + clamp(ivec2(place + o), ivec2(0), ivec2(LAMP_MAP - 1));
         float nearest = texelFetch(static_lamps, s, 0).r;
-        if (has_movables) nearest = min(nearest, texelFetch(movable_lamps, s, 0).r);
+#ifdef MOVABLES
+        nearest = min(nearest, texelFetch(movable_lamps, s, 0).r);
+#endif
         hidden += nearest < depth ? 1.0 : 0.0;
     }
     return 1.0 - hidden / float(LAMP_TAPS);

@@ -1,5 +1,6 @@
 // Radiance of every sample: sun with soft shadows, sky light with occlusion, sky reflections, air light.
 // Unit: π × radiance, so that a white Lambert surface facing a sun of irradiance 1 shows 1 (sky.py).
+#include "disc.glsl"
 #include "octahedron.glsl"
 #include "roughness.glsl"
 #include "sample.glsl"
@@ -17,10 +18,12 @@ uniform sampler2D occlusion_map;
 uniform sampler2D static_shadow;
 uniform vec3 static_origin;
 uniform vec3 static_extent;
+uniform sampler2D static_casters;   // least and largest depth of the static shadow map around each of its blocks
+#ifdef MOVABLES
 uniform sampler2D movable_shadow;
 uniform vec3 movable_origin;
 uniform vec3 movable_extent;
-uniform bool has_movables;
+#endif
 uniform vec3 toward_sun;
 uniform vec3 sun;
 uniform vec3 haze;
@@ -29,9 +32,11 @@ uniform vec3 street;                // radiance of an average street surface, re
 uniform vec3 extinction;            // per metre
 uniform float sun_angle;            // radians, half the disc
 uniform float shadow_distance;      // metres along the optical axis; shadows fade out before
+#ifdef RAIN
 uniform float wetness;              // 0 dry … 1 wet, of what faces up
 uniform float drops;                // share of the image that streaks cross
 uniform int pixel_height;           // of the image
+#endif
 #ifndef RECEIVED
 layout(location = 0) out vec4 out_radiance;
 #endif
@@ -49,7 +54,7 @@ vec3 sky(vec3 d) {
     vec2 size = vec2(textureSize(sky_table, 0));
     // Texel centres are the table's entries: half a texel of border is held constant.
     vec2 at = clamp(vec2(azimuth / 3.14159265, sqrt(elevation / 1.57079633)) * size, vec2(0.5), size - 0.5);
-    vec3 above = texture(sky_table, at / size).rgb;
+    vec3 above = textureLod(sky_table, at / size, 0.0).rgb;
     return mix(ground, above, smoothstep(-0.06, 0.0, d.z));
 }
 
@@ -68,7 +73,9 @@ ivec2 nearest_cell(ivec2 s, float depth, int cell) {
     ivec2 last = (sample_size - 1) / cell;
     ivec2 best = own;
     float best_gap = abs(linear_depth(texelFetch(depth_map, own * cell, 0).r) - depth) - 0.01 * depth;
-    for (int i = 1; i < 4; ++i) {
+    // Nothing is nearer than a gap of zero.
+    int cells = best_gap > 0.0 ? 4 : 0;
+    for (int i = 1; i < cells; ++i) {
         ivec2 other = clamp(own + step_to * ivec2(i & 1, i >> 1), ivec2(0), last);
         float gap = abs(linear_depth(texelFetch(depth_map, other * cell, 0).r) - depth);
         if (gap < best_gap) {
@@ -88,18 +95,32 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
-    float turn = gradient_noise(gl_FragCoord.xy) * 6.2831853;
+    vec2 way = direction(gradient_noise(gl_FragCoord.xy) * 6.2831853);
     vec3 n = light_rows * normal;
     float side = n.z < 0.0 ? 1.0 : -1.0;
     // dz/dx and dz/dy of the surface in the light's frame; a surface along the light has no useful slope.
     vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
     vec3 receiver = light_rows * (p + normal * (side * 0.012));
-    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, turn, wanted);
+    // Where all casters around lie behind the planes of the taps, or all before them, no tap is needed.
+    vec3 at = (receiver - static_origin) / static_extent;
+    bool inside = all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));
+    ivec2 blocks = textureSize(static_casters, 0);
+    vec2 casters = texelFetch(static_casters, clamp(ivec2(at.xy * vec2(blocks)), ivec2(0), blocks - 1), 0).rg;
+    vec2 gap = (casters - at.z) * static_extent.z;
+    vec2 texel = static_extent.xy / vec2(textureSize(static_shadow, 0));
+    float tilt = length(slope) * (largest_penumbra + max(texel.x, texel.y)) + 0.01;
+    bool hidden = wanted && inside && gap.y < -tilt;
+    bool unsure = wanted && inside && gap.x < tilt && !hidden;
+    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, unsure);
+    lit = hidden ? 0.0 : lit;
     lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
-    wanted = wanted && has_movables && lit > 0.0;
-    return min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, turn, wanted));
+#ifdef MOVABLES
+    lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, wanted && lit > 0.0));
+#endif
+    return lit;
 }
 
+#ifdef RAIN
 float random_of(vec3 p) {
     p = fract(p * vec3(0.1031, 0.1030, 0.0973));
     p += dot(p, p.yzx + 33.33);
@@ -131,6 +152,7 @@ float streak() {
 vec3 through_rain(vec3 color) {
     return drops > 0.0 ? mix(color, haze, 0.3 * streak()) : color;
 }
+#endif
 
 #ifdef RECEIVED
 // Instead of the picture: light that arrives on a surface before its material, one sample per pixel (person_light.py).
@@ -164,12 +186,10 @@ void main() {
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy);
     float window = texelFetch(depth_map, s, 0).r;
+    // A CPU rasteriser goes through everything for every sample; the sky is computed once, as what is seen or what is mirrored.
+    bool sample_is_sky = window == 1.0;
     vec3 ray = ray_of(s);
     vec3 d = normalize(ray);
-    if (window == 1.0) {
-        out_radiance = vec4(min(through_rain(sky(d) + sun_disc(d)), vec3(BRIGHTEST)), 1.0);
-        return;
-    }
     float depth = linear_depth(window);
     vec3 p = eye + ray * depth;
     vec3 albedo = texelFetch(albedo_map, s, 0).rgb;
@@ -183,6 +203,7 @@ void main() {
     surface.xy *= unpacked_factors(material.y);
     float roughness = clamp(surface.x, 0.04, 1.0), metallic = surface.y, translucency = glow.a;
 
+#ifdef RAIN
     // Water on what faces up: pores filled with water darken (Lekner and Dorf 1988, doi:10.1364/AO.27.001278), and the film is
     // smooth, with the reflectance of water at normal incidence.
     float film = wetness * smoothstep(0.7, 0.95, face.z) * (1.0 - metallic);
@@ -194,6 +215,7 @@ void main() {
         surface.z = mix(surface.z, max(surface.z, 0.55), film);
         normal = normalize(mix(normal, face, 0.85 * film));
     }
+#endif
 
     float luminance = dot(albedo, vec3(0.2126, 0.7152, 0.0722));
     vec3 tint = luminance > 0.0 ? albedo / luminance : vec3(1.0);
@@ -215,7 +237,8 @@ void main() {
     float k = nh * nh * (alpha * alpha - 1.0) + 1.0;
     float distribution = alpha * alpha / (k * k);                               // π D, Walter et al. 2007
     float v = 0.5 / mix(2.0 * max(cosine, 0.0) * facing, max(cosine, 0.0) + facing, alpha);  // Hammon 2017
-    vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(view, h), 0.0), 5.0);
+    float grazing = 1.0 - max(dot(view, h), 0.0);
+    vec3 fresnel = f0 + (1.0 - f0) * (grazing * grazing * grazing * grazing * grazing);
     color += fresnel * sun * (lit * front * distribution * v);
 
     // Sky.
@@ -230,11 +253,11 @@ void main() {
     color += diffuse * near_open * mix(ambient, ambient_behind, 0.5 * translucency);
 
     vec3 r = reflect(d, normal);
-    float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
     vec4 r1 = vec4(1.0, r * 0.6666667);
     vec3 blurred = max(vec3(dot(red, r1), dot(green, r1), dot(blue, r1)), vec3(0.0));
-    vec3 mirrored = mix(street, sky(vec3(r.xy, abs(r.z))), seen);
-    vec3 environment = mix(mirrored, blurred, smoothstep(0.08, 0.55, roughness));
+    float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
+    vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
+    vec3 environment = mix(mix(street, above, seen), blurred, smoothstep(0.08, 0.55, roughness));
     color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
 
 #ifdef LAMPS
@@ -242,7 +265,11 @@ void main() {
 #endif
     color += glow.rgb;
     vec3 clear_air = exp(-extinction * length(p - eye));
-    color = through_rain(mix(haze, color, clear_air));
+    color = mix(haze, color, clear_air);
+    color = sample_is_sky ? above + sun_disc(d) : color;
+#ifdef RAIN
+    color = through_rain(color);
+#endif
     out_radiance = vec4(min(color, vec3(BRIGHTEST)), 1.0);
 }
 #endif

@@ -1,6 +1,7 @@
 // Ambient occlusion of near things, from the depth map: McGuire et al. 2011, "The Alchemy screen-space ambient
 // obscurance algorithm" (doi:10.1145/2018323.2018327). One value per pixel, at its first sample. A sample that is RADIUS or
 // further away has weight 0 exactly: the layer's rectangle is bounded by it.
+#include "disc.glsl"
 #include "octahedron.glsl"
 #include "sample.glsl"
 uniform sampler2D normals_map;
@@ -22,11 +23,12 @@ void main() {
     float reach = clamp(radius * focal / depth, 1.5, largest_radius);
     // The noise repeats every 4 × 4 pixels, the size of the blur that follows.
     float turn = gradient_noise(vec2(pixel % 4)) * 6.2831853;
+    vec2 way = direction(turn);
     float sum = 0.0;
     for (int i = 0; i < TAPS; ++i) {
         float along = (float(i) + 0.5) / float(TAPS);
-        float angle = float(i) * 2.3999632 + turn;
-        ivec2 tap = pixel + ivec2(floor(vec2(cos(angle), sin(angle)) * (along * reach) + 0.5));
+        ivec2 tap = pixel + ivec2(floor(way * (along * reach) + 0.5));
+        way = GOLDEN * way;
         tap = clamp(tap, ivec2(0), sample_size / 2 - 1) * 2;
         vec3 v = ray_of(tap) * linear_depth(texelFetch(depth_map, tap, 0).r) - p;
         float near = max(1.0 - dot(v, v) / (radius * radius), 0.0);

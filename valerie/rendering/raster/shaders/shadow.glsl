@@ -12,15 +12,11 @@ float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) 
     return found == 1.0 ? 1e9 : found * range;
 }
 
-vec2 vogel(int i, int count, float turn) {
-    float r = sqrt((float(i) + 0.5) / float(count));
-    float a = float(i) * 2.3999632 + turn;
-    return r * vec2(cos(a), sin(a));
-}
-
-// Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra.
-// Loops of zero turns instead of branches: a CPU rasteriser runs both sides of a branch, but leaves a loop that no lane needs.
-float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, float turn, bool wanted) {
+// Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra. ``way`` is any
+// direction in the map's plane.
+// A CPU rasteriser runs both sides of a branch, and the body of a loop once more than any lane needs, so the loops over taps are
+// kept small, and have no turns where they are not wanted.
+float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
     vec2 texels = vec2(textureSize(map, 0));
@@ -30,10 +26,12 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     vec2 scale = texels / extent.xy;
     ivec2 last = textureSize(map, 0) - 1;
     float search = min(largest_penumbra, max(smallest, at.z * sun_spread));
+    vec2 toward = way;
     float blockers = 0.0, distance_sum = 0.0;
     int taps = inside ? BLOCKER_TAPS : 0;
     for (int i = 0; i < taps; ++i) {
-        vec2 o = vogel(i, BLOCKER_TAPS, turn) * search;
+        vec2 o = toward * (search * sqrt((float(i) + 0.5) / float(BLOCKER_TAPS)));
+        toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
         if (found < plane) {
@@ -44,8 +42,10 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     float width = clamp(distance_sum / max(blockers, 1.0) * sun_spread, smallest, search);
     float hidden = 0.0;
     taps = blockers > 0.0 ? FILTER_TAPS : 0;
+    toward = RADIAN * way;
     for (int i = 0; i < taps; ++i) {
-        vec2 o = vogel(i, FILTER_TAPS, turn + 1.0) * width;
+        vec2 o = toward * (width * sqrt((float(i) + 0.5) / float(FILTER_TAPS)));
+        toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
         hidden += found < plane ? 1.0 : 0.0;

@@ -1,58 +1,44 @@
-// Light of the sky and of what hides it, as spherical harmonics of order 1; one value for SKYLIGHT_CELL × SKYLIGHT_CELL
-// samples, taken at the first of them.
-// The sky is seen or hidden in DIRECTIONS directions, each with a shadow map of the statics (one tile of an atlas).
-// Where it is hidden, the light of an average street surface comes from there: lit by the sun if it faces it.
-#include "octahedron.glsl"
+// Light of the sky and of what hides it, as spherical harmonics of order 1, from how open each direction is (openness.frag).
+// It is linear in that: the weights hold the sky's light in each direction, less the street's that hides it (lighting.py).
 #include "sample.glsl"
-uniform sampler2D normals_map;
-uniform sampler2D atlas;                       // TILES.x × TILES.y shadow maps
-uniform ivec2 tiles;
-uniform vec4 tile_rows[3 * DIRECTIONS];        // world to [0, 1]³ of each tile
-uniform vec3 directions[DIRECTIONS];           // towards the sky, uniform over the hemisphere
-uniform vec3 sky_radiance[DIRECTIONS];
-uniform vec3 toward_sun;
-uniform vec3 surface_by_sky;                   // radiance of a surface that sees half the sky
-uniform vec3 surface_by_sun;                   // more, if it faces the sun
-uniform vec3 ground;
+uniform usampler2D first;
+uniform usampler2D second;
+uniform vec4 hidden[4];                        // sums where no direction is open: red, green, blue, openness
+uniform vec4 weights[4 * 32];                  // more of them per step of openness
 layout(location = 0) out vec4 out_red;         // mean, x, y, z
 layout(location = 1) out vec4 out_green;
 layout(location = 2) out vec4 out_blue;
 layout(location = 3) out vec4 out_open;        // the same of the sky's visibility
 
+// Written out instead of a loop: with a constant place, all lanes share one weight.
+#define OPEN(K, STEPS) { \
+    float open = float((STEPS) & 255u); \
+    out_red += open * weights[4 * (K)]; \
+    out_green += open * weights[4 * (K) + 1]; \
+    out_blue += open * weights[4 * (K) + 2]; \
+    out_open += open * weights[4 * (K) + 3]; \
+}
+#define FOUR(K, NUMBER) OPEN(K, NUMBER) OPEN(K + 1, NUMBER >> 8) OPEN(K + 2, NUMBER >> 16) OPEN(K + 3, NUMBER >> 24)
+
 void main() {
-    ivec2 s = ivec2(gl_FragCoord.xy) * SKYLIGHT_CELL;
-    float window = texelFetch(depth_map, s, 0).r;
-    out_red = vec4(0.0);
-    out_green = vec4(0.0);
-    out_blue = vec4(0.0);
-    out_open = vec4(0.0);
-    if (window == 1.0) return;
-    vec3 normal = octahedron_decode(texelFetch(normals_map, s, 0).zw);
-    vec3 p = eye + ray_of(s) * linear_depth(window) + normal * 0.12;
-    vec2 tile_pixels = vec2(textureSize(atlas, 0) / tiles);
-    vec2 atlas_scale = 1.0 / vec2(textureSize(atlas, 0));
-    for (int k = 0; k < DIRECTIONS; ++k) {
-        vec4 h = vec4(p, 1.0);
-        vec3 c = vec3(dot(tile_rows[3 * k], h), dot(tile_rows[3 * k + 1], h), dot(tile_rows[3 * k + 2], h));
-        bool inside = all(greaterThan(c, vec3(0.0))) && all(lessThan(c, vec3(1.0)));
-        vec2 t = clamp(c.xy * tile_pixels, vec2(1.0), tile_pixels - 1.0) + vec2(k % tiles.x, k / tiles.x) * tile_pixels;
-        vec4 lit = vec4(greaterThanEqual(textureGather(atlas, t * atlas_scale), vec4(c.z)));
-        vec2 f = fract(t - 0.5);
-        float open = inside ? mix(mix(lit.w, lit.z, f.x), mix(lit.x, lit.y, f.x), f.y) : 1.0;
-        vec3 d = directions[k];
-        float faces_sun = max(dot(normalize(vec3(-d.xy, 0.2)), toward_sun), 0.0);
-        vec3 light = mix(surface_by_sky + surface_by_sun * faces_sun, sky_radiance[k], open);
-        vec4 basis = vec4(1.0, 3.0 * d);
-        out_red += light.r * basis;
-        out_green += light.g * basis;
-        out_blue += light.b * basis;
-        out_open += open * basis;
-    }
-    // The upper half of the sphere is the mean over the directions; the lower half is the ground, seen from all around.
-    const float half_of = 0.5 / float(DIRECTIONS);
-    vec4 below = vec4(0.5, 0.0, 0.0, -0.75);
-    out_red = out_red * half_of + ground.r * below;
-    out_green = out_green * half_of + ground.g * below;
-    out_blue = out_blue * half_of + ground.b * below;
-    out_open *= half_of;
+    ivec2 cell = ivec2(gl_FragCoord.xy);
+    uvec4 near = texelFetch(first, cell, 0), far = texelFetch(second, cell, 0);
+    out_red = hidden[0];
+    out_green = hidden[1];
+    out_blue = hidden[2];
+    out_open = hidden[3];
+    FOUR(0, near.x)
+    FOUR(4, near.y)
+    FOUR(8, near.z)
+    FOUR(12, near.w)
+    FOUR(16, far.x)
+    FOUR(20, far.y)
+    FOUR(24, far.z)
+    FOUR(28, far.w)
+    // Nothing is lit where nothing was drawn.
+    float drawn = texelFetch(depth_map, cell * SKYLIGHT_CELL, 0).r == 1.0 ? 0.0 : 1.0;
+    out_red *= drawn;
+    out_green *= drawn;
+    out_blue *= drawn;
+    out_open *= drawn;
 }

@@ -9,8 +9,8 @@ layout(location = 0) out vec4 out_albedo;
 layout(location = 1) out vec4 out_normals;
 layout(location = 2) out uvec2 out_material;
 
-// One array of textures per side. Loops of zero turns instead of branches: see shadow.glsl.
-#define READ(SIDE) for (int i = 0; i < (side == SIDE ? 1 : 0); ++i) \
+// One array of textures per side.
+#define READ(SIDE) if (side == SIDE) \
     found = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
 #ifdef SIDE_64
 uniform sampler2DArray textures_64;

@@ -1,0 +1,37 @@
+// How much of the sky is seen from a place, in DIRECTIONS directions; one value for SKYLIGHT_CELL × SKYLIGHT_CELL samples, taken at
+// the first of them. Each direction has a shadow map of the statics (one tile of an atlas). It is the same under every light.
+#include "octahedron.glsl"
+#include "sample.glsl"
+uniform sampler2D normals_map;
+uniform sampler2D atlas;                       // TILES.x × TILES.y shadow maps
+uniform ivec2 tiles;
+uniform vec4 tile_rows[3 * DIRECTIONS];        // world to [0, 1]³ of each tile
+layout(location = 0) out uvec4 out_first;      // four directions in each number, the first in its lowest byte, in steps of 1/255
+layout(location = 1) out uvec4 out_second;
+
+void main() {
+    ivec2 s = ivec2(gl_FragCoord.xy) * SKYLIGHT_CELL;
+    float window = texelFetch(depth_map, s, 0).r;
+    out_first = out_second = uvec4(0u);
+    int numbers = window == 1.0 ? 0 : DIRECTIONS / 4;
+    vec3 normal = octahedron_decode(texelFetch(normals_map, s, 0).zw);
+    vec4 h = vec4(eye + ray_of(s) * linear_depth(window) + normal * 0.12, 1.0);
+    vec2 tile_pixels = vec2(textureSize(atlas, 0) / tiles);
+    vec2 atlas_scale = 1.0 / vec2(textureSize(atlas, 0));
+    for (int i = 0; i < numbers; ++i) {
+        uint four = 0u;
+        for (int k = 4 * i; k < 4 * i + 4; ++k) {
+            vec3 c = vec3(dot(tile_rows[3 * k], h), dot(tile_rows[3 * k + 1], h), dot(tile_rows[3 * k + 2], h));
+            bool inside = all(greaterThan(c, vec3(0.0))) && all(lessThan(c, vec3(1.0)));
+            vec2 corner = vec2(k % tiles.x, k / tiles.x) * tile_pixels;
+            vec2 t = clamp(c.xy * tile_pixels, vec2(1.0), tile_pixels - 1.0) + corner;
+            vec4 lit = vec4(greaterThanEqual(textureGather(atlas, t * atlas_scale), vec4(c.z)));
+            vec2 f = fract(t - 0.5);
+            float open = inside ? mix(mix(lit.w, lit.z, f.x), mix(lit.x, lit.y, f.x), f.y) : 1.0;
+            four = (four >> 8) | (uint(open * 255.0 + 0.5) << 24);
+        }
+        // Numbers are pushed in at the end, and come to their places by the last one.
+        out_first = uvec4(out_first.yzw, out_second.x);
+        out_second = uvec4(out_second.yzw, four);
+    }
+}
