@@ -117,6 +117,14 @@ class LightView:
         matrix[:3, 3] = -self.origin * scale - 1
         return matrix
 
+    @property
+    def key(self) -> bytes:
+        """Equal for views of equal numbers."""
+        return self.rows.tobytes() + self.origin.tobytes() + self.extent.tobytes()
+
+    def release(self) -> None:
+        """Nothing but memory is held."""
+
 
 def light_axes(toward_light: Points) -> Matrix:
     """(3, 3) rows of a frame whose third axis points away from the light; the second follows the world's y if it can."""

@@ -69,7 +69,8 @@ class Lighting:
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
-            defines = {"SKYLIGHT_CELL": SKYLIGHT_CELL, **dict.fromkeys(key, 1)}
+            defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
+            defines |= {need: 1 for need in key}
             if "LAMPS" in kind:
                 defines |= {"LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
             program = self._context.program("screen.vert", "lighting.frag", **defines)
@@ -109,7 +110,7 @@ class Lighting:
         street_by_sun = _STREET_ALBEDO * sky.sun * 0.6
         openness = common | {"tiles": SKY_TILES, "tile_rows": sky_maps.rows.reshape(-1)}
         below = sky.ground * 0.8 if lamps is None else sky.ground * 0.8 + lamps.bounce
-        hidden, weights = _sky_weights(sky, sky_maps.directions, street_by_sky, street_by_sun, below)
+        hidden, weights = sky_weights(sky, sky_maps.directions, street_by_sky, street_by_sun, below)
         skylight = common | {"hidden": hidden.reshape(-1), "weights": weights.reshape(-1)}
         occlusion = common | {
             "radius": self._reach.occlusion_radius,
@@ -245,10 +246,10 @@ def _cells(parts: Spans) -> Spans:
     return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
 
 
-def _sky_weights(
+def sky_weights(
     sky: Sky, directions: Points, street_by_sky: Points, street_by_sun: Points, ground: Points
 ) -> tuple[Points, Points]:
-    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions of the upper half of the sphere.
+    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions above the horizon.
 
     Where a direction is hidden, the light of an average street surface comes from there: lit by the sun if it faces it. The lower
     half is the ground, seen from all around.

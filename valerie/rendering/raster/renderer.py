@@ -16,7 +16,7 @@ from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
+from valerie.rendering.raster.camera_math import LightView, clip_from_view, view_from_world
 from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.context import GraphicsContext, process_context
@@ -25,7 +25,7 @@ from valerie.rendering.raster.lamp_reach import FrameLamps, lamp_shadowed_tiles,
 from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced
 from valerie.rendering.raster.lighting import Lighting, LitFrame
 from valerie.rendering.raster.scenes import Prepared
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
 from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
 from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.raster.tiles import Mask, TileGrid, widened
@@ -46,8 +46,9 @@ _SUNS: Final = 4
 class RasterRenderer:
     """Scene-referred images by deferred shading; see `valerie.rendering.base.Renderer` for the contract.
 
-    What does not move is kept: geometry per asset, its G-buffer per camera, its shadow map per camera and sun, its picture
-    per camera and light. A layer draws the movables over the G-buffer and makes only those tiles again that they may change.
+    What does not move is kept: geometry per asset, its G-buffer and what it sees of the sky per camera, its shadow map per sun,
+    its picture per camera and light. A layer draws the movables over the G-buffer and makes only those tiles again that they may
+    change.
     `full` uses none of these, and makes everything.
 
     Args:
@@ -70,6 +71,7 @@ class RasterRenderer:
             self._sampler = gl.sampler(filter=(moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR), anisotropy=1.0)
         self._texture_passes: dict[tuple[int, ...], ScreenPass] = {}
         self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
+        self._light_views: LeastRecentlyUsed[LightView] = LeastRecentlyUsed(_CAMERAS * _SUNS)
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
         self._static_images: LeastRecentlyUsed[StaticImage] = LeastRecentlyUsed(_SUNS)
         self._sky_maps: LeastRecentlyUsed[SkyMaps] = LeastRecentlyUsed(2)
@@ -156,7 +158,8 @@ class RasterRenderer:
 
     def _forget(self) -> None:
         for cache in (
-            self._static_surfaces, self._static_shadows, self._static_images, self._sky_maps, self._lamp_maps,
+            self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps,
+            self._lamp_maps,
         ):  # fmt: skip
             cache.clear()
         for canvas in self._canvases:
@@ -180,8 +183,11 @@ class RasterRenderer:
                 surfaces = self._static_surfaces.get(
                     seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
                 )
+                light = self._light_views.get(
+                    (seen, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
+                )
                 shadow = self._static_shadows.get(
-                    (seen, sun.tobytes()), lambda: self._shadows.static(statics, camera, view, sun, table)
+                    (statics.shape_key, light.key), lambda: self._shadows.static(statics, light, table)
                 )
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 lamp_key = (statics.key, tuple(one.lamp for one in shadowed))

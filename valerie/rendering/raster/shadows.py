@@ -27,10 +27,13 @@ from valerie.scene.model import Camera
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Prepared, Statics
+    from valerie.rendering.raster.static_geometry import StaticGeometry
 
 #: Texels per side of the statics' and of the movables' map.
 STATIC_MAP: Final = 4096
 MOVABLE_MAP: Final = 1024
+#: How much wider than its own a camera's map may be, to be the one of all cameras.
+_SHARED: Final = 1.5
 #: Texels per side of a block of the statics' map, over which its depths are surveyed.
 _BLOCK: Final = 8
 #: Metres along the optical axis, beyond which there are no shadows.
@@ -141,16 +144,8 @@ class Shadows:
         self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
         self._movable: ShadowMap | None = None
 
-    def static(
-        self, statics: Statics, camera: Camera, view: View, toward_sun: Points, table: moderngl.Texture
-    ) -> ShadowMap:
-        """The statics' map, fitted to what the camera sees of them."""
-        geometry = statics.geometry
-        receivers = seen_points(camera, view, geometry.core_low - 2, geometry.core_high + 2, SHADOW_DISTANCE)
-        if not len(receivers):
-            receivers = box_corners(geometry.core_low, geometry.core_high)
-        rows = turned_to_fit(light_axes(toward_sun), receivers)
-        light = fit_light_view(rows, receivers, box_corners(geometry.low, geometry.high), STATIC_MAP, 1.0)
+    def static(self, statics: Statics, light: LightView, table: moderngl.Texture) -> ShadowMap:
+        """The statics' map of a view that `static_view` found."""
         shadow = ShadowMap(self._context.gl, light, STATIC_MAP)
         shadow.target.use()
         shadow.target.clear()
@@ -182,6 +177,23 @@ class Shadows:
         if self._movable is not None:
             self._movable.release()
             self._movable = None
+
+
+def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun: Points) -> LightView:
+    """Where the statics' shadow map lies: around all of them, so that cameras share it, unless a map around what this camera sees
+    would be a good deal finer.
+    """
+    low, high = geometry.core_low - 2, geometry.core_high + 2
+    casters, axes = box_corners(geometry.low, geometry.high), light_axes(toward_sun)
+
+    def around(receivers: Points) -> LightView:
+        return fit_light_view(turned_to_fit(axes, receivers), receivers, casters, STATIC_MAP, 1.0)
+
+    shared, seen = around(box_corners(low, high)), seen_points(camera, view, low, high, SHADOW_DISTANCE)
+    if not len(seen):
+        return shared
+    own = around(seen)
+    return shared if shared.extent[:2].max() <= _SHARED * own.extent[:2].max() else own
 
 
 def even_directions(count: int) -> Points:

@@ -11,6 +11,7 @@ from scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import sky_of
 from valerie.scene.model import Camera, Material, Mesh, Node, Scene, Sun, Texture
@@ -295,6 +296,17 @@ def test_the_cache_of_statics_notices_a_changed_static_material(raster: RasterRe
 def apply_absent(scene: Scene) -> Scene:
     """The scene with every movable hidden."""
     return replace(scene, nodes={p: replace(n, visible=n.visible and not n.movable) for p, n in scene.nodes.items()})
+
+
+def test_repainted_statics_hide_the_same_of_the_sky() -> None:
+    scene = simple_asset().base
+    red = dict(scene.materials) | {"plaster": replace(scene.materials["plaster"], base_color=(0.9, 0.0, 0.0))}
+    context = process_context()
+    with context.current():
+        before = context.scenes.prepare(scene).statics
+        after = context.scenes.prepare(replace(scene, materials=red)).statics
+    assert before.key != after.key
+    assert before.shape_key == after.shape_key
 
 
 def test_the_cache_of_statics_notices_a_moved_static(raster: RasterRenderer) -> None:

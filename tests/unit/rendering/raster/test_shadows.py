@@ -1,0 +1,75 @@
+"""Shadow maps: where they lie, and what is noted of them beside."""
+
+import math
+from types import SimpleNamespace
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+
+from valerie.rendering.base import View
+from valerie.rendering.raster.camera_math import LightView
+from valerie.rendering.raster.context import process_context
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, static_view
+from valerie.rendering.raster.static_geometry import StaticGeometry
+from valerie.scene.model import Camera
+from valerie.scene.transforms import camera_transform
+
+SUN = np.array([0.3, 0.5, 0.8]) / math.sqrt(0.98)
+
+
+def street(length: float) -> StaticGeometry:
+    low, high = np.array([-10.0, 0.0, 0.0]), np.array([10.0, length, 12.0])
+    return cast("StaticGeometry", SimpleNamespace(low=low, high=high, core_low=low, core_high=high))
+
+
+def along_the_street(x: float, focal: float) -> Camera:
+    return Camera("scene.camera", camera_transform((x, 1.0, 5.0), 0, 0, 0), focal_length_mm=focal)
+
+
+def test_cameras_that_see_all_of_a_street_share_its_shadow_map() -> None:
+    views = [
+        static_view(street(100.0), along_the_street(x, 24.0), View("camera", 1920, 1080), SUN) for x in (-4.0, 0.0, 5.0)
+    ]
+    assert len({view.key for view in views}) == 1
+
+
+def test_a_camera_that_sees_a_small_part_has_a_finer_map_of_its_own() -> None:
+    geometry, view = street(1000.0), View("camera", 1920, 1080)
+    near = static_view(geometry, along_the_street(0.0, 24.0), view, SUN)
+    shared = static_view(geometry, away(), view, SUN)
+    assert near.extent[:2].max() < shared.extent[:2].max() / 1.5
+
+
+def away() -> Camera:
+    """Sees nothing of the street."""
+    return Camera("scene.camera", camera_transform((0.0, -50.0, 5.0), 180, 0, 0), focal_length_mm=24.0)
+
+
+@pytest.mark.gl
+def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel() -> None:
+    # Texels of 3 and of 10 cm.
+    side, extent = 128, np.array([3.84, 12.8, 50.0])
+    depths = np.ones((side, side), np.float32)
+    context = process_context()
+    with context.current() as gl:
+        shadow = ShadowMap(gl, LightView(np.eye(3), np.zeros(3), extent), side)
+        shadow.target.use()
+        shadow.target.clear()
+        for x, y, width, height, depth in ((10, 20, 5, 3, 0.25), (60, 64, 40, 50, 0.5), (127, 0, 1, 128, 0.75)):
+            shadow.target.use((x, y, width, height))
+            shadow.target.clear(depth)
+            depths[y : y + height, x : x + width] = depth
+        shadow.survey()
+        assert shadow.casters is not None
+        found = np.frombuffer(shadow.casters.read(), np.float32).reshape(*shadow.casters.size[::-1], 2)
+        shadow.release()
+    across, up = np.ceil(LARGEST_PENUMBRA / extent[:2] * side).astype(int)
+    around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
+    per_texel = np.kron(found.transpose(2, 0, 1), np.ones((1, 8, 8), np.float32))
+    assert (per_texel[0] <= cv2.erode(depths, around) + 1e-6).all()
+    assert (per_texel[1] >= cv2.dilate(depths, around) - 1e-6).all()
+    # And is no wider than a few blocks: most of this map is known to be empty, and the middle of a caster to be full.
+    assert (per_texel[0] == 1).mean() > 0.5
+    assert per_texel[1, 90, 80] == pytest.approx(0.5, abs=1e-6)
