@@ -70,7 +70,7 @@ class Lighting:
         key = tuple(sorted(kind))
         if key not in self._shading:
             defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
-            defines |= {need: 1 for need in key}
+            defines |= dict.fromkeys(key, 1)
             if "LAMPS" in kind:
                 defines |= {"LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
             program = self._context.program("screen.vert", "lighting.frag", **defines)

@@ -57,7 +57,7 @@ def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel()
         shadow = ShadowMap(gl, LightView(np.eye(3), np.zeros(3), extent), side)
         shadow.target.use()
         shadow.target.clear()
-        for x, y, width, height, depth in ((10, 20, 5, 3, 0.25), (60, 64, 40, 50, 0.5), (127, 0, 1, 128, 0.75)):
+        for x, y, width, height, depth in ((10, 20, 5, 3, 0.25), (50, 60, 60, 60, 0.5), (127, 0, 1, 128, 0.75)):
             shadow.target.use((x, y, width, height))
             shadow.target.clear(depth)
             depths[y : y + height, x : x + width] = depth
@@ -71,5 +71,5 @@ def test_the_survey_of_a_map_bounds_all_depths_within_a_penumbra_of_each_texel()
     assert (per_texel[0] <= cv2.erode(depths, around) + 1e-6).all()
     assert (per_texel[1] >= cv2.dilate(depths, around) - 1e-6).all()
     # And is no wider than a few blocks: most of this map is known to be empty, and the middle of a caster to be full.
-    assert (per_texel[0] == 1).mean() > 0.5
+    assert (per_texel[0] == 1).mean() > 0.25
     assert per_texel[1, 90, 80] == pytest.approx(0.5, abs=1e-6)
