@@ -19,6 +19,7 @@ class Example:
     Attributes:
         title: why it was chosen.
         frame_id, sensor, camera, character: what it is.
+        time_s: when the frame was taken; None in a run of one moment.
         distance_m, occlusion_rate, pixel_area_percent: of the person; None where undefined.
         pacc: per function, 0…1.
     """
@@ -28,6 +29,7 @@ class Example:
     sensor: str
     camera: str
     character: str
+    time_s: float | None
     distance_m: float | None
     occlusion_rate: float | None
     pixel_area_percent: float | None
@@ -73,13 +75,15 @@ def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
 
 def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Example:
     found = table.arrow.take(rows).to_pylist()
-    row = found[0]
+    row, times = found[0], table.numbers("time_s")
+    several = bool(np.any(times != times[0]))
     return Example(
         title=title,
         frame_id=row["frame_id"],
         sensor=row["sensor"],
         camera=row["camera"],
         character=row["character"] or "",
+        time_s=row["time_s"] if several else None,
         distance_m=row["distance_m"],
         occlusion_rate=row["occlusion_rate"],
         pixel_area_percent=row["pixel_area_percent"],

@@ -215,6 +215,8 @@ def gallery(examples: Sequence[Example], functions: Sequence[str], picture: Pict
                 caption = f"{function}: pACC {percent(example.pacc[function])} %"
                 cells.append(_shot(example, picture, PictureKind.PREDICTION, function, caption))
         facts = [example.character, example.camera, f"frame {example.frame_id}"]
+        if example.time_s is not None:
+            facts.append(f"at {example.time_s:g} s")
         if example.distance_m is not None:
             facts.append(f"{example.distance_m:.1f} m")
         if example.occlusion_rate is not None:

@@ -18,6 +18,8 @@ from valerie.settings import Settings
 _POLL_SECONDS: Final = 0.5
 #: A server that is started again after a crash is back within this.
 _PATIENCE_SECONDS: Final = 60.0
+#: Workers of an own system that offer nothing for longer than this do not merely start.
+_START_SECONDS: Final = 60.0
 
 _EXIT: Final = {
     RunState.COMPLETED: Exit.OK,
@@ -35,6 +37,7 @@ def follow(system: System, run_id: str, display: Display) -> Progress:
         ValerieError: a process of the own system does not stay alive.
     """
     lost_at: float | None = None
+    began = time.monotonic()
     with display:
         while True:
             system.check()
@@ -46,6 +49,9 @@ def follow(system: System, run_id: str, display: Display) -> Progress:
                     raise
             else:
                 lost_at = None
+                starting = system.owned and progress.state == RunState.SUBMITTED
+                if starting and time.monotonic() - began < _START_SECONDS:
+                    progress = progress.model_copy(update={"reason": "the workers are starting"})
                 display.update(progress)
                 if RunState(progress.state).is_final:
                     return progress

@@ -524,7 +524,7 @@ def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[
         for query in queries:
             rows = connection.execute(
                 query.where(table.run_id == run_id, Product.state == "failed")
-                .order_by(table.variant_index, table.camera_index)
+                .order_by(table.variant_index, table.camera_index, table.time_index)
                 .limit(limit - len(found))
             ).mappings()
             found += [dict(row) for row in rows]

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -36,6 +37,21 @@ def test_a_run_is_followed_to_its_end() -> None:
     system = _system(lambda _: httpx.Response(200, json=_progress(next(states)).model_dump()))
     assert follow(system, "r1", JsonDisplay("r1")).state == "completed"
     assert next(states, None) is None
+
+
+@pytest.mark.parametrize(
+    ("patience", "reason"), [(60.0, "the workers are starting"), (0.0, "waiting for a render worker")]
+)
+def test_workers_of_an_own_system_may_take_a_while_to_start(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], patience: float, reason: str
+) -> None:
+    monkeypatch.setattr(following, "_START_SECONDS", patience)
+    states = iter(["submitted", "completed"])
+    said = _system(
+        lambda _: httpx.Response(200, json=_progress(next(states), "waiting for a render worker").model_dump())
+    )
+    follow(replace(said, owned=True), "r1", JsonDisplay("r1"))
+    assert json.loads(capsys.readouterr().out.splitlines()[0])["reason"] == reason
 
 
 def test_a_server_that_is_started_again_is_waited_for() -> None:
