@@ -125,24 +125,21 @@ def function_file_bytes(
     """The bytes of a function file; equal inputs give equal bytes.
 
     Args:
-        tensors: parameters and buffers by name; stored as float16.
+        tensors: parameters and buffers by name; stored as `compact` says.
         architecture: name of the architecture that they belong to.
         mean: per channel, of sRGB values in [0, 1].
         std: per channel, likewise.
         provenance: further header entries.
 
     Raises:
-        InvalidInput: a value that float16 cannot hold, or a provenance entry with a name of the format's own.
+        InvalidInput: a value that is not finite, or a provenance entry with a name of the format's own.
     """
     taken = sorted(set(provenance) & set(_REQUIRED))
     if taken:
         raise InvalidInput("names of the format's own", field="provenance", value=", ".join(taken))
-    halves: dict[str, NDArray[np.float16]] = {}
     for name in sorted(tensors):
-        with np.errstate(over="ignore"):  # an overflow becomes inf, and is refused with its name below
-            halves[name] = np.ascontiguousarray(tensors[name], np.float16)
-        if not np.isfinite(halves[name]).all():
-            raise InvalidInput("holds values that float16 cannot", field=name, limit="±65504")
+        if not np.isfinite(tensors[name]).all():
+            raise InvalidInput("holds values that are not finite", field=name)
     entries = {
         "format": FORMAT,
         "architecture": architecture,
@@ -151,7 +148,14 @@ def function_file_bytes(
         "std": json.dumps(std),
         **provenance,
     }
-    return safetensors_bytes(halves, entries)
+    return safetensors_bytes({name: compact(tensor) for name, tensor in tensors.items()}, entries)
+
+
+def compact(tensor: NDArray[np.floating]) -> NDArray[np.floating]:
+    """A tensor as function files hold it: float16, or float32 where it has values beyond ±65504, as running variances may."""
+    with np.errstate(over="ignore"):
+        half = np.ascontiguousarray(tensor, np.float16)
+    return half if np.isfinite(half).all() else np.ascontiguousarray(tensor, np.float32)
 
 
 def safetensors_bytes(tensors: Mapping[str, NDArray[np.floating]], entries: Mapping[str, str]) -> bytes:

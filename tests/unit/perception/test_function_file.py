@@ -48,9 +48,18 @@ def test_equal_inputs_give_equal_bytes_whatever_their_order() -> None:
     assert function_file_bytes(turned[0], **GIVEN | {"provenance": turned[1]}) == one
 
 
-def test_a_value_beyond_half_precision_is_named_and_refused() -> None:
-    with pytest.raises(InvalidInput, match="w: holds values that float16 cannot"):
-        function_file_bytes({"w": np.array([70000.0])}, **GIVEN)
+def test_what_half_precision_cannot_hold_is_stored_in_single(write) -> None:
+    large = {"running_var": np.array([1e5, 0.1], np.float32), "weight": np.array([0.1], np.float32)}
+    stored = read_tensors(write(function_file_bytes(large, **GIVEN)))
+    assert stored["running_var"].dtype == np.float32
+    np.testing.assert_array_equal(stored["running_var"], large["running_var"])
+    assert stored["weight"].dtype == np.float16
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_not_finite_are_refused_with_their_name(value: float) -> None:
+    with pytest.raises(InvalidInput, match="w: holds values that are not finite"):
+        function_file_bytes({"w": np.array([1.0, value])}, **GIVEN)
 
 
 def test_provenance_cannot_replace_the_formats_own_entries() -> None:

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
-from valerie.perception.function_file import function_file_bytes
+from valerie.perception.function_file import compact, function_file_bytes
 from valerie.perception.labelling import in_channels_last, normalised
 from valerie.perception.loaders import load_network
 from valerie.perception.networks.architectures import Network, build_network
@@ -171,7 +171,7 @@ def train(
     finally:
         stream.close()
 
-    _round_to_half(network)
+    _round_as_stored(network)
     network.eval().requires_grad_(requires_grad=False)
     final = validate(network, held_out, mean_tensor, std_tensor) if held_out else None
     mean_loss = sum(recent) / len(recent) if recent else float("nan")
@@ -267,8 +267,8 @@ def _spread(frames: Sequence[TrainingFrame]) -> list[TrainingFrame]:
     return [frames[i] for i in range(0, len(frames), stride)][:_QUICK_FRAMES]
 
 
-def _round_to_half(network: nn.Module) -> None:
+def _round_as_stored(network: nn.Module) -> None:
     with torch.no_grad():
         for tensor in network.state_dict().values():
             if tensor.is_floating_point():
-                tensor.copy_(tensor.half())
+                tensor.copy_(torch.from_numpy(compact(tensor.cpu().numpy())))

@@ -6,6 +6,7 @@ import torch
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.catalog import function_card, load_function
+from valerie.perception.function_file import function_file_bytes
 from valerie.perception.loaders import load_network
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
@@ -139,6 +140,21 @@ def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tm
             torch.tensor(model.std),
         )[0]
     assert (function.predict(frames[0].picture) == expected.numpy()).all()
+
+
+def test_running_variances_beyond_half_precision_are_kept(make_frames, tmp_path: Path) -> None:
+    path = tmp_path / "before.safetensors"
+    path.write_bytes(train(settings(steps=1), make_frames(2)).to_bytes({}))
+    network, header = load_network(path)
+    tensors = {name: value.numpy() for name, value in network.state_dict().items() if value.is_floating_point()}
+    name = next(name for name in tensors if name.endswith("running_var"))
+    tensors[name] = tensors[name] + 1e5
+    given = {"architecture": header.architecture, "mean": header.mean, "std": header.std, "provenance": {}}
+    path.write_bytes(function_file_bytes(tensors, **given))
+    model = train(settings(steps=1, keep_norm_statistics=True), make_frames(2), start_from=path)
+    path.write_bytes(model.to_bytes({}))
+    assert same_weights(load_network(path)[0], model.network)
+    assert model.network.state_dict()[name].min() >= 1e5
 
 
 def test_a_street_in_both_sets_is_refused(make_frames) -> None:
