@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, Final
 
 from sqlalchemy import Engine
@@ -23,8 +24,10 @@ _STAGES: Final = {
     "infer": ("evaluations", "inferred", "infer_failed"),
     "eval": ("evaluations", "evaluated", "eval_failed"),
 }
-#: Rates are measured over this long.
-_RATE_SECONDS = 20.0
+#: A rate is measured over this long, or longer: until so many have finished, else a slow stage's would jump with each one.
+_RATE_SECONDS: Final = 20.0
+_RATE_COUNT: Final = 10
+_RATE_LONGEST: Final = 300.0
 
 
 class ProgressBook:
@@ -79,7 +82,7 @@ class ProgressBook:
     ) -> dict[str, Any]:
         history = self._history.setdefault(run.id, deque())
         history.append((now, total))
-        while now - history[0][0] > _RATE_SECONDS and len(history) > 2:
+        while now - history[0][0] > _RATE_LONGEST and len(history) > 2:
             history.popleft()
         unfed = run.variant_count - run.next_index
         fed = max(run.next_index, 1)
@@ -88,8 +91,7 @@ class ProgressBook:
             done, failed = total[done_of], total[failed_of]
             # What is not fed yet is extrapolated from what is: a later variant may still be rejected.
             expected = total[all_of] + round(total[all_of] / fed * unfed)
-            span = now - history[0][0]
-            rate = (done - history[0][1][done_of]) / span if span > 0 else 0.0
+            rate = finished_per_second([(at, counts[done_of]) for at, counts in history])
             left = expected - done - failed
             stages[stage] = {
                 "done": done,
@@ -111,6 +113,19 @@ class ProgressBook:
             "awaiting": awaited,
             "updated_at": now,
         }
+
+
+def finished_per_second(history: Sequence[tuple[float, int]]) -> float:
+    """How fast a stage is, from (seconds, finished so far), oldest first.
+
+    Over the last 20 s, or longer until ten have finished: one that takes ten seconds each would else be once or twice as fast
+    from one look to the next.
+    """
+    now, done = history[-1]
+    for at, before in reversed(history):
+        if now - at >= _RATE_SECONDS and done - before >= _RATE_COUNT:
+            break
+    return (done - before) / (now - at) if now > at else 0.0
 
 
 def _stage(route: str) -> str:
