@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from io import StringIO
+from typing import Final
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -15,26 +17,27 @@ from valerie.analysis.intervals import Interval
 from valerie.analysis.summary import OCCLUDED, Summary, SummaryRow
 
 _DASH = "–"
+#: What stands in a column, as `_cells` calls it → its title; {} is the threshold.
+_COLUMNS: Final = {
+    "frames": "frames",
+    "mean pACC": "mean pACC",
+    "min": "min",
+    "max": "max",
+    "pooled": "pooled",
+    "detected": "≥ {}",
+    "precision": "precision",
+    "IoU": "IoU",
+    "undefined": "undefined",
+}
+#: The same in two tables that fit into 80 columns.
+_SCORES: Final = {name: _COLUMNS[name] for name in ("frames", "mean pACC", "min", "max", "precision", "IoU")}
+_BESIDE: Final = {"pooled": "pooled pACC", "detected": "pACC ≥ {}", "undefined": "undefined"}
+_ANY_WIDTH: Final = 10_000
 
 
 def summary_renderable(summary: Summary, findings: Findings | None = None, *, most: int | None = 5) -> RenderableType:
     """The summary for a rich console; below it, where they are given, so many of the strongest findings (None: all)."""
-    several = len({row.sensor for row in summary.rows}) > 1
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("pedestrian", no_wrap=True)
-    for name in ("frames", "mean pACC", "min", "max", "pooled", f"≥ {summary.threshold:g}", "precision", "IoU"):
-        table.add_column(name, justify="right")
-    table.add_column("undefined")
-    previous = None
-    for row in summary.rows:
-        who = row.function + (f" · {row.sensor}" if several else "")
-        if previous != who:
-            if previous is not None:
-                table.add_section()
-            table.add_row(Text(who, style="bold"))
-        table.add_row(*(Text(cell) for cell in _cells(row)))
-        previous = who
-    parts: list[RenderableType] = [table if summary.rows else Text("No person was evaluated.")]
+    parts: list[RenderableType] = [_Rows(summary) if summary.rows else Text("No person was evaluated.")]
     parts += [Text(line, style="dim") for line in _notes(summary)]
     if findings is not None and findings.items:
         parts.append(Text("\nFindings", style="bold"))
@@ -51,20 +54,60 @@ def summary_text(summary: Summary, findings: Findings | None = None, *, width: i
     return "\n".join(line.rstrip() for line in sink.getvalue().splitlines()).strip("\n") + "\n"
 
 
-def _cells(row: SummaryRow) -> tuple[str, ...]:
-    reasons = ", ".join(f"{count} {reason}" for reason, count in row.undefined.items()) or "none"
-    return (
-        "  " + ("all together" if row.character == ALL else row.character),
-        f"{row.frames:,}",
-        _percent(row.pacc_mean) + _within(row.pacc_mean_interval),
-        _percent(row.pacc_min),
-        _percent(row.pacc_max),
-        _percent(row.pacc_pooled),
-        _percent(row.detection_rate) + _within(row.detection_interval),
-        f"{_percent(row.precision_mean)} / {_percent(row.precision_pooled)}",
-        f"{_percent(row.iou_mean)} / {_percent(row.iou_pooled)}",
-        reasons,
-    )
+class _Rows:
+    """The rows in one table; on a screen too narrow for that, in two that cut no number."""
+
+    def __init__(self, summary: Summary) -> None:
+        self._summary = summary
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        whole = self._table(_COLUMNS)
+        if console.measure(whole, options=options.update(max_width=_ANY_WIDTH)).maximum <= options.max_width:
+            yield whole
+        else:
+            yield from (self._table(_SCORES), "", self._table(_BESIDE))
+
+    def _table(self, columns: Mapping[str, str]) -> Table:
+        """``columns`` of all rows, functions one below the other."""
+        summary = self._summary
+        several = len({row.sensor for row in summary.rows}) > 1
+        table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+        table.add_column("pedestrian")
+        for name, title in columns.items():
+            words = name == "undefined"
+            table.add_column(
+                title.format(f"{summary.threshold:g}"), justify="left" if words else "right", no_wrap=not words
+            )
+        previous = None
+        for row in summary.rows:
+            who = row.function + (f" · {row.sensor}" if several else "")
+            if previous != who:
+                if previous is not None:
+                    table.add_section()
+                table.add_row(Text(who, style="bold"))
+            cells = _cells(row)
+            table.add_row(_pedestrian(row), *(Text(cells[name]) for name in columns))
+            previous = who
+        return table
+
+
+def _pedestrian(row: SummaryRow) -> Text:
+    return Text("  " + ("all together" if row.character == ALL else row.character))
+
+
+def _cells(row: SummaryRow) -> dict[str, str]:
+    """Column → what stands there."""
+    return {
+        "frames": f"{row.frames:,}",
+        "mean pACC": _percent(row.pacc_mean) + _within(row.pacc_mean_interval),
+        "min": _percent(row.pacc_min),
+        "max": _percent(row.pacc_max),
+        "pooled": _percent(row.pacc_pooled),
+        "detected": _percent(row.detection_rate) + _within(row.detection_interval),
+        "precision": f"{_percent(row.precision_mean)} / {_percent(row.precision_pooled)}",
+        "IoU": f"{_percent(row.iou_mean)} / {_percent(row.iou_pooled)}",
+        "undefined": ", ".join(f"{count} {reason}" for reason, count in row.undefined.items()) or "none",
+    }
 
 
 def _notes(summary: Summary) -> list[str]:

@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -167,6 +168,20 @@ def test_the_text_shows_every_number_of_the_table():
     for part in ("net", "black-outfit", "45.0", "0.0", "90.0", "75.0", "≥ 0.4", "1 fully hidden"):
         assert part in text
     assert max(map(len, text.splitlines())) <= 140
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+def test_no_number_is_cut_whatever_the_width_of_the_terminal(width, dropping_table):
+    wide, text = (
+        summary_text(summarize(dropping_table), width=1000),
+        summary_text(summarize(dropping_table), width=width),
+    )
+
+    assert max(map(len, text.splitlines())) <= width
+    assert "…" not in text
+    for line in wide.split("In per cent")[0].splitlines():
+        for number in re.findall(r"\d+\.\d(?: \[\d+–\d+\]| / \d+\.\d)?|\d+ (?:fully|outside)", line):
+            assert number in text
 
 
 def test_names_in_the_text_are_no_markup():
