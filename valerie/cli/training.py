@@ -124,17 +124,17 @@ def train(
 @app.command(context_settings=_PASSED_ON, options_metavar="DIR [OPTIONS]")
 def frames(context: typer.Context) -> None:
     """Render a training set: `valerie train frames DIR --streets 100`."""
-    from valerie.perception.training.__main__ import main
+    from valerie.perception.training.__main__ import execute
 
-    raise typer.Exit(main(["frames", *context.args]))
+    execute(["frames", *context.args], program="valerie train")
 
 
 @app.command(context_settings=_PASSED_ON, options_metavar="ARCHITECTURE --frames DIR --held-out DIR --out FILE")
 def fit(context: typer.Context) -> None:
     """Train one network from a folder of frames."""
-    from valerie.perception.training.__main__ import main
+    from valerie.perception.training.__main__ import execute
 
-    raise typer.Exit(main(["fit", *context.args]))
+    execute(["fit", *context.args], program="valerie train")
 
 
 @app.command()

@@ -9,29 +9,56 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Final
 
 from pydantic import ValidationError
 
-from valerie.errors import InvalidInput, ValerieError
+from valerie.errors import InvalidInput, InvalidInputs, ValerieError
 from valerie.perception.training.frames import FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
+from valerie.perception.training.settings import TrainingSettings
+from valerie.validation import problem_of
+
+
+#: Settings whose option is not called as they are.
+_OPTIONS: Final = {
+    "time_budget_s": "--time-budget",
+    "architecture": "ARCHITECTURE",
+    "width": "--size",
+    "height": "--size",
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one of the two commands; 0 done, 2 wrong input, 1 any other failure that has a message."""
-    options = _parser().parse_args(arguments)
+    try:
+        execute(arguments)
+    except ValerieError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2 if isinstance(error, InvalidInput) else 1
+    return 0
+
+
+def execute(arguments: list[str] | None = None, *, program: str = "python -m valerie.perception.training") -> None:
+    """Run one of the two commands, which its help calls ``program`` frames and ``program`` fit.
+
+    Raises:
+        InvalidInput: an option is out of bounds; names it.
+        ValerieError: what went wrong.
+        SystemExit: help was asked for, or an option is unknown or missing.
+    """
+    options = _parser(program).parse_args(arguments)
     try:
         if options.command == "frames":
             _frames(options)
         else:
             _fit(options)
-    except (InvalidInput, ValidationError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    except ValerieError as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    return 0
+    except ValidationError as error:
+        raise InvalidInputs([problem_of(detail, _option(str(detail["loc"][0]))) for detail in error.errors()]) from None
+
+
+def _option(setting: str) -> str:
+    return _OPTIONS.get(setting, "--" + setting.replace("_", "-"))
 
 
 def _frames(options: argparse.Namespace) -> None:
@@ -61,7 +88,6 @@ def _frames(options: argparse.Namespace) -> None:
 def _fit(options: argparse.Namespace) -> None:
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import TrainingProgress, train
-    from valerie.perception.training.settings import TrainingSettings
 
     given = {
         name: value for name in TrainingSettings.model_fields if (value := getattr(options, name, None)) is not None
@@ -102,44 +128,69 @@ def _fit(options: argparse.Namespace) -> None:
     _say(f"curve: {curve.finish(model.steps, model.figures, title=f'{options.out.stem}, {len(frames)} frames')}")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m valerie.perception.training", description=__doc__)
+def _parser(program: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=program, description="Render a training set, or train a network from one.")
     commands = parser.add_subparsers(dest="command", required=True)
 
-    frames = commands.add_parser("frames", help="render a data set into an empty folder")
-    frames.add_argument("folder", type=Path)
-    frames.add_argument("--split", choices=("train", "held-out"), default="train")
-    frames.add_argument("--streets", type=int, default=100)
-    frames.add_argument("--per-street", type=int, default=30)
-    frames.add_argument("--size", type=_size, default=(960, 540), metavar="WxH")
-    frames.add_argument("--processes", type=int, default=1)
-    frames.add_argument("--asset", default="urban-street")
+    about = "Render a training set into an empty folder: streets of seeds that no run uses by default."
+    frames = commands.add_parser("frames", help="render a training set", description=about)
+    frames.add_argument("folder", type=Path, metavar="DIR", help="empty folder to render into")
+    frames.add_argument(
+        "--split", choices=("train", "held-out"), default="train", help="which streets (default: train)"
+    )
+    frames.add_argument("--streets", type=int, default=100, metavar="N", help="how many streets (default: 100)")
+    frames.add_argument("--per-street", type=int, default=30, metavar="N", help="frames of each street (default: 30)")
+    frames.add_argument(
+        "--size", type=_size, default=(960, 540), metavar="WxH", help="of the frames, pixels (default: 960x540)"
+    )
+    frames.add_argument("--processes", type=int, default=1, metavar="N", help="that render (default: 1)")
+    frames.add_argument(
+        "--asset",
+        default="urban-street",
+        metavar="NAME",
+        help="generated asset that takes a seed (default: urban-street)",
+    )
 
-    fit = commands.add_parser("fit", help="train one network from a folder of frames")
-    fit.add_argument("architecture")
-    fit.add_argument("--frames", type=Path, required=True, help="folder to train from")
-    fit.add_argument("--held-out", type=Path, required=True, help="folder to validate on")
-    fit.add_argument("--out", type=Path, required=True, help="function file to write")
-    fit.add_argument("--start-from", type=Path, help="function file whose weights are the beginning")
-    fit.add_argument("--checkpoint", type=Path, help="file to write on the way, and to go on from if it exists")
+    about = "Train one network from a folder of frames and write it as a function file."
+    fit = commands.add_parser("fit", help="train one network from a folder of frames", description=about)
+    fit.add_argument("architecture", metavar="ARCHITECTURE", help="semantic-fpn-small, deeplabv3plus-small, …")
+    fit.add_argument("--frames", type=Path, required=True, metavar="DIR", help="folder to train from")
+    fit.add_argument("--held-out", type=Path, required=True, metavar="DIR", help="folder to validate on")
+    fit.add_argument("--out", type=Path, required=True, metavar="FILE", help="function file to write (….safetensors)")
+    fit.add_argument("--start-from", type=Path, metavar="FILE", help="function file whose weights are the beginning")
+    fit.add_argument(
+        "--checkpoint", type=Path, metavar="FILE", help="file to write on the way, and to go on from if it exists"
+    )
     fit.add_argument("--weaknesses", metavar="TEXT", help="what is known to go wrong, for the function's card")
-    fit.add_argument("--steps", type=int)
-    fit.add_argument("--time-budget", dest="time_budget_s", type=float, metavar="SECONDS")
-    fit.add_argument("--batch", type=int)
-    fit.add_argument("--seed", type=int)
-    fit.add_argument("--learning-rate", type=float)
-    fit.add_argument("--person-weight", type=float)
+    # What is not given stays as `TrainingSettings` has it, whose defaults are shown.
+    for name, kind, metavar, what in (
+        ("steps", int, "N", "optimiser steps of the whole schedule"),
+        ("time_budget_s", float, "SECONDS", "end the schedule after so long; the result is then not reproducible"),
+        ("batch", int, "N", "samples per step"),
+        ("seed", int, "N", "of the first weights, the order of frames and every crop"),
+        ("learning_rate", float, "RATE", "highest of the schedule"),
+        ("person_weight", float, "WEIGHT", "of person pixels; all others have 1"),
+        ("precision", str, "bf16|fp32", "of the passes; weights are always fp32"),
+        ("device", str, "auto|cpu|cuda", "auto is cuda where there is one"),
+        ("loader_threads", int, "N", "that cut samples; the result does not depend on it"),
+        ("validate_every", int, "N", "steps between validations on held-out frames"),
+    ):
+        default = TrainingSettings.model_fields[name].default
+        shown = "none" if default is None else f"{default}"
+        fit.add_argument(_option(name), dest=name, type=kind, metavar=metavar, help=f"{what} (default: {shown})")
     fit.add_argument(
         "--keep-norm-statistics",
         action="store_const",
         const=True,
         help="batch normalisation keeps the statistics that it has; for going on from a trained network",
     )
-    fit.add_argument("--precision", choices=("bf16", "fp32"))
-    fit.add_argument("--device", choices=("auto", "cpu", "cuda"))
-    fit.add_argument("--loader-threads", type=int)
-    fit.add_argument("--validate-every", type=int)
-    fit.add_argument("--threads", type=int, default=1, help="torch's CPU threads (part of what makes runs repeatable)")
+    fit.add_argument(
+        "--threads",
+        type=int,
+        default=1,
+        metavar="N",
+        help="torch's CPU threads, part of what repeats a run (default: 1)",
+    )
     return parser
 
 

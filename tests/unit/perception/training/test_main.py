@@ -1,9 +1,10 @@
+import re
 from pathlib import Path
 
 import pytest
 
 from valerie.perception.catalog import function_card
-from valerie.perception.training.__main__ import main
+from valerie.perception.training.__main__ import execute, main
 from valerie.perception.training.frames import write_index, write_shard
 
 
@@ -44,8 +45,23 @@ def test_a_missing_folder_is_said_in_one_line(tmp_path: Path, capsys) -> None:
 
 def test_a_wrong_setting_is_wrong_input(folders: tuple[Path, Path], capsys) -> None:
     arguments = ["fit", "semantic-fpn-small", "--frames", str(folders[0]), "--held-out", str(folders[1])]
-    assert main([*arguments, "--out", "x", "--steps", "0"]) == 2
-    assert "steps" in capsys.readouterr().err
+    assert main([*arguments, "--out", "x", "--steps", "0", "--device", "cdua", "--time-budget", "-1"]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "--steps: out of bounds; got 0; limit: >= 1",
+        "--time-budget: out of bounds; got -1.0; limit: > 0.0",
+        "--device: unknown value 'cdua'; did you mean cuda, cpu?",
+    ]
+
+
+@pytest.mark.parametrize("command", ["frames", "fit"])
+def test_the_help_names_the_command_that_was_called_and_explains_every_option(command: str, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        execute([command, "--help"], program="valerie train")
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: valerie train {command} ")
+    described = re.findall(r"^  (?:-h, )?--[a-z-]+(?: [^ ]+)?(?:  +|\n {20,})\S", text, re.MULTILINE)
+    assert len(described) == len(re.findall(r"^  (?:-h, )?--[a-z-]+", text, re.MULTILINE)) > 5
 
 
 def test_frames_into_a_full_folder_is_wrong_input(folders: tuple[Path, Path], capsys) -> None:
