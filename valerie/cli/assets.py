@@ -70,6 +70,7 @@ def show(
     if as_json:
         typer.echo(json.dumps({"name": manifest.name, "digest": digest, "paths": rows}, ensure_ascii=False, indent=1))
         return
+    from rich.padding import Padding
     from rich.text import Text
 
     out = console()
@@ -81,7 +82,9 @@ def show(
         ends = f"{one.keyframes[0]['time']:g}…{one.keyframes[-1]['time']:g} s"
         out.print(f"trajectory of {one.name}: {len(one.keyframes)} keyframes, {ends}, {', '.join(one.channels)}")
     out.print()
-    out.print(_table(rows))
+    out.print(_table(rows, declared=declared))
+    for who, choices in _choices(rows).items():
+        out.print(Padding(Text.assemble((who, "bold"), f": {' | '.join(choices)}"), (1, 0, 0, 0)))
 
 
 @app.command()
@@ -221,30 +224,41 @@ def _row(entry: PathEntry) -> dict[str, Any]:
     return {**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)}
 
 
-def _table(rows: list[dict[str, Any]]) -> Any:
+def _table(rows: list[dict[str, Any]], *, declared: bool) -> Any:
+    """One line per path; where all of them may vary, no column says so."""
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("path", "type", "range", "unit"):
-        table.add_column(column, no_wrap=column != "range", overflow="fold")
-    table.add_column("value", justify="right")
-    table.add_column("")
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
+    table.add_column("path", overflow="fold")
+    for column in ("type", "range", "unit"):
+        table.add_column(column, no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    if not declared:
+        table.add_column("varies", no_wrap=True)
     for row in rows:
-        table.add_row(
-            row["path"],
-            row["type"],
-            _range(row),
-            row["unit"],
-            _value(row["value"]),
-            "may vary" if row["declared"] else "",
-            style="" if row["declared"] else "dim",
-        )
+        cells = [row["path"], row["type"], _range(row), row["unit"], _value(row["value"])]
+        if not declared:
+            cells.append("yes" if row["declared"] else "")
+        table.add_row(*cells, style="" if row["declared"] else "dim")
     return table
+
+
+def _choices(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """What the values may be that are one of several: by attribute, or by path where two of the same attribute differ."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for row in rows:
+        if row["choices"]:
+            found.setdefault(row["path"].rpartition(".")[2], {})[row["path"]] = row["choices"]
+    named: dict[str, list[str]] = {}
+    for attribute, paths in found.items():
+        first = next(iter(paths.values()))
+        named.update({attribute: first} if all(one == first for one in paths.values()) else paths)
+    return named
 
 
 def _range(row: dict[str, Any]) -> str:
     if row["choices"]:
-        return " | ".join(row["choices"])
+        return f"{len(row['choices'])} choices"
     low, high = row["minimum"], row["maximum"]
     if low is None and high is None:
         return ""

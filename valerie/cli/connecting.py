@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from valerie.cli.shell import say
-from valerie.client import Client
+from valerie.cli.shell import command_name, say
+from valerie.client import Client, ServerUnavailableError
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
 from valerie.settings import Settings
@@ -31,9 +32,20 @@ class System:
 
 
 def client_of(settings: Settings, url: str | None = None) -> Client:
-    """A client of the named server, else of the one that runs on the data folder, else of the configured address."""
+    """A client of the named server, else of the one that runs on the data folder, else of the configured address.
+
+    Raises:
+        ServerUnavailableError: a data folder was named on which none runs; another folder's server is not asked.
+    """
     if url is None:
         found = running.find(settings.data_dir)
+        given = settings.model_fields_set
+        if found is None and "data_dir" in given and given.isdisjoint(("api_host", "api_port")):
+            start = f"{command_name()} up --data-dir {shlex.quote(str(settings.data_dir))}"
+            raise ServerUnavailableError(
+                f"no server runs on the data folder {settings.data_dir}; start one with `{start}`, "
+                "or name another with --url"
+            )
         url = found.url if found is not None else f"http://{settings.api_host}:{settings.api_port}"
     return Client(url, token=_token(settings))
 

@@ -20,6 +20,7 @@ from valerie.client import Progress, StageProgress
 #: Stage → what it counts.
 STAGES: Final = {"render": "frames", "infer": "predictions", "eval": "evaluations"}
 _LINE_SECONDS: Final = 5.0
+_BAR: Final = 24
 
 
 class Display(Protocol):
@@ -124,9 +125,11 @@ def print_event(event: str, **values: Any) -> None:
 def progress_table(title: str, progress: Progress) -> RenderableType:
     """Per stage: a bar, done of total, rate, remaining time, failures."""
     head = Text.assemble((title, "bold"), "  ", (progress.state, _style(progress.state)), "  ", _variants(progress))
-    table = Table.grid(padding=(0, 2))
-    for justify in ("left", "left", "right", "right", "right", "right"):
-        table.add_column(justify=justify, no_wrap=True)
+    table = Table.grid(padding=(0, 1))
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=_BAR)  # the only one that becomes narrower with the terminal
+    for _ in range(4):
+        table.add_column(justify="right", no_wrap=True)
     for name, unit in STAGES.items():
         stage = progress.stages.get(name)
         if stage is None:
@@ -135,7 +138,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
         complete = stage.total > 0 and stage.done >= stage.total
         table.add_row(
             f"  {name}",
-            Bar(max(stage.total, 1), 0, stage.done, width=24, color="green" if complete else "cyan"),
+            Bar(max(stage.total, 1), 0, stage.done, color="green" if complete else "cyan"),
             f"{stage.done:,} / {stage.total:,} {unit}",
             f"{stage.rate_per_s:.1f}/s" if stage.rate_per_s else "",
             "done" if complete else remaining(stage),

@@ -63,7 +63,7 @@ def run(
         try:
             progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))
         except Stopped as stopped:
-            _leave(system, run.id, stopped)
+            _leave(system, run.id, stopped, data_dir)
             raise
         path = report or report_path(settings, run.name, run.id)
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
@@ -84,7 +84,8 @@ def up(data_dir: DataDir = None, end_with_parent: EndWithParent = False) -> None
     _bind_to_parent(end_with_parent)
     with system_of(settings_of(data_dir)) as system:
         url = system.client.url
-        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/openapi.json\nSubmit     {command_name()} submit SPEC")
+        submitting = _again("submit", "SPEC", data_dir=data_dir)
+        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/openapi.json\nSubmit     {submitting}")
         if not system.owned:
             return
         say("\nCtrl-C ends it; unfinished runs go on with the next start.")
@@ -112,7 +113,7 @@ def submit(
         run = client.submit(spec_text(spec, functions), idempotency_key=key)
         if not watch:
             _print(run.model_dump(mode="json"), run.id, as_json=json_lines)
-            say(f"follow it with: {command_name()} status {run.id} --watch")
+            say(f"follow it with: {_again('status', run.id, '--watch', data_dir=data_dir, url=url)}")
             return
     status(run.id, watch=True, json_lines=json_lines, url=url, data_dir=data_dir)
 
@@ -149,7 +150,8 @@ def status(
             raise typer.Exit(exit_code(progress.state))
         progress = client.progress(run_id)
         if json_lines:
-            typer.echo(json.dumps({"run": run.id, "name": run.name, **progress.model_dump(mode="json")}))
+            document = {"run": run.id, "name": run.name, **progress.model_dump(mode="json")}
+            typer.echo(json.dumps(document, ensure_ascii=False))
             return
         out = console()
         out.print(progress_table(title, progress))
@@ -198,7 +200,8 @@ def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
 
     with client_of(settings_of(data_dir), url) as client:
         client.delete(run_id)
-    say(f"run {run_id} is deleted; `{command_name()} gc` frees what no other run needs")
+    gc = _again("gc", data_dir=data_dir)
+    say(f"run {run_id} is deleted; `{gc}` frees what no other run needs")
 
 
 def _steer(action: str, run_id: str, url: str | None, data_dir: Path | None) -> None:
@@ -218,14 +221,15 @@ def _bind_to_parent(wanted: bool) -> None:
         end_with_parent()
 
 
-def _leave(system: System, run_id: str, stopped: Stopped) -> None:
+def _leave(system: System, run_id: str, stopped: Stopped, data_dir: Path | None) -> None:
     """Somebody wants this command to end while its run goes on."""
     import signal
 
     from valerie.errors import ValerieError
 
     if not system.owned:
-        say(f"\nrun {run_id} goes on in the server; follow it with: {command_name()} status {run_id} --watch")
+        follow = _again("status", run_id, "--watch", data_dir=data_dir)
+        say(f"\nrun {run_id} goes on in the server; follow it with: {follow}")
         return
     if stopped.signum != signal.SIGINT:
         say(f"\nrun {run_id} goes on with the next `{command_name()} up` or `run` on this data folder")
@@ -239,15 +243,17 @@ def _leave(system: System, run_id: str, stopped: Stopped) -> None:
 
 
 def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
-    out = console()
+    from rich.table import Table
+    from rich.text import Text
+
     dashboard = f"{system.client.url}/dashboard/"
-    out.print(
-        f"Dashboard {_again('up', data_dir=data_dir)}   (then {dashboard})"
-        if system.owned
-        else f"Dashboard {dashboard}"
+    table = Table.grid(padding=(0, 1))
+    table.add_row(
+        "Dashboard", Text(f"{_again('up', data_dir=data_dir)}  then {dashboard}" if system.owned else dashboard)
     )
     if str(spec) != "-":
-        out.print(next_step(spec, text, functions=functions, data_dir=data_dir))
+        table.add_row("Try next", Text(next_step(spec, text, functions=functions, data_dir=data_dir)))
+    console().print(table)
 
 
 def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> str:
@@ -261,16 +267,17 @@ def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path 
     change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  {line}  to {spec}"
     command = ["run", str(spec), *([] if functions is None else ["--functions", functions])]
     return (
-        f"Try next  {change}; then {_again(*command, data_dir=data_dir)}\n"
-        "          renders nothing: the functions only look again, at darker pictures"
+        f"{change}; then {_again(*command, data_dir=data_dir)}\n"
+        "renders nothing: the functions only look again, at darker pictures"
     )
 
 
-def _again(*command: str, data_dir: Path | None) -> str:
-    """A command line on the same data folder, to be copied."""
+def _again(*command: str, data_dir: Path | None, url: str | None = None) -> str:
+    """A command line on the same data folder or server, to be copied."""
     import shlex
 
-    return f"{command_name()} " + shlex.join([*command, *([] if data_dir is None else ["--data-dir", str(data_dir)])])
+    where = [*([] if url is None else ["--url", url]), *([] if data_dir is None else ["--data-dir", str(data_dir)])]
+    return f"{command_name()} " + shlex.join([*command, *where])
 
 
 def _list(found: list[Run], *, as_json: bool) -> None:
@@ -288,13 +295,19 @@ def _list(found: list[Run], *, as_json: bool) -> None:
     from valerie.runs.moments import moment_text
 
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("run", "name", "state", "created", "reason"):
-        table.add_column(column, no_wrap=column != "reason")
-    table.add_column("variants", justify="right")
+    table.add_column("run", no_wrap=True)
+    table.add_column("name", overflow="fold")
+    table.add_column("state", no_wrap=True)
+    table.add_column("variants", justify="right", no_wrap=True)
+    table.add_column("created", no_wrap=True)
     for run in found:
         created = moment_text(datetime.fromisoformat(run.created_at))
-        table.add_row(run.id, run.name, run.state, created, run.reason or "", f"{run.variant_count:,}")
-    console().print(table)
+        table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created)
+    out = console()
+    out.print(table)
+    for run in found:
+        if run.reason:
+            out.print(f"{run.id}: {run.reason}", style="yellow")
 
 
 def _print(document: dict[str, object], text: str, *, as_json: bool) -> None:

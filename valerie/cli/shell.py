@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn, TextIO
 
 import typer
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
     from valerie.pipeline.context import Context
     from valerie.settings import Settings
+
+
+_SQLITE: Final = "sqlite:///"
 
 
 class Exit(IntEnum):
@@ -66,17 +69,28 @@ def settings_of(data_dir: Path | None = None) -> Settings:
     return load_settings(data_dir=data_dir)
 
 
+def has_database(settings: Settings) -> bool:
+    """Whether the database is there; of one on a server, that is not looked up."""
+    url = settings.database_url
+    return not url.startswith(_SQLITE) or Path(url.removeprefix(_SQLITE)).exists()
+
+
 @contextmanager
 def context_of(data_dir: Path | None) -> Iterator[Context]:
     """The deployment's database and artifact store, for commands that work here; they need no server.
 
     Raises:
-        ValerieError: the database is missing or of another version.
+        NotFound: there is no database; none is made.
+        ValerieError: the database is of another version.
     """
     from valerie.db.migrate import require_current
     from valerie.pipeline.context import open_context
 
-    context = open_context(settings_of(data_dir))
+    settings = settings_of(data_dir)
+    if not has_database(settings):
+        made_by = f"`{command_name()} run` and `{command_name()} up` make one"
+        raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {made_by}")
+    context = open_context(settings)
     try:
         require_current(context.engine)
         yield context

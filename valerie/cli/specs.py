@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, Url, command_name, console, read_spec, say, settings_of
+from valerie.cli.shell import DataDir, Json, Url, command_name, console, has_database, read_spec, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
     from valerie.runs.spec import parse
 
     spec = parse(text)
-    if _has_database(settings):
+    if has_database(settings):
         _migrate(settings)  # as whatever is started would
     with deployment_or_empty(settings) as context, reading(context.engine) as connection:
         registered = names(connection, known(connection, spec.functions))
@@ -126,7 +126,7 @@ def deployment_or_empty(settings: Settings) -> AbstractContextManager[Context]:
 
     @contextmanager
     def opened() -> Iterator[Context]:
-        if _has_database(settings):
+        if has_database(settings):
             context = open_context(settings)
             try:
                 require_current(context.engine)
@@ -159,11 +159,6 @@ def _migrate(settings: Settings) -> None:
         engine.dispose()
 
 
-def _has_database(settings: Settings) -> bool:
-    prefix = "sqlite:///"
-    return not settings.database_url.startswith(prefix) or Path(settings.database_url.removeprefix(prefix)).exists()
-
-
 def _show(plan: Plan) -> None:
     from rich.table import Table
     from rich.text import Text
@@ -187,17 +182,29 @@ def _show(plan: Plan) -> None:
     out.print()
     _show_products(plan)
     out.print()
-    for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
-        values = "  ".join(f"{name} {_number(value)}{_unit(plan, name)}" for name, value in variant.values.items())
-        if variant.sun is not None:
-            values += f"  (sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon)"
-        out.print(f"  variant {variant.index:,}: {values}" + (f"  ({variant.rejection})" if variant.rejection else ""))
+    out.print(_variants(plan))
     for warning in plan.warnings:
         out.print(f"warning: {warning}", style="yellow")
     for note in plan.notes:
         out.print(f"note: {note}", style="dim")
     if plan.estimated:
         out.print(f"note: rejections, frames and products are estimated from {plan.sample:,} variants", style="dim")
+
+
+def _variants(plan: Plan) -> Any:
+    """The first and the last variants; what is too long for a line goes on below its beginning."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for variant in (*plan.first, *(v for v in plan.last if v not in plan.first)):
+        parts = [f"{name} {_number(value)}{_unit(plan, name)}" for name, value in variant.values.items()]
+        if variant.sun is not None:
+            parts.append(f"sun at {variant.sun[0]:.1f}°, {variant.sun[1]:.1f}° above the horizon")
+        if variant.rejection:
+            parts.append(f"rejected: {variant.rejection}")
+        table.add_row(f"  variant {variant.index:,}", Text(", ".join(parts)))
+    return table
 
 
 def _show_products(plan: Plan) -> None:
@@ -208,14 +215,16 @@ def _show_products(plan: Plan) -> None:
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")
     table.add_column("made by")
-    for name in ("needed", "there already", "to make", "CPU time", "disk"):
-        table.add_column(name, justify="right")
+    # Without workers nobody knows what is there, and a warning says so.
+    known = any(product.present is not None for product in plan.products)
+    for name in (*(("needed", "there already") if known else ()), "to make", "CPU time", "disk"):
+        table.add_column(name, justify="right", no_wrap=True)
     for product in plan.products:
+        there = "unknown" if product.present is None else f"{product.present:,}"
         table.add_row(
             str(product.kind),
             product.maker,
-            f"{product.needed:,}",
-            "unknown" if product.present is None else f"{product.present:,}",
+            *((f"{product.needed:,}", there) if known else ()),
             f"{product.to_make:,}",
             duration(product.cpu_seconds),
             _bytes(product.bytes),
@@ -224,7 +233,8 @@ def _show_products(plan: Plan) -> None:
         table.add_row("start", "workers, asset, results", "", "", "", duration(plan.start_cpu_seconds), "")
     table.add_section()
     made = sum(product.to_make for product in plan.products)
-    table.add_row("all", "", "", "", f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
+    before = ("", "") if known else ()
+    table.add_row("all", "", *before, f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
     out = console()
     out.print(table)
     out.print(f"costs: {plan.cost_basis}", style="dim")

@@ -5,7 +5,7 @@ import json
 import pytest
 from rich.console import Console
 
-from valerie.cli.display import JsonDisplay, LineDisplay, duration, progress_line, progress_table
+from valerie.cli.display import STAGES, JsonDisplay, LineDisplay, duration, progress_line, progress_table
 from valerie.client import Progress, StageProgress, VariantProgress
 
 
@@ -46,6 +46,19 @@ def test_the_table_shows_done_total_rate_remaining_time_and_failures_of_each_sta
         assert part in render
     assert "0 / 276 predictions" in infer
     assert "failed" not in infer
+
+
+def test_nothing_is_cut_on_a_terminal_of_80_columns() -> None:
+    console = Console(width=80, color_system=None)
+    stage = StageProgress(done=1_234, total=28_800, failed=1_234, running=4, rate_per_s=16.1, eta_s=2000.7)
+    progress = _progress().model_copy(update={"stages": dict.fromkeys(("render", "infer", "eval"), stage)})
+    with console.capture() as captured:
+        console.print(progress_table("first-run (r1)", progress))
+    lines = captured.get().splitlines()
+    assert "…" not in captured.get()
+    for line, name, unit in zip(lines[1:], ("render", "infer", "eval"), STAGES.values(), strict=True):
+        assert line.strip().startswith(name)
+        assert line.endswith(f"1,234 / 28,800 {unit} 16.1/s 33 min 21 s left 1,234 failed")
 
 
 def test_the_table_shows_why_a_run_waits() -> None:

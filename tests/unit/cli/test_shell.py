@@ -133,6 +133,7 @@ parameters:
 vary:
   - [p1, HOMOGENEOUS, 1.5, 5.5, 1.0]
   - [p2, HOMOGENEOUS, 4.0, 5.0, 1.0]
+constants: {sun-1.elevation: 35}
 functions: [deeplabv3plus-small]
 """
 
@@ -216,8 +217,9 @@ def test_plan_shows_people_what_would_be_made(tmp_path: Path) -> None:
     assert [line.split()[:2] for line in done.stdout.splitlines() if line.startswith("variants")] == [
         ["variants", "10"]
     ]
-    for word in ("background", "layer", "truth", "prediction", "CPU time"):
+    for word in ("background", "layer", "truth", "prediction", "CPU time", "sun-1.elevation 35 deg"):
         assert word in done.stdout
+    assert "unknown" not in done.stdout, "no column of what nobody knows"
 
 
 def test_a_spec_may_come_from_standard_input(tmp_path: Path) -> None:

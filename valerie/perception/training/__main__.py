@@ -19,7 +19,6 @@ from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
 from valerie.validation import problem_of
 
-
 #: Settings whose option is not called as they are.
 _OPTIONS: Final = {
     "time_budget_s": "--time-budget",
