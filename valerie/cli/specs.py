@@ -217,6 +217,7 @@ def _show_products(plan: Plan) -> None:
     table.add_column("made by")
     # Without workers nobody knows what is there, and a warning says so.
     known = any(product.present is not None for product in plan.products)
+    before = ("", "") if known else ()
     for name in (*(("needed", "there already") if known else ()), "to make", "CPU time", "disk"):
         table.add_column(name, justify="right", no_wrap=True)
     for product in plan.products:
@@ -230,10 +231,9 @@ def _show_products(plan: Plan) -> None:
             _bytes(product.bytes),
         )
     if plan.start_cpu_seconds:
-        table.add_row("start", "workers, asset, results", "", "", "", duration(plan.start_cpu_seconds), "")
+        table.add_row("start", "workers, asset, results", *before, "", duration(plan.start_cpu_seconds), "")
     table.add_section()
     made = sum(product.to_make for product in plan.products)
-    before = ("", "") if known else ()
     table.add_row("all", "", *before, f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
     out = console()
     out.print(table)
