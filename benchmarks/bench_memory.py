@@ -2,6 +2,9 @@
 
 ``python -m benchmarks.bench_memory [--frames 2000]``: the resident memory of each worker is sampled all along; the figure is
 how much the median of the last fifth lies above the median of the second fifth (the first fifth warms up).
+
+``--rendering-only`` takes the render worker's part alone, in this process: layers and truths of small frames with changing
+places, suns and cameras, encoded and thrown away; ``var/bench/memory_rendering.json``.
 """
 
 from __future__ import annotations
@@ -13,14 +16,33 @@ import time
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+import psutil
+
 from benchmarks import results
 from tests.acceptance.system import System
+from valerie import plugins
+from valerie.parameters.definitions import Value
+from valerie.rendering.base import View
+from valerie.scene.asset import load_asset
+from valerie.scene.variation import apply
+from valerie.storage import codecs
+
+#: Frames that follow each other under one camera and sun, where the render worker's part is taken alone.
+GROUP = 40
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=2000)
-    frames = parser.parse_args().frames
+    parser.add_argument("--rendering-only", action="store_true")
+    arguments = parser.parse_args()
+    frames = arguments.frames
+    if frames < 5:
+        parser.error(f"--frames {frames}: at least 5, one for each fifth")
+    if arguments.rendering_only:
+        results.write("memory_rendering", rendering_only(frames))
+        return
     side = math.ceil(math.sqrt(frames))
     document = {
         "name": f"memory over {frames} frames",
@@ -46,16 +68,46 @@ def main() -> None:
             assert progress["state"] == "completed", progress
     figures: dict[str, object] = {"frames": side * side}
     for name, values in samples.items():
-        total = max(done for done, _ in values)
-        early = median(mb for done, mb in values if 0.2 * total <= done < 0.4 * total)
-        late = median(mb for done, mb in values if done >= 0.8 * total)
-        figures[name] = {
-            "early_mb": round(early),
-            "late_mb": round(late),
-            "growth_percent": round(100 * (late / early - 1), 1),
-        }
-        print(f"{name:8} {early:7.0f} MB → {late:7.0f} MB")
+        figures[name] = _growth(name, values)
     results.write("memory", figures)
+
+
+def rendering_only(frames: int) -> dict[str, object]:
+    """What the render worker keeps in memory over ``frames`` frames of 96 × 54 pixels."""
+    asset = load_asset("urban-street")
+    engine, truth_pass = plugins.create_renderer("raster"), plugins.create_truth_pass("")
+    process, random = psutil.Process(), np.random.default_rng(0)
+    values: list[tuple[int, float]] = []
+    for i in range(frames):
+        group = i // GROUP
+        pose: dict[str, Value] = {
+            "scene.person-1.pos.x": float(random.uniform(1.4, 3.6)),
+            "scene.person-1.pos.y": float(random.uniform(5.0, 60.0)),
+            "scene.person-1.heading": float(random.uniform(0.0, 360.0)),
+            "scene.person-1.character": ("black-outfit", "yellow-shirt")[i % 2],
+            "scene.sun-1.azimuth": 120.0 + 10.0 * (group % 14),
+        }
+        scene, view = apply(pose, asset), View(f"camera-{1 + group % 3}", 96, 54)
+        if i % GROUP == 0:
+            codecs.encode_image(engine.background(scene, view))
+        codecs.encode_layer(engine.layer(scene, view))
+        statics, truth = truth_pass.parts(scene, view)
+        codecs.encode_truth_layer(truth, codecs.statics_digest(statics))
+        values.append((i, process.memory_info().rss / 1e6))
+    return {"frames": frames, "frames_per_camera_and_sun": GROUP, "rendering": _growth("rendering", values)}
+
+
+def _growth(name: str, values: list[tuple[int, float]]) -> dict[str, float]:
+    """How (frames done, megabytes) went from the second fifth to the last; printed too."""
+    total = max(done for done, _ in values)
+    early = median(mb for done, mb in values if 0.2 * total <= done < 0.4 * total)
+    late = median(mb for done, mb in values if done >= 0.8 * total)
+    print(f"{name:9} {early:7.0f} MB → {late:7.0f} MB")
+    return {
+        "early_mb": round(early),
+        "late_mb": round(late),
+        "growth_percent": round(100 * (late / early - 1), 1),
+    }
 
 
 if __name__ == "__main__":

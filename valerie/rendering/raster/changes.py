@@ -11,7 +11,7 @@ from valerie.rendering.base import View
 from valerie.rendering.raster.bounds import Reach
 from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, MOVABLE_MAP, ShadowMap
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap
 from valerie.rendering.raster.tiles import TILE, Mask, widened
 from valerie.scene.model import Camera
 
@@ -79,7 +79,7 @@ def shadowed_tiles(
     near, far = surfaces.nearest[rows, columns], surfaces.farthest[rows, columns]
     spans = np.concatenate([seen * near[:, None, None], seen * far[:, None, None]], axis=1) + eye
     low, high = spans.min(axis=1), spans.max(axis=1)
-    border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / MOVABLE_MAP + 0.03
+    border = LARGEST_PENUMBRA + 2 * float(light.extent[:2].max()) / shadow.target.size[0] + 0.03
     boxes = [corners @ light.rows.T for corners in bodies]
     # Few tiles come near any of the movables, so that few are held against each.
     near_any = np.flatnonzero(_meets(low, high, np.concatenate(boxes), border))

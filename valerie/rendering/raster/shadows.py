@@ -29,9 +29,12 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.scenes import Prepared, Statics
     from valerie.rendering.raster.static_geometry import StaticGeometry
 
-#: Texels per side of the statics' and of the movables' map.
+#: Texels per side of the statics' map, of the movables' map where they are wide apart, and where they are close together.
 STATIC_MAP: Final = 4096
 MOVABLE_MAP: Final = 1024
+CLOSE_MAP: Final = 512
+#: Metres across the light, within which movables are close together: texels of 8 mm.
+_CLOSE: Final = 4.0
 #: How much wider than its own a camera's map may be, to be the one of all cameras.
 _SHARED: Final = 1.5
 #: Texels per side of a block of the statics' map, over which its depths are surveyed.
@@ -142,7 +145,7 @@ class Shadows:
     def __init__(self, context: GraphicsContext) -> None:
         self._context = context
         self._drawer = SurfaceDrawer(context, "shape.frag", all_faces=True, panes="not")
-        self._movable: ShadowMap | None = None
+        self._movable: dict[int, ShadowMap] = {}
 
     def static(self, statics: Statics, light: LightView, table: moderngl.Texture) -> ShadowMap:
         """The statics' map of a view that `static_view` found."""
@@ -158,25 +161,28 @@ class Shadows:
         geometry = prepared.statics.geometry
         bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
         depths = np.concatenate([bodies, box_corners(geometry.low, geometry.high)])
-        light = fit_light_view(static.rows, bodies, depths, MOVABLE_MAP, LARGEST_PENUMBRA + 0.1)
-        if self._movable is None:
-            self._movable = ShadowMap(self._context.gl, light, MOVABLE_MAP)
-        self._movable.light = light
-        self._movable.target.use()
-        self._movable.target.clear()
+        close = float(np.ptp(bodies @ static.rows[:2].T, axis=0).max()) <= _CLOSE
+        side = CLOSE_MAP if close else MOVABLE_MAP
+        light = fit_light_view(static.rows, bodies, depths, side, LARGEST_PENUMBRA + 0.1)
+        if side not in self._movable:
+            self._movable[side] = ShadowMap(self._context.gl, light, side)
+        shadow = self._movable[side]
+        shadow.light = light
+        shadow.target.use()
+        shadow.target.clear()
         values = {"clip_from_world": light.clip_from_world}
         self._drawer.movables(prepared.placed, prepared.statics.textures, table, values)
-        return self._movable
+        return shadow
 
     def sky(self, statics: Statics, table: moderngl.Texture) -> SkyMaps:
         """The statics' maps from all over the sky."""
         return SkyMaps(self._context.gl, self._drawer, statics, table)
 
     def release(self) -> None:
-        """Free the movables' map."""
-        if self._movable is not None:
-            self._movable.release()
-            self._movable = None
+        """Free the movables' maps."""
+        for shadow in self._movable.values():
+            shadow.release()
+        self._movable.clear()
 
 
 def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun: Points) -> LightView:
