@@ -6,8 +6,8 @@ nobody waits for their shape.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +41,17 @@ class DeferredMesh(Mesh):
 
     def with_material(self, name: str) -> Mesh:
         return DeferredMesh(lambda: self._made, name)
+
+
+def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[np.uint8]]]) -> dict[str, Texture]:
+    """Textures that are made together, once, when the first of them is looked at.
+
+    Args:
+        names: of the textures.
+        make: gives their images in the same order, each (H, W, 3 or 4) uint8.
+    """
+    made = cache(make)
+    return {name: DeferredTexture(name, lambda index=index: made()[index]) for index, name in enumerate(names)}  # type: ignore[misc]
 
 
 class DeferredTexture(Texture):

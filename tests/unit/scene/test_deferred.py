@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from valerie.scene.deferred import DeferredMesh, DeferredTexture
+from valerie.scene.deferred import DeferredMesh, DeferredTexture, deferred_textures
 from valerie.scene.model import Mesh
 
 
@@ -48,3 +48,17 @@ def test_a_texture_is_painted_once_and_read_only() -> None:
     assert calls == [1]
     with pytest.raises(ValueError, match="read-only"):
         texture.image[0, 0] = 1
+
+
+def test_textures_made_together_are_made_once_when_one_is_looked_at() -> None:
+    calls: list[int] = []
+
+    def make() -> list[np.ndarray]:
+        calls.append(1)
+        return [np.full((2, 2, 3), value, np.uint8) for value in (3, 7)]
+
+    textures = deferred_textures(("light", "dark"), make)
+    assert calls == []
+    assert int(textures["dark"].image[0, 0, 0]) == 7
+    assert int(textures["light"].image[0, 0, 0]) == 3
+    assert (calls, [t.name for t in textures.values()]) == ([1], ["light", "dark"])

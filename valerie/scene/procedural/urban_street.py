@@ -53,7 +53,7 @@ from valerie.scene.transforms import camera_transform
 
 NAME: Final = "urban-street"
 #: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
-REVISION: Final = 3
+REVISION: Final = 4
 
 #: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0

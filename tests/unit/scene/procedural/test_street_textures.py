@@ -13,6 +13,8 @@ from valerie.scene.procedural.street.plan import LANE
 from valerie.scene.procedural.street.textures import ground, things, walls
 
 Image = NDArray[np.uint8]
+#: Colour and roughness of two pieces of road.
+Surfaces = tuple[tuple[Image, Image], tuple[Image, Image]]
 
 
 def rng() -> np.random.Generator:
@@ -23,6 +25,8 @@ TILED: dict[str, Callable[[], Image]] = {
     "brick": lambda: walls.brick(rng())[0],
     "buff brick": lambda: walls.brick(rng())[1],
     "render": lambda: walls.render(rng())[0],
+    "brick's roughness": lambda: walls.brick(rng())[3],
+    "render's roughness": lambda: walls.render(rng())[2],
     "ashlar": lambda: walls.ashlar(rng())[0],
     "roof": lambda: walls.roof_tiles(rng())[0],
     "granite": lambda: walls.granite(rng()),
@@ -42,10 +46,16 @@ def test_a_tiled_texture_has_no_seam(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def roads() -> tuple[Image, Image]:
-    """A plain piece of carriageway and one with a crossing."""
+def surfaces() -> Surfaces:
+    """Colour and roughness of a plain piece of carriageway and of one with a crossing."""
     plain, zebra = (ground.asphalt(np.random.default_rng(k), zebra=bool(k), lane=LANE) for k in (0, 1))
     return plain, zebra
+
+
+@pytest.fixture(scope="module")
+def roads(surfaces: Surfaces) -> tuple[Image, Image]:
+    """The colours alone."""
+    return surfaces[0][0], surfaces[1][0]
 
 
 def test_road_pieces_join_in_any_order(roads: tuple[Image, Image]) -> None:
@@ -66,6 +76,42 @@ def test_asphalt_is_as_dark_as_asphalt(roads: tuple[Image, Image]) -> None:
     encoded = roads[0].astype(np.float64) / 255.0
     linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     assert 0.07 < float(np.median(linear)) < 0.14
+
+
+def test_tyres_polish_two_bands_of_a_lane(surfaces: Surfaces) -> None:
+    roughness = surfaces[0][1][..., 1] / 255.0
+    middle = 0.5 * (LANE[0] + LANE[1])
+
+    def at(metres: float) -> float:
+        column = round(metres / ground.ROAD_TILE[0] * 512)
+        return float(np.median(roughness[:, column - 2 : column + 3]))
+
+    beside = at(1.0)
+    assert at(middle - 0.72) < beside - 0.1
+    assert at(middle + 0.72) < beside - 0.1
+    assert 0.85 < beside < 1.0
+
+
+def test_bars_of_a_crossing_are_smoother_than_old_asphalt(surfaces: Surfaces) -> None:
+    color, roughness = surfaces[1]
+    painted = color[480:544:2, ::2].mean(axis=2) > 150
+    middle = roughness[240:272, :, 1]
+    assert np.median(middle[painted]) < np.median(middle[~painted]) - 10
+
+
+def test_only_ironwork_is_metallic(surfaces: Surfaces) -> None:
+    color, rough = surfaces[0]
+    iron = rough[..., 2] > 0
+    # A lid of 0.6 m and two gullies, of which studs and bars are bare, in 6.6 × 13.2 m.
+    assert 0.001 < iron.mean() < 0.008
+    tone = color[::2, ::2].mean(axis=2)
+    assert np.median(tone[iron]) < np.median(tone[~iron])
+
+
+def test_pieces_of_road_join_in_roughness_too(surfaces: Surfaces) -> None:
+    pieces = [rough[..., 1].astype(np.float64) for _, rough in surfaces]
+    inner = np.abs(np.diff(pieces[0], axis=0)).mean()
+    assert np.abs(pieces[0][-1] - pieces[1][0]).mean() < 4.0 * inner
 
 
 def test_equal_seeds_give_equal_textures_and_others_do_not() -> None:

@@ -163,7 +163,7 @@ def test_pieces_of_the_street_and_a_pedestrian_survive_gltf_to_the_bit(asset: Sc
     }
     used = {mesh.material for node in nodes.values() for mesh in node.meshes}
     materials = {name: material for name, material in asset.base.materials.items() if name in used}
-    pictures = {m.base_color_texture for m in materials.values()} | {m.normal_texture for m in materials.values()}
+    pictures = {name for material in materials.values() for name in material.textures}
     textures = {name: texture for name, texture in asset.base.textures.items() if name in pictures}
     piece = Scene(nodes, materials, textures, asset.base.cameras, asset.base.sun, asset.base.environment)
     save_gltf(piece, tmp_path / "piece.glb")

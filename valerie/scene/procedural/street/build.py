@@ -60,10 +60,12 @@ def build_street(layout: StreetLayout) -> StreetContent:
             if placement.kind == "lamp":
                 parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
     used = {mesh.material for part in parts for mesh in part.meshes}
-    made = make_materials(layout.settings.seed, reliefs=layout.settings.variety == "mixed") | workshop.materials
+    settings = layout.settings
+    reliefs = settings.variety == "mixed" or settings.surface == "paving"
+    made = make_materials(settings.seed, reliefs=reliefs) | workshop.materials
     materials = {name: material for name, material in made.items() if name in used}
     wanted = {texture for material in materials.values() for texture in material.textures}
-    painted = make_textures(layout.settings) | workshop.textures
+    painted = make_textures(settings) | workshop.textures
     textures = {name: texture for name, texture in painted.items() if name in wanted}
     return StreetContent(tuple(parts), materials, textures)
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
+
 import numpy as np
 
+from valerie.scene.deferred import DeferredTexture, deferred_textures
 from valerie.scene.model import Material, Texture
 from valerie.scene.procedural.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
 from valerie.scene.procedural.street.plan import Season, StreetSettings, lines_of
@@ -32,61 +36,71 @@ _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0
 
 
 def make_textures(settings: StreetSettings) -> dict[str, Texture]:
-    """All textures, 31 MB uncompressed; equal settings give equal pixels."""
-    seed, lines = settings.seed, lines_of(settings)
-    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([seed, 7001]).spawn(24))
-    images = {
-        "asphalt-0": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
-        "asphalt-1": ground.asphalt(next(streams), zebra=False, lane=lines.lanes, width=lines.width),
-        "asphalt-crossing": ground.asphalt(next(streams), zebra=True, lane=lines.lanes, width=lines.width),
-        "asphalt-normal": ground.asphalt_normals(next(streams)),
-        "turf": ground.turf(next(streams)),
-    }
-    images["paving"], images["paving-normal"] = ground.paving(next(streams))
-    images["brick-red"], images["brick-buff"], images["brick-normal"] = walls.brick(next(streams))
-    images["render"], images["render-normal"] = walls.render(next(streams))
-    images["ashlar"], images["ashlar-normal"] = walls.ashlar(next(streams))
-    images["roof"], images["roof-normal"] = walls.roof_tiles(next(streams))
-    images["interiors"] = walls.interiors(next(streams))
-    images["boards"] = walls.boards(next(streams))
-    images["bark"] = things.bark(next(streams))
-    images["hedge"] = things.hedge(next(streams))
-    images["signs"] = things.sign_faces()
-    images["granite"] = walls.granite(next(streams))
+    """All textures, each made when it is first looked at; equal settings give equal pixels."""
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
+    textures = _carriageways(settings, [next(streams) for _ in range(4)])
+    textures |= _one("turf", partial(ground.turf, next(streams)))
+    for names, make in (
+        (("paving", "paving-normal", "paving-roughness"), ground.paving),
+        (("brick-red", "brick-buff", "brick-normal", "brick-roughness"), walls.brick),
+        (("render", "render-normal", "render-roughness"), walls.render),
+        (("ashlar", "ashlar-normal"), walls.ashlar),
+        (("roof", "roof-normal"), walls.roof_tiles),
+    ):
+        textures |= deferred_textures(names, partial(make, next(streams)))
+    for name, make_one in (
+        ("interiors", walls.interiors), ("boards", walls.boards), ("bark", things.bark), ("hedge", things.hedge),
+        ("granite", walls.granite),
+    ):  # fmt: skip
+        textures |= _one(name, partial(make_one, next(streams)))
+    textures |= _one("signs", things.sign_faces)
     rng = next(streams)
-    for k, pick in enumerate(rng.permutation(len(_LEAVES))[:3]):
-        images[f"leaves-{k}"] = things.leaves(rng, leaf_color(_LEAVES[pick], settings.season))
-    images |= _other_ground(settings)
+    hues = [leaf_color(_LEAVES[pick], settings.season) for pick in rng.permutation(len(_LEAVES))[:3]]
+    textures |= deferred_textures(
+        [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
+    )
     if settings.variety == "mixed":
-        images |= _mixed(settings)
-        images |= _reliefs(settings, images)
-    return {name: Texture(name, image) for name, image in images.items()}
+        textures |= _mixed(settings)
+    return textures
 
 
-def _other_ground(settings: StreetSettings) -> dict[str, ground.Image]:
-    """Setts instead of asphalt, and the surface of a side street, where the settings ask for them."""
+def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
+    return {name: DeferredTexture(name, make)}
+
+
+def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generator]) -> dict[str, Texture]:
+    """Colour, normals and roughness of asphalt or, where the settings ask for them, of setts; of a side street too.
+
+    Args:
+        settings: of the street.
+        streams: for three surfaces of asphalt, and for the normals that they share in a plain street.
+    """
     lines = lines_of(settings)
-    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4))
-    images = {}
-    if settings.surface == "paving":
-        for name in ("asphalt-0", "asphalt-1", "asphalt-crossing"):
-            images[name], images["asphalt-normal"] = ground.setts(
-                next(streams), zebra=name == "asphalt-crossing", lane=lines.lanes, width=lines.width
-            )
-    if lines.side_y is not None:
-        side = next(streams)
-        plain = ground.setts(side, zebra=False, lane=())[0] if settings.surface == "paving" else None
-        images["asphalt-side"] = ground.asphalt(side, zebra=False, lane=()) if plain is None else plain
-    return images
+    own = [np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4)]
+    names = [name for name in _SURFACES if name != "asphalt-side" or lines.side_y is not None]
 
+    def surface(
+        make: Callable[..., Sequence[ground.Image]], rng: np.random.Generator, name: str
+    ) -> Sequence[ground.Image]:
+        if name == "asphalt-side":
+            return make(rng, zebra=False, lane=())
+        return make(rng, zebra=name == "asphalt-crossing", lane=lines.lanes, width=lines.width)
 
-def _reliefs(settings: StreetSettings, images: dict[str, ground.Image]) -> dict[str, ground.Image]:
-    """Normals for each picture of asphalt, instead of one for all."""
+    textures: dict[str, Texture] = {}
     if settings.surface == "paving":
-        return {f"{name}-normal": images["asphalt-normal"] for name in _SURFACES if name in images}
+        for rng, name in zip(own, names, strict=False):
+            images = (name, f"{name}-normal", f"{name}-roughness")
+            textures |= deferred_textures(images, partial(surface, ground.setts, rng, name))
+        return textures
+    for rng, name in zip((*streams[:3], own[0]), names, strict=False):
+        textures |= deferred_textures((name, f"{name}-roughness"), partial(surface, ground.asphalt, rng, name))
+    if settings.variety == "plain":
+        return textures | _one("asphalt-normal", partial(ground.asphalt_normals, streams[3]))
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7008]))
-    width = lines_of(settings).width
-    return {f"{name}-normal": ground.relief(images[name], rng, width) for name in _SURFACES if name in images}
+    return textures | deferred_textures(
+        [f"{name}-normal" for name in names],
+        lambda: [ground.relief(textures[name].image, rng, lines.width) for name in names],
+    )
 
 
 #: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
@@ -99,17 +113,22 @@ _SPECIES_LEAVES: dict[str, tuple[Color, Color]] = {
 _BLOSSOM: Color = (0.72, 0.42, 0.46)
 
 
-def _mixed(settings: StreetSettings) -> dict[str, ground.Image]:
+def _mixed(settings: StreetSettings) -> dict[str, Texture]:
     """Leaves and bark of more species, posters."""
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
-    images = {f"bark-{kind}": things.bark_of(rng, kind) for kind in ("plane", "birch", "cherry")}
-    for kind, (summer, autumn) in _SPECIES_LEAVES.items():
-        color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
-        if settings.season == "spring" and kind == "cherry":
-            color = _BLOSSOM
-        images[f"leaves-{kind}"] = things.leaves(rng, color)
-    images["posters"] = things.posters(rng)
-    return images
+    barks = ("plane", "birch", "cherry")
+
+    def make() -> list[ground.Image]:
+        images = [things.bark_of(rng, kind) for kind in barks]
+        for kind, (summer, autumn) in _SPECIES_LEAVES.items():
+            color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
+            if settings.season == "spring" and kind == "cherry":
+                color = _BLOSSOM
+            images.append(things.leaves(rng, color))
+        return [*images, things.posters(rng)]
+
+    names = [*(f"bark-{kind}" for kind in barks), *(f"leaves-{kind}" for kind in _SPECIES_LEAVES), "posters"]
+    return deferred_textures(names, make)
 
 
 #: What a season makes of a leaf's linear colour: factors of red, green and blue.
@@ -129,7 +148,7 @@ def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
 
     Args:
         seed: of the street.
-        reliefs: give each picture of asphalt normals of its own.
+        reliefs: each picture of a carriageway has normals of its own.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
@@ -173,11 +192,19 @@ def _ground(*, reliefs: bool) -> list[Material]:
     white = (1.0, 1.0, 1.0)
     return [
         *(
-            Material(name, white, name, f"{name}-normal" if reliefs else "asphalt-normal", roughness=0.88)
+            Material(
+                name,
+                white,
+                name,
+                f"{name}-normal" if reliefs else "asphalt-normal",
+                f"{name}-roughness",
+                metallic=1.0,
+                roughness=1.0,
+            )
             for name in _SURFACES
         ),
         Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
-        Material("paving", white, "paving", "paving-normal", roughness=0.85),
+        Material("paving", white, "paving", "paving-normal", "paving-roughness", roughness=1.0),
         Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
         Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
         Material("turf", white, "turf", roughness=0.95),
@@ -192,13 +219,13 @@ def _walls(rng: np.random.Generator) -> list[Material]:
     brick_red, brick_buff = _shifted((0.82, 0.82, 0.82), rng), _shifted((0.8, 0.8, 0.8), rng)
     stone = _shifted((0.52, 0.48, 0.42), rng)
     return [
-        Material("brick-red", brick_red, "brick-red", "brick-normal", roughness=0.9),
-        Material("brick-buff", brick_buff, "brick-buff", "brick-normal", roughness=0.9),
+        Material("brick-red", brick_red, "brick-red", "brick-normal", "brick-roughness", roughness=1.0),
+        Material("brick-buff", brick_buff, "brick-buff", "brick-normal", "brick-roughness", roughness=1.0),
         *(
-            Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", roughness=0.92)
+            Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", "render-roughness", roughness=1.0)
             for k, pick in enumerate(renders)
         ),
-        Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", roughness=0.92),
+        Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", "render-roughness", roughness=1.0),
         Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
         Material("stone", stone, "granite", roughness=0.85),
         Material("timber", (0.10, 0.060, 0.036), "boards", roughness=0.85),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +14,11 @@ from valerie.scene.procedural.street.noise import (
     band_noise,
     hashed,
     normal_map,
+    roughness_map,
     smoothstep,
     srgb8,
     stretched_noise,
+    toward,
 )
 
 Image = NDArray[np.uint8]
@@ -25,6 +28,12 @@ ROAD_TILE = (6.6, 13.2)
 #: Metres that the paving texture covers, across (house to kerb) and along.
 PAVING_TILE = (2.6, 3.2)
 _SIZE = 1024
+#: Roughness of asphalt that is old, polished by tyres, fresh; of what lies on it or in it; of iron and its dirty parts.
+_OLD, _POLISHED, _FRESH = 0.92, 0.76, 0.82
+_OILY, _BITUMEN, _PAINT, _JOINT = 0.68, 0.62, 0.74, 0.96
+_IRON, _DIRT = 0.50, 0.92
+#: How metallic worn iron is: partly rust.
+_BARE = 0.6
 
 
 def _road_axes(width: float) -> tuple[Field, Field]:
@@ -35,8 +44,31 @@ def _road_axes(width: float) -> tuple[Field, Field]:
     return across, along
 
 
-def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]) -> Image:
-    """(1024, 1024, 3) sRGB: one piece of carriageway, ``width`` × `ROAD_TILE`[1] metres, edges and markings included.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layer:
+    """What a road is made of at each pixel.
+
+    Attributes:
+        color: (H, W, 3) linear reflectance.
+        roughness, metallic: (H, W), in [0, 1].
+    """
+
+    color: Field
+    roughness: Field
+    metallic: Field
+
+    def images(self) -> tuple[Image, Image]:
+        """Colour and roughness map."""
+        return srgb8(self.color), roughness_map(self.roughness, self.metallic)
+
+
+def asphalt(
+    rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
+) -> tuple[Image, Image]:
+    """Colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway, edges and markings included.
+
+    It is ``width`` × `ROAD_TILE`[1] metres. Tyres polish two bands of a lane; oil, the bitumen of repairs and seams, and
+    markings are smoother than old asphalt, cracks rougher; lids are of worn iron.
 
     Rows run along the street; first and last row meet, so pieces join in any order.
 
@@ -54,35 +86,47 @@ def asphalt(rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], w
     albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
     grain = band_noise(shape, rng, longest=6, slope=0.0)
     albedo *= 1.0 + 0.13 * grain + 0.05 * np.maximum(band_noise(shape, rng, longest=4, slope=0.0) - 1.2, 0.0) * 3.0
+    roughness = (_OLD + 0.025 * grain).astype(np.float32)
 
     middles = [0.5 * (a + b) for a, b in pairwise(lane)] or [0.5 * width]
     for middle in middles:  # tyres polish two bands; oil drips between them
         for offset in (-0.72, 0.72):
-            albedo *= 1.0 - 0.13 * np.exp(-(((across - middle - offset) / 0.28) ** 2))
-        albedo *= 1.0 - 0.10 * np.exp(-(((across - middle) / 0.22) ** 2))
+            track = np.exp(-(((across - middle - offset) / 0.28) ** 2))
+            albedo *= 1.0 - 0.13 * track
+            roughness = toward(roughness, _POLISHED, 0.9 * track)
+        oil = np.exp(-(((across - middle) / 0.22) ** 2))
+        albedo *= 1.0 - 0.10 * oil
+        roughness = toward(roughness, _OILY, 0.25 * oil)
     for centre in (0.5 * lane[0], 0.5 * (lane[-1] + width)) if lane else ():
         drips = smoothstep(0.6, 2.2, band_noise(shape, rng, longest=90, shortest=8)) * ends
-        albedo *= 1.0 - 0.35 * drips * np.exp(-(((across - centre) / 0.7) ** 2))
-    albedo = _patches(albedo, rng, grain, width)
-    albedo *= 1.0 - 0.6 * _cracks(rng, width) * ends
+        bay = np.exp(-(((across - centre) / 0.7) ** 2))
+        albedo *= 1.0 - 0.35 * drips * bay
+        roughness = toward(roughness, _OILY, drips * bay)
+    albedo, roughness = _patches(albedo, roughness, rng, grain, width)
+    cracks = _cracks(rng, width)
+    albedo *= 1.0 - 0.6 * cracks * ends
+    roughness = toward(roughness, 1.0, cracks * ends)
     # The old longitudinal seam between two lanes of the paver.
     wander = middles[-1] + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
-    albedo *= 1.0 - 0.35 * np.exp(-(((across - wander) / 0.012) ** 2))
+    seam = np.exp(-(((across - wander) / 0.012) ** 2))
+    albedo *= 1.0 - 0.35 * seam
+    roughness = toward(roughness, _BITUMEN, seam)
 
     color: Field = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
-    color = _gutters(color, rng, across, along, width)
-    color = _ironwork(color, rng, across, along, width)
-    return srgb8(_painted(color, rng, grain, _paint(across, along, lane, width, zebra=zebra)))
+    road = _Layer(color, roughness, np.zeros(shape, np.float32))
+    road = _gutters(road, rng, across, along, width)
+    road = _ironwork(road, rng, across, along, width)
+    return _painted(road, rng, grain, _paint(across, along, lane, width, zebra=zebra)).images()
 
 
-def _painted(color: Field, rng: np.random.Generator, grain: Field, paint: Field) -> Field:
+def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field) -> _Layer:
     """White markings, worn by traffic."""
     worn = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
     wear = smoothstep(-1.65, -0.25, worn)
-    cover = (paint * (0.25 + 0.63 * wear))[..., None]
+    cover = paint * (0.25 + 0.63 * wear)
     white = np.array([0.60, 0.59, 0.56], np.float32) * (1.0 + 0.05 * grain[..., None])
-    painted: Field = color * (1.0 - cover) + white * cover
-    return painted
+    painted: Field = road.color * (1.0 - cover[..., None]) + white * cover[..., None]
+    return _Layer(painted, toward(road.roughness, _PAINT, cover), road.metallic)
 
 
 def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *, zebra: bool) -> Field:
@@ -94,8 +138,8 @@ def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *
 
 def setts(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
-) -> tuple[Image, Image]:
-    """Colour and normals (1024, 1024, 3) of a carriageway paved with granite setts; arguments as for `asphalt`."""
+) -> tuple[Image, Image, Image]:
+    """Colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts; arguments as for `asphalt`."""
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
     columns, rows = round(width / 0.16), 120  # 11 cm courses in 13.2 m
@@ -109,20 +153,28 @@ def setts(
     cloud = band_noise(shape, rng, longest=500, shortest=40)
     inside = smoothstep(0.004, 0.016, joint)
     tone = (0.10 + 0.13 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.08 * grain + 0.07 * cloud)
+    roughness = (0.80 + 0.03 * grain).astype(np.float32)
     for middle in (0.5 * (a + b) for a, b in pairwise(lane)):  # wheels polish the stones' heads
         for offset in (-0.72, 0.72):
-            tone = tone * (1.0 + 0.16 * np.exp(-(((across - middle - offset) / 0.30) ** 2)))
+            track = np.exp(-(((across - middle - offset) / 0.30) ** 2))
+            tone = tone * (1.0 + 0.16 * track)
+            roughness = toward(roughness, 0.5, 0.9 * track)
     tone = tone * (0.30 + 0.70 * inside)
     warm = hashed(stone, int(rng.integers(2**31)))[..., None]
     color = tone[..., None] * (np.array([1.0, 0.98, 0.96]) * (1.0 - warm) + np.array([1.06, 0.96, 0.86]) * warm)
-    color = _gutters(color.astype(np.float32), rng, across, along, width)
-    color = _ironwork(color, rng, across, along, width)
-    color = _painted(color, rng, grain, _paint(across, along, lane, width, zebra=zebra))
+    roughness = toward(roughness, _JOINT, 1.0 - inside)
+    layer = _Layer(color.astype(np.float32), roughness, np.zeros(shape, np.float32))
+    layer = _gutters(layer, rng, across, along, width)
+    layer = _ironwork(layer, rng, across, along, width)
+    layer = _painted(layer, rng, grain, _paint(across, along, lane, width, zebra=zebra))
     height = 0.009 * smoothstep(0.0, 0.03, joint) + 0.0004 * grain
-    return srgb8(color), normal_map(height, (width / _SIZE, ROAD_TILE[1] / _SIZE))
+    picture, rough = layer.images()
+    return picture, normal_map(height, (width / _SIZE, ROAD_TILE[1] / _SIZE)), rough
 
 
-def _patches(albedo: Field, rng: np.random.Generator, grain: Field, road: float) -> Field:
+def _patches(
+    albedo: Field, roughness: Field, rng: np.random.Generator, grain: Field, road: float
+) -> tuple[Field, Field]:
     """Rectangles cut open and filled again, with a tarred seam around each."""
     across, along = _road_axes(road)
     for _ in range(int(rng.integers(2, 5))):
@@ -132,8 +184,11 @@ def _patches(albedo: Field, rng: np.random.Generator, grain: Field, road: float)
         fill = smoothstep(0.0, 0.02, inside)
         tone = rng.choice([0.68, 0.78, 1.16])
         albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
-        albedo *= 1.0 - 0.5 * np.exp(-((inside / 0.02) ** 2))
-    return albedo
+        seam = np.exp(-((inside / 0.02) ** 2))
+        albedo *= 1.0 - 0.5 * seam
+        # What is darker than the road is fresh, and still covered with its binder.
+        roughness = toward(toward(roughness, _FRESH if tone < 1.0 else _OLD, fill), _BITUMEN, seam)
+    return albedo, roughness
 
 
 def _cracks(rng: np.random.Generator, width: float) -> Field:
@@ -150,8 +205,9 @@ def _cracks(rng: np.random.Generator, width: float) -> Field:
     return softened
 
 
-def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field, width: float) -> Field:
+def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
     """Two rows of setts along each kerb, and the dirt that collects there."""
+    color, roughness = layer.color, layer.roughness
     for edge in (across, width - across):
         row = np.floor(edge / 0.16)
         position = along / 0.165 + 0.5 * row  # 80 setts in 13.2 m
@@ -159,29 +215,41 @@ def _gutters(color: Field, rng: np.random.Generator, across: Field, along: Field
         joint = np.minimum(
             np.abs(position - np.round(position)) * 0.165, np.abs(edge / 0.16 - np.round(edge / 0.16)) * 0.16
         )
-        tone = (0.13 + 0.12 * hashed(stone, int(rng.integers(2**31)))) * (0.35 + 0.65 * smoothstep(0.004, 0.02, joint))
+        head = smoothstep(0.004, 0.02, joint)
+        tone = (0.13 + 0.12 * hashed(stone, int(rng.integers(2**31)))) * (0.35 + 0.65 * head)
         inside = (edge < 0.32)[..., None]
         stone_color = tone[..., None] * np.array([1.0, 0.97, 0.93], np.float32)
         color = np.where(inside, stone_color * (0.8 + 0.35 * color / 0.115), color)
-        color = color * (1.0 - 0.35 * np.exp(-((edge / 0.10) ** 2)))[..., None]
-    return color
+        dirt = np.exp(-((edge / 0.10) ** 2))
+        color = color * (1.0 - 0.35 * dirt)[..., None]
+        roughness = np.where(inside[..., 0], toward(np.full_like(head, _JOINT), 0.78, head), roughness)
+        roughness = toward(roughness, 1.0, dirt)
+    return _Layer(color, roughness, layer.metallic)
 
 
-def _ironwork(color: Field, rng: np.random.Generator, across: Field, along: Field, width: float) -> Field:
-    """A manhole in the lane and gullies in the gutters."""
+def _ironwork(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
+    """A manhole in the lane and gullies in the gutters: worn iron, dirty where it lies low."""
+    color, roughness, metallic = layer.color, layer.roughness, layer.metallic
     iron = np.array([0.075, 0.07, 0.066], np.float32)
     x, y = width * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
     radius = np.hypot(across - x, along - y)
     studs = 0.75 + 0.5 * ((np.floor(across / 0.045) + np.floor(along / 0.045)) % 2)
     lid = np.where(radius < 0.27, studs, np.where(radius < 0.30, 0.35, 1.3))
-    color = np.where((radius < 0.36)[..., None], iron * lid[..., None], color)
+    inside = radius < 0.36
+    color = np.where(inside[..., None], iron * lid[..., None], color)
+    high = lid > 1.0
+    roughness = np.where(inside, np.where(high, _IRON, _DIRT), roughness)
+    metallic = np.where(inside & high, _BARE, metallic)
     color = color * (1.0 - 0.45 * np.exp(-(((radius - 0.37) / 0.025) ** 2)))[..., None]
     for edge in (across, width - across):
         y = rng.uniform(1.5, ROAD_TILE[1] - 1.5)
         inside = (np.abs(edge - 0.19) < 0.17) & (np.abs(along - y) < 0.25)
         slots = np.where(np.abs(((along - y) / 0.07) % 1.0 - 0.5) < 0.26, 0.18, 1.2)
         color = np.where(inside[..., None], iron * slots[..., None], color)
-    return color
+        high = slots > 1.0
+        roughness = np.where(inside, np.where(high, _IRON, _DIRT), roughness)
+        metallic = np.where(inside & high, _BARE, metallic)
+    return _Layer(color, roughness.astype(np.float32), metallic.astype(np.float32))
 
 
 def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field:
@@ -237,8 +305,8 @@ def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) 
     return normal_map(height.astype(np.float32), (width / _SIZE, ROAD_TILE[1] / _SIZE))
 
 
-def paving(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Colour and normals (1024, 1024, 3) of a footway: granite slabs in the middle, small setts on both sides."""
+def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
+    """Colour, normals (1024²) and roughness (512²) of a footway: granite slabs in the middle, small setts on both sides."""
     shape = (_SIZE, _SIZE)
     centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
     across, along = (centre * PAVING_TILE[0])[None], (centre * PAVING_TILE[1])[:, None]
@@ -260,17 +328,24 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image]:
     fine = band_noise(shape, rng, longest=5, slope=0.2)
     cloud = band_noise(shape, rng, longest=400, shortest=30)
     slab_tone = (0.29 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.05 * fine + 0.05 * cloud)
-    slab_tone = slab_tone * (0.4 + 0.6 * smoothstep(0.002, 0.010, slab_joint))
+    slab_head, sett_head = smoothstep(0.002, 0.010, slab_joint), smoothstep(0.002, 0.012, sett_joint)
+    slab_tone = slab_tone * (0.4 + 0.6 * slab_head)
     sett_tone = (0.15 + 0.14 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.06 * fine + 0.08 * cloud)
-    sett_tone = sett_tone * (0.38 + 0.62 * smoothstep(0.002, 0.012, sett_joint))
+    sett_tone = sett_tone * (0.38 + 0.62 * sett_head)
     tone = np.where(slab, slab_tone, sett_tone)
     tone *= 1.0 - 0.35 * np.exp(-((across / 0.09) ** 2))  # damp and dirt at the foot of the wall
     spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=30, shortest=8))
     tone *= 1.0 - 0.4 * spots
+    # Feet polish the slabs, most in their middle.
+    worn = toward(np.full(shape, 0.87, np.float32), 0.79, np.exp(-(((across - 1.3) / 0.5) ** 2)))
+    stones = np.where(slab, worn + 0.04 * (hashed(number, 5) - 0.5), 0.83) + 0.02 * fine + 0.03 * cloud
+    roughness = toward(np.full(shape, _JOINT, np.float32), stones, np.where(slab, slab_head, sett_head))
+    roughness = toward(roughness, 0.6, spots)
     height = np.where(slab, 0.004 * smoothstep(0.0, 0.008, slab_joint), 0.007 * smoothstep(0.0, 0.02, sett_joint))
     height = height + 0.0003 * fine
     color = tone[..., None] * np.where(slab[..., None], [1.0, 0.975, 0.93], [1.0, 0.98, 0.95])
-    return srgb8(color), normal_map(height, (PAVING_TILE[0] / _SIZE, PAVING_TILE[1] / _SIZE))
+    normals = normal_map(height, (PAVING_TILE[0] / _SIZE, PAVING_TILE[1] / _SIZE))
+    return srgb8(color), normals, roughness_map(roughness)
 
 
 def turf(rng: np.random.Generator) -> Image:

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from valerie.scene.procedural.street.noise import (
     band_noise,
+    halved,
     hashed,
     normal_map,
+    roughness_map,
     smoothstep,
     srgb8,
     stretched_noise,
@@ -22,8 +24,8 @@ BRICK_TILE, RENDER_TILE, STONE_TILE, ROOF_TILE = 4.0, 4.0, 2.0, 2.0
 ATLAS_CELLS = 4
 
 
-def brick(rng: np.random.Generator) -> tuple[Image, Image, Image]:
-    """Red colour (1024²), buff colour (512²) and normals (1024²) of one stretcher bond, `BRICK_TILE` metres."""
+def brick(rng: np.random.Generator) -> tuple[Image, Image, Image, Image]:
+    """Red colour (1024²), buff colour (512²), normals (1024²), roughness (512²) of a stretcher bond, `BRICK_TILE` metres."""
     size = 1024
     height, joint, tone = _bond(rng, size, courses=48, stretchers=16)
     grain = band_noise((size, size), rng, longest=6, slope=0.3)
@@ -36,8 +38,11 @@ def brick(rng: np.random.Generator) -> tuple[Image, Image, Image]:
     red = np.where(joint[..., None] > 0.5, mortar, clay) * (1.0 + 0.05 * soot[..., None])
     sand = np.array([0.46, 0.345, 0.19]) * (0.68 + 0.5 * tone[..., None]) * (1.0 + 0.1 * grain[..., None])
     buff = np.where(joint[..., None] > 0.5, np.array([0.42, 0.39, 0.34]), sand)
-    buff = buff.reshape(size // 2, 2, size // 2, 2, 3).mean(axis=(1, 3))
-    return srgb8(red), srgb8(buff), normal_map(height, (BRICK_TILE / size, BRICK_TILE / size))
+    buff = halved(buff)
+    # Bricks that were burnt harder are darker and smoother; mortar is the roughest.
+    rough = (0.78 + 0.14 * tone + 0.02 * grain) * (1.0 - joint) + 0.97 * joint
+    normals = normal_map(height, (BRICK_TILE / size, BRICK_TILE / size))
+    return srgb8(red), srgb8(buff), normals, roughness_map(rough)
 
 
 def _bond(
@@ -57,8 +62,8 @@ def _bond(
     return height, 1.0 - inside, tone
 
 
-def render(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Nearly white colour (512², to be tinted) and normals of lime render with rain runs, `RENDER_TILE` metres."""
+def render(rng: np.random.Generator) -> tuple[Image, Image, Image]:
+    """Nearly white colour, to be tinted, normals (512²) and roughness (256²) of lime render with runs, `RENDER_TILE` metres."""
     shape = (512, 512)
     runs = stretched_noise(shape, rng, rows=420, columns=14)
     cloud = band_noise(shape, rng, longest=500, shortest=30)
@@ -68,7 +73,9 @@ def render(rng: np.random.Generator) -> tuple[Image, Image]:
     height = 0.0012 * band_noise(shape, rng, longest=14, shortest=3, slope=0.6) + 0.002 * band_noise(
         shape, rng, longest=90, shortest=30
     )
-    return srgb8(tone[..., None] * tint), normal_map(height, (RENDER_TILE / 512, RENDER_TILE / 512))
+    normals = normal_map(height, (RENDER_TILE / 512, RENDER_TILE / 512))
+    # Rain washes the runs smooth.
+    return srgb8(tone[..., None] * tint), normals, roughness_map(0.93 - 0.07 * np.maximum(runs, 0.0) + 0.02 * cloud)
 
 
 def ashlar(rng: np.random.Generator) -> tuple[Image, Image]:
