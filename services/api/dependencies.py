@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import orjson
 from fastapi import Depends, Path, Query, Request
 
+from services.api import examples
 from valerie.errors import InvalidInput
 from valerie.pipeline.context import Context
 
@@ -28,16 +29,21 @@ def wake_control(request: Request) -> None:
 
 
 ContextDependency = Annotated[Context, Depends(_context)]
-RunId = Annotated[str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run")]
+RunId = Annotated[
+    str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[examples.RUN_ID])
+]
 FrameId = Annotated[
     str,
     Path(
         pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$",
         description="run.variant.camera.time",
+        examples=[examples.FRAME_ID],
     ),
 ]
 Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
-Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the page before")]
+Cursor = Annotated[
+    str | None, Query(max_length=400, description="`next` of the page before", examples=[examples.CURSOR])
+]
 
 
 def split_frame_id(frame_id: str) -> tuple[str, int, int, int]:

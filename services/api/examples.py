@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-_RUN_ID: Final = "r1ng219w3v1ks"
+RUN_ID: Final = "r1ng219w3v1ks"
+FRAME_ID: Final = f"{RUN_ID}.5.0.0"
+#: Of a page: what its `next` holds is opaque.
+CURSOR: Final = "WzVd"
+DIGEST: Final = "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"
+ETAG: Final = f'"{DIGEST}"'
 _DIGESTS: Final = {
-    "background": "5f0c3a9be1d24c7788a6e0f1b2c3d4e5",
+    "background": DIGEST,
     "layer": "7d1e8b42f0aa4c0f9e55b1c2d3e4f5a6",
     "truth": "0b9a8c7d6e5f40312233445566778899",
 }
@@ -37,7 +42,7 @@ PROGRESS: Final[dict[str, Any]] = {
     "updated_at": 1764000000.0,
 }
 RUN: Final[dict[str, Any]] = {
-    "id": _RUN_ID,
+    "id": RUN_ID,
     "name": "two lists of the paper",
     "state": "running",
     "reason": None,
@@ -57,7 +62,7 @@ RUN: Final[dict[str, Any]] = {
 _ASSIGNMENT: Final = {"scene.person-1.pos.x": 3.5, "scene.person-1.pos.y": 5.0}
 VARIANT: Final[dict[str, Any]] = {"index": 5, "block": 0, "assignment": _ASSIGNMENT, "rejection": None}
 FRAME: Final[dict[str, Any]] = {
-    "id": f"{_RUN_ID}.5.0.0",
+    "id": FRAME_ID,
     "variant_index": 5,
     "camera": "camera-1",
     "time_index": 0,
@@ -65,11 +70,11 @@ FRAME: Final[dict[str, Any]] = {
     **_DIGESTS,
     "state": "done",
 }
-_IMAGE: Final = f"/v1/frames/{_RUN_ID}.5.0.0/image"
+_IMAGE: Final = f"/v1/frames/{RUN_ID}.5.0.0/image"
 _FUNCTION_IMAGE: Final = "function=deeplabv3plus-small&sensor=default"
 FRAME_DETAIL: Final[dict[str, Any]] = {
     **FRAME,
-    "run_id": _RUN_ID,
+    "run_id": RUN_ID,
     "width": 960,
     "height": 540,
     "assignment": _ASSIGNMENT,
@@ -122,16 +127,16 @@ FRAME_DETAIL: Final[dict[str, Any]] = {
     "sequence": None,
     "annotations": {},
     "images": {kind: f"{_IMAGE}?kind={kind}" for kind in ("picture", "truth", "truth-overlay", "instances", "depth")},
-    "previous": f"{_RUN_ID}.4.2.0",
-    "next": f"{_RUN_ID}.5.1.0",
+    "previous": f"{RUN_ID}.4.2.0",
+    "next": f"{RUN_ID}.5.1.0",
 }
 
 EVALUATIONS: Final[dict[str, Any]] = {
     "items": [
         {
-            "run_id": _RUN_ID,
+            "run_id": RUN_ID,
             "variant_index": 5,
-            "frame_id": f"{_RUN_ID}.5.0.0",
+            "frame_id": FRAME_ID,
             "camera": "camera-1",
             "time_s": 0.0,
             "character": "yellow-shirt",
@@ -167,6 +172,9 @@ EVALUATIONS: Final[dict[str, Any]] = {
     "total": 30,
     "next": "WzE3LjA5LDUsMCwwLDAsMCwyNDAwMV0",
 }
+CSV: Final = "".join(
+    ",".join(map(str, row)) + "\n" for row in (EVALUATIONS["items"][0], EVALUATIONS["items"][0].values())
+)
 POINTS: Final[dict[str, Any]] = {
     "column": "distance_m",
     "functions": ["deeplabv3plus-small"],
@@ -347,7 +355,12 @@ FUNCTION: Final[dict[str, Any]] = {
         "cpu_seconds": 0.021,
     },
 }
-PREDICTION: Final[dict[str, Any]] = {"frame_id": f"{_RUN_ID}.5.0.0", "new": True}
+REGISTRATION: Final = {
+    "document": "name: street-net\nclasses: [road, person]\n",
+    "payload": "(the file)",
+    "engine": "openvino",
+}
+PREDICTION: Final[dict[str, Any]] = {"frame_id": FRAME_ID, "new": True}
 LABELS: Final[list[dict[str, Any]]] = [
     {
         "name": "person",

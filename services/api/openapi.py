@@ -28,6 +28,11 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
         "run r1ng219w3v1ks is completed; this is possible when it is running",
     ),
     413: ("The body is too long", "InvalidInput", "the request body is too large: 10000000 bytes; limit: 2000000"),
+    416: (
+        "The range begins beyond the end",
+        "InvalidInput",
+        "range: it begins beyond the end; limit: 2190 bytes",
+    ),
     422: ("Something that was given is wrong: field, value and limit", "InvalidInput", "step: must be above 0; got 0"),
     501: (
         "This needs a library that is not installed where the server runs",
@@ -65,7 +70,7 @@ def binary(media_type: str, description: str) -> dict[int | str, dict[str, Any]]
         200: {"description": description, "content": content},
         206: {"description": "The part that Range asked for", "content": content},
         304: {"description": "What If-None-Match names still holds"},
-        416: {"description": "The range begins beyond the end"},
+        416: _response(416),
     }
 
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from http import HTTPStatus
 from typing import Annotated, Final
 
 from fastapi import Depends, Header, Response, status
+
+from services.api import examples
+from services.api.problems import problem
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
 #: Must be asked again each time, which costs a 304 and no picture; never kept by anybody in between.
@@ -18,13 +22,16 @@ class Conditions:
 
     def __init__(
         self,
-        range_: Annotated[str | None, Header(alias="range", description="one range, e.g. bytes=0-99")] = None,
+        range_: Annotated[str | None, Header(alias="range", description="one range", examples=["bytes=0-99"])] = None,
         if_none_match: Annotated[
-            str | None, Header(description="ETag of what is there already: 304 if it still holds")
+            str | None,
+            Header(description="ETag of what is there already: 304 if it still holds", examples=[examples.ETAG]),
         ] = None,
-        if_range: Annotated[str | None, Header(description="ETag that the range belongs to")] = None,
+        if_range: Annotated[
+            str | None, Header(description="ETag that the range belongs to", examples=[examples.ETAG])
+        ] = None,
     ) -> None:
-        self._range, self._known, self._if_range = range_, if_none_match, if_range
+        self.range, self._known, self._if_range = range_, if_none_match, if_range
 
     def holds(self, etag: str) -> bool:
         """Whether the client has this already."""
@@ -36,7 +43,7 @@ class Conditions:
 
         What is malformed, or several ranges, is ignored, as the RFC allows.
         """
-        found = _RANGE.fullmatch(self._range.strip()) if self._range else None
+        found = _RANGE.fullmatch(self.range.strip()) if self.range else None
         if found is None or (self._if_range is not None and self._if_range.strip() != etag):
             return None
         first, last, suffix = found.groups()
@@ -81,9 +88,16 @@ def send(
         return Response(read(0, whole), media_type=media_type, headers=common)
     start, length = part
     if length == 0:
-        return Response(
-            status_code=status.HTTP_416_RANGE_NOT_SATISFIABLE, headers={**common, "Content-Range": f"bytes */{whole}"}
+        refusal = problem(
+            HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
+            "InvalidInput",
+            f"range: it begins beyond the end; limit: {whole} bytes",
+            errors=[
+                {"field": "range", "message": "it begins beyond the end", "value": conditions.range, "limit": whole}
+            ],
         )
+        refusal.headers.update({**common, "Content-Range": f"bytes */{whole}"})
+        return refusal
     return Response(
         read(start, length),
         status_code=status.HTTP_206_PARTIAL_CONTENT,

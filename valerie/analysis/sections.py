@@ -240,7 +240,7 @@ def _shot(example: Example, picture: PictureSource, kind: PictureKind, function:
     shown = (
         tag("div", "not stored any more", class_="missing")
         if data is None
-        else tag("img", src=data_url(data), alt=f"{caption}, frame {example.frame_id}", loading="lazy")
+        else tag("img", src=data_url(data), alt=f"{caption}, frame {example.frame_id}")
     )
     return tag("figure", shown, tag("figcaption", caption))
 

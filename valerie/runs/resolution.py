@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any, Final
 
 from valerie import plugins
@@ -525,7 +526,8 @@ def _shown(value: Value, definition: ParameterDefinition) -> str:
 
 
 def _too_many(count: int, limit: int, place: str, value: object = None) -> InvalidInput:
-    return InvalidInput(f"{count:,} variants are too many", field=place, value=value, limit=f"{limit:,} variants")
+    shown = f"{count:,}" if count < 10**15 else f"about {Decimal(count):.0e}"
+    return InvalidInput(f"{shown} variants are too many", field=place, value=value, limit=f"{limit:,} variants")
 
 
 def _without_field(problem: InvalidInput) -> InvalidInput:

@@ -7,6 +7,7 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Response
 
+from services.api import examples
 from services.api.dependencies import (
     ContextDependency,
     Cursor,
@@ -47,7 +48,7 @@ def list_variants(
     context: ContextDependency,
     limit: Limit = 100,
     cursor: Cursor = None,
-    rejected: Annotated[bool | None, Query(description="only rejected, or only accepted ones")] = None,
+    rejected: Annotated[bool | None, Query(description="only rejected, or only accepted ones", examples=[True])] = None,
 ) -> VariantPage:
     after = decode_cursor(cursor, index)
     with reading(context.engine) as connection:
@@ -155,8 +156,12 @@ def image(
     kind: Annotated[
         str, Query(max_length=40, description=f"one of {', '.join(KINDS)}", examples=["picture"])
     ] = "picture",
-    function: Annotated[str | None, Query(max_length=200, description="default: the run's first")] = None,
-    sensor: Annotated[str | None, Query(max_length=200, description="default: the run's first")] = None,
+    function: Annotated[
+        str | None, Query(max_length=200, description="default: the run's first", examples=["deeplabv3plus-small"])
+    ] = None,
+    sensor: Annotated[
+        str | None, Query(max_length=200, description="default: the run's first", examples=["default"])
+    ] = None,
 ) -> Response:
     if kind not in KINDS:
         raise UnknownName("kind of picture", kind, KINDS, field="kind")
@@ -215,7 +220,10 @@ def artifact(
     kind: Literal[
         "background", "layer", "statics", "truth", "normals", "boxes", "joints", "flow", "velocity", "prediction"
     ],
-    digest: Annotated[str, Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs")],
+    digest: Annotated[
+        str,
+        Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs", examples=[examples.DIGEST]),
+    ],
     context: ContextDependency,
     conditions: ConditionsDependency,
 ) -> Response:

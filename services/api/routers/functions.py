@@ -47,7 +47,8 @@ _FORM: Final[dict[str, Any]] = {
                         "engine": {"type": "string"},
                         "precision": {"type": "string"},
                     },
-                }
+                },
+                "example": examples.REGISTRATION,
             }
         },
     }
@@ -167,8 +168,12 @@ def bring(
     response: Response,
     context: ContextDependency,
     body: Annotated[bytes, Depends(_body)],
-    function: Annotated[str | None, Query(max_length=200, description="default: the only one of this kind")] = None,
-    sensor: Annotated[str | None, Query(max_length=200, description="default: the only one")] = None,
+    function: Annotated[
+        str | None, Query(max_length=200, description="default: the only one of this kind", examples=["my-predictions"])
+    ] = None,
+    sensor: Annotated[
+        str | None, Query(max_length=200, description="default: the only one", examples=["default"])
+    ] = None,
 ) -> PredictionRead:
     new = put_prediction(context, *split_frame_id(frame_id), body, function=function, sensor=sensor)
     wake_control(request)

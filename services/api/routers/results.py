@@ -39,7 +39,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
         200: {
             "content": {
                 "application/json": {"example": examples.EVALUATIONS},
-                "text/csv": {"schema": {"type": "string"}},
+                "text/csv": {"schema": {"type": "string"}, "example": examples.CSV},
                 "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
             }
         },

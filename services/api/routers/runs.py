@@ -102,7 +102,7 @@ def list_runs(
     context: ContextDependency,
     limit: Limit = 50,
     cursor: Cursor = None,
-    state: Annotated[RunState | None, Query(description="only runs in this state")] = None,
+    state: Annotated[RunState | None, Query(description="only runs in this state", examples=["running"])] = None,
 ) -> RunPage:
     before = decode_cursor(cursor, moment, text)
     with reading(context.engine) as connection:

@@ -280,6 +280,8 @@ def test_too_many_variants_are_refused_by_arithmetic(street: Manifest) -> None:
     assert tiny == {
         "vary.0.step": "vary.0.step: 20,000,000,000,001 variants are too many; got 1e-12; limit: 1,000,000 variants"
     }
+    tiniest = problems(street, vary=[["person-1.pos.x", "HOMOGENEOUS", 0, 20, 1e-300]])["vary.0.step"]
+    assert tiniest.startswith("vary.0.step: about 2e+301 variants are too many"), "not three hundred digits"
     product = problems(
         street, vary=[["person-1.pos.x", "HOMOGENEOUS", 0, 20, 0.01], ["person-1.pos.y", "HOMOGENEOUS", 0, 50, 0.01]]
     )

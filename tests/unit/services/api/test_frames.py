@@ -146,6 +146,10 @@ def test_a_range_beyond_the_end_is_refused_with_the_size(api: httpx.Client, fram
     size = len(api.get(address).content)
     answer = api.get(address, headers={"Range": wanted})
     assert (answer.status_code, answer.headers["Content-Range"]) == (416, f"bytes */{size}")
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert answer.json()["errors"][0] == {
+        "field": "range", "message": "it begins beyond the end", "value": wanted, "limit": size,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("wanted", ["bytes=9-3", "bytes=0-1,4-5", "lines=1-2", "bytes=a-b", "bytes=²-3"])

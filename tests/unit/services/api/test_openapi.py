@@ -51,7 +51,7 @@ def test_every_endpoint_documents_its_problems_with_an_example(document: dict[st
         )
         assert expected <= one["responses"].keys(), name
         for status, response in one["responses"].items():
-            if status >= "400" and status != "416":
+            if status >= "400":
                 content = response["content"]["application/problem+json"]
                 assert content["schema"] == {"$ref": "#/components/schemas/Problem"}
                 assert content["example"]["status"] == int(status)
@@ -66,6 +66,19 @@ def test_every_json_answer_has_an_example_that_fits_its_schema(document: dict[st
                 example = example_of(document, content)
                 assert example is not None, (name, status)
                 jsonschema.validate(example, schema_of(document, content["schema"]))
+
+
+def test_every_parameter_and_every_text_that_goes_in_or_out_has_an_example(document: dict[str, Any]) -> None:
+    for name, one in operations(document):
+        for parameter in one.get("parameters", []):
+            schema = parameter["schema"]
+            known = schema.keys() & {"examples", "enum"} or schema.get("default") is not None
+            assert known, (name, parameter["name"])
+        answers = [response.get("content", {}) for status, response in one["responses"].items() if status < "400"]
+        for content in (one.get("requestBody", {}).get("content", {}), *answers):
+            for media, shown in content.items():
+                if shown.get("schema", {}).get("format") != "binary" and media != "application/json":
+                    assert "example" in shown, (name, media)
 
 
 def test_the_example_of_a_request_is_accepted(api: httpx.Client, document: dict[str, Any]) -> None:
