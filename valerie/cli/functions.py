@@ -320,6 +320,8 @@ def _input(part: dict[str, Any] | None) -> str:
         return ""
     own = "the frame's size" if part["multiple_of"] == 1 else f"multiples of {part['multiple_of']}"
     size = own if part["size"] is None else "{} × {}".format(*part["size"])
+    if part["longest_side"] is not None:
+        size = f"{size}, at most {part['longest_side']} long"
     mean, std = (", ".join(f"{value:g}" for value in part[name]) for name in ("mean", "std"))
     return f"{part['mode']} to {size}, {part['channel_order'].upper()} × {part['scale']}, mean {mean}, std {std}"
 

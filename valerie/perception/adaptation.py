@@ -86,6 +86,9 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
         InvalidInput: the frame is larger than what a network with a fixed size and mode ``pad`` takes.
     """
     frame = Size(height, width)
+    whole = (Span(0, 0, height),), (Span(0, 0, width),)
+    if document.longest_side is not None and max(frame) > document.longest_side:
+        return Plan(frame, _reduced(frame, document.longest_side, document.multiple_of), frame, *whole)
     if document.size is None:
         step = document.multiple_of
         piece = Size(height + -height % step, width + -width % step)
@@ -94,7 +97,6 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
     if document.mode == "tile":
         rows = _spans(height, piece.height, document.overlap)
         return Plan(frame, piece, piece, rows, _spans(width, piece.width, document.overlap))
-    whole = (Span(0, 0, height),), (Span(0, 0, width),)
     if document.mode == "resize":
         return Plan(frame, piece, frame, *whole)
     if height > piece.height or width > piece.width:
@@ -105,6 +107,13 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
             limit=f"{piece.width} × {piece.height}",
         )
     return Plan(frame, piece, piece, *whole)
+
+
+def _reduced(frame: Size, longest: int, step: int) -> Size:
+    """The frame with ``longest`` as its longer side, each side at the nearest multiple that is not above it."""
+    factor, most = longest / max(frame), longest // step * step
+    height, width = (min(max(step, round(side * factor / step) * step), most) for side in frame)
+    return Size(height, width)
 
 
 def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:

@@ -87,7 +87,7 @@ def _document(name: str, path: Path, stamp: int) -> FunctionDocument:  # noqa: A
         kind="network",
         payload=Payload(sha256=header.digest, bytes=path.stat().st_size, format="safetensors"),
         architecture=header.architecture,
-        input=InputDocument(multiple_of=ALIGNMENT, mean=header.mean, std=header.std),
+        input=InputDocument(multiple_of=ALIGNMENT, longest_side=header.longest_side, mean=header.mean, std=header.std),
         engine="torch",
         provenance=dict(header.provenance),
     )

@@ -107,6 +107,8 @@ class InputDocument(_Part):
         mode: ``pad`` repeats the last row and column up to ``size`` or the next multiples; ``resize`` resamples to
             ``size``; ``tile`` cuts the frame into overlapping pieces of ``size``.
         multiple_of: sides are padded to a multiple of this (``pad`` without ``size``).
+        longest_side: frames with a longer side are resampled first, to about this (``pad`` without ``size``); to sides that are
+            multiples already, so that nothing is padded. For networks that know small pictures only.
         overlap: pixels that neighbouring tiles share at least; each pixel's label comes from the tile in which it lies
             farthest from an edge.
         mean, std: per channel, in the order of ``channel_order``, in the unit that ``scale`` gives: the network sees
@@ -119,6 +121,7 @@ class InputDocument(_Part):
     size: tuple[Side, Side] | None = None
     mode: Literal["pad", "resize", "tile"] = "pad"
     multiple_of: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
+    longest_side: Side | None = None
     overlap: Annotated[int, Field(strict=True, ge=0, le=4096)] = 0
     mean: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     std: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
@@ -136,6 +139,10 @@ class InputDocument(_Part):
             raise ValueError(f"overlap {self.overlap} must be below both sides of size {list(self.size)}")
         if self.multiple_of > 1 and self.size is not None:
             raise ValueError("multiple_of belongs to mode pad without a size")
+        if self.longest_side is not None and self.size is not None:
+            raise ValueError("longest_side belongs to mode pad without a size")
+        if self.longest_side is not None and self.longest_side < self.multiple_of:
+            raise ValueError(f"longest_side {self.longest_side} must not be below multiple_of {self.multiple_of}")
         return self
 
     @property

@@ -29,6 +29,8 @@ FORMAT: Final = "valerie-function/1"
 CLASS_NAMES: Final = tuple(label.name for label in TRAIN_LABELS)
 
 _REQUIRED: Final = ("format", "architecture", "classes", "mean", "std")
+_LONGEST_SIDE: Final = "longest-side"
+_OWN: Final = frozenset((*_REQUIRED, _LONGEST_SIDE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,7 @@ class FunctionHeader:
     Attributes:
         architecture: see `valerie.perception.networks.architectures`.
         mean, std: per channel (red, green, blue) of sRGB values in [0, 1]; the network sees ``(x − mean) / std``.
+        longest_side: pixels; longer frames are resampled to it (`valerie.perception.documents.InputDocument`). None: never.
         provenance: everything else in the header: seeds, steps, data set, figures, licence …
         shapes: tensor name to shape.
         digest: SHA-256 of the whole file, hex.
@@ -46,6 +49,7 @@ class FunctionHeader:
     architecture: str
     mean: tuple[float, float, float]
     std: tuple[float, float, float]
+    longest_side: int | None
     provenance: Mapping[str, str]
     shapes: Mapping[str, tuple[int, ...]]
     digest: str
@@ -82,11 +86,12 @@ def read_header(path: Path) -> FunctionHeader:
         raise InvalidInput(
             "not the classes of this program", field=f"{field}: classes", value=classes, limit=list(CLASS_NAMES)
         )
-    provenance = {name: text for name, text in sorted(entries.items()) if name not in _REQUIRED}
+    provenance = {name: text for name, text in sorted(entries.items()) if name not in _OWN}
     return FunctionHeader(
         architecture=entries["architecture"],
         mean=_triple(entries, "mean", field),
         std=_triple(entries, "std", field, positive=True),
+        longest_side=_side(entries, field),
         provenance=MappingProxyType(provenance),
         shapes=MappingProxyType(shapes),
         digest=digest,
@@ -121,6 +126,7 @@ def function_file_bytes(
     mean: tuple[float, float, float],
     std: tuple[float, float, float],
     provenance: Mapping[str, str],
+    longest_side: int | None = None,
 ) -> bytes:
     """The bytes of a function file; equal inputs give equal bytes.
 
@@ -130,11 +136,12 @@ def function_file_bytes(
         mean: per channel, of sRGB values in [0, 1].
         std: per channel, likewise.
         provenance: further header entries.
+        longest_side: pixels; longer frames are resampled to it.
 
     Raises:
         InvalidInput: a value that is not finite, or a provenance entry with a name of the format's own.
     """
-    taken = sorted(set(provenance) & set(_REQUIRED))
+    taken = sorted(set(provenance) & _OWN)
     if taken:
         raise InvalidInput("names of the format's own", field="provenance", value=", ".join(taken))
     for name in sorted(tensors):
@@ -146,6 +153,7 @@ def function_file_bytes(
         "classes": json.dumps(CLASS_NAMES),
         "mean": json.dumps(mean),
         "std": json.dumps(std),
+        **({} if longest_side is None else {_LONGEST_SIDE: json.dumps(longest_side)}),
         **provenance,
     }
     return safetensors_bytes({name: compact(tensor) for name, tensor in tensors.items()}, entries)
@@ -184,6 +192,15 @@ def _json_entry(entries: Mapping[str, str], name: str, field: str) -> object:
     except ValueError:
         raise InvalidInput("not JSON", field=f"{field}: {name}", value=entries[name]) from None
     return value
+
+
+def _side(entries: Mapping[str, str], field: str) -> int | None:
+    if _LONGEST_SIDE not in entries:
+        return None
+    value = _json_entry(entries, _LONGEST_SIDE, field)
+    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+        return value
+    raise InvalidInput("not a number of pixels", field=f"{field}: {_LONGEST_SIDE}", value=value)
 
 
 def _triple(entries: Mapping[str, str], name: str, field: str, *, positive: bool = False) -> tuple[float, float, float]:

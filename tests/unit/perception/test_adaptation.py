@@ -120,3 +120,44 @@ def test_a_frame_of_the_networks_size_is_resized_to_itself() -> None:
 def test_a_frame_too_large_for_padding_is_refused_with_both_sizes() -> None:
     with pytest.raises(InvalidInput, match=r"resize or tile; got 150 × 90; limit: 64 × 128"):
         plan(InputDocument(size=(64, 128)), 90, 150)
+
+
+@pytest.mark.parametrize(
+    ("frame", "piece"),
+    [
+        ((1080, 1920), (544, 960)),
+        ((1920, 1080), (960, 544)),
+        ((540, 960), (544, 960)),  # short enough: padded, as without
+        ((544, 961), (544, 960)),
+        ((40, 3840), (32, 960)),
+    ],
+)
+def test_frames_above_the_longest_side_are_reduced_to_it(frame: tuple[int, int], piece: tuple[int, int]) -> None:
+    made = plan(InputDocument(multiple_of=32, longest_side=960), *frame)
+    assert made.piece == piece
+    assert made.labels == (piece if max(frame) <= 960 else frame)
+    (given,) = made.pieces(np.zeros((*frame, 3), np.uint8))
+    assert given.shape == (*piece, 3)
+    assert made.joined([np.zeros(made.labels, np.uint8)]).shape == frame
+
+
+def test_a_longest_side_is_never_exceeded_by_rounding() -> None:
+    assert plan(InputDocument(multiple_of=32, longest_side=100), 1000, 1000).piece == (96, 96)
+
+
+def test_a_reduced_frame_is_the_mean_of_areas_and_its_labels_lie_where_they_lay() -> None:
+    picture = np.zeros((64, 128, 3), np.uint8)
+    picture[:32, :64] = 200
+    made = plan(InputDocument(multiple_of=8, longest_side=32), 64, 128)
+    (small,) = made.pieces(picture)
+    expected = np.zeros((16, 32, 3), np.uint8)
+    expected[:8, :16] = 200
+    np.testing.assert_array_equal(small, expected)
+
+
+@pytest.mark.parametrize(
+    "given", [{"size": (64, 32), "mode": "resize"}, {"size": (64, 32), "mode": "tile"}, {"multiple_of": 64}]
+)
+def test_a_longest_side_belongs_to_frames_of_their_own_size(given: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="longest_side"):
+        InputDocument.model_validate({"longest_side": 32, **given})

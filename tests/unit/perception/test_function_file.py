@@ -122,3 +122,16 @@ def test_weights_of_whole_numbers_are_refused(write) -> None:
     path = write(save({"a": np.array([1], np.int64)}, metadata=entries()))
     with pytest.raises(InvalidInput, match="not floating point"):
         read_tensors(path)
+
+
+def test_a_longest_side_is_kept_and_is_no_provenance(write) -> None:
+    header = read_header(write(function_file_bytes(TENSORS, **GIVEN, longest_side=960)))
+    assert header.longest_side == 960
+    assert dict(header.provenance) == GIVEN["provenance"]
+    assert read_header(write(function_file_bytes(TENSORS, **GIVEN))).longest_side is None
+
+
+@pytest.mark.parametrize("value", ["-1", "0", "true", "9.5", '"960"'])
+def test_a_longest_side_that_is_no_number_of_pixels_is_refused(write, value: str) -> None:
+    with pytest.raises(InvalidInput, match="longest-side"):
+        read_header(write(save({"a": np.ones(1, np.float16)}, metadata=entries(**{"longest-side": value}))))

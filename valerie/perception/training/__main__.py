@@ -118,7 +118,7 @@ def _fit(options: argparse.Namespace) -> None:
     provenance["trained-by"] = "python -m valerie.perception.training fit"
     if options.weaknesses:
         provenance["known-weaknesses"] = options.weaknesses
-    data = model.to_bytes(provenance)
+    data = model.to_bytes(provenance, longest_side=options.longest_side)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_bytes(data)
     _say(f"{options.out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
@@ -159,6 +159,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     fit.add_argument("--start-from", type=Path, metavar="FILE", help="function file whose weights are the beginning")
     fit.add_argument(
         "--checkpoint", type=Path, metavar="FILE", help="file to write on the way, and to go on from if it exists"
+    )
+    fit.add_argument(
+        "--longest-side",
+        type=int,
+        metavar="PIXELS",
+        help="the function reduces frames with a longer side to this (default: it takes all as they are)",
     )
     fit.add_argument("--weaknesses", metavar="TEXT", help="what is known to go wrong, for the function's card")
     # What is not given stays as `TrainingSettings` has it, whose defaults are shown.

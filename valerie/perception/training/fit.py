@@ -71,7 +71,7 @@ class TrainedModel:
     final_loss: float
     figures: ValidationFigures | None
 
-    def to_bytes(self, provenance: dict[str, str]) -> bytes:
+    def to_bytes(self, provenance: dict[str, str], *, longest_side: int | None = None) -> bytes:
         """The function file (`valerie.perception.function_file`); seed, steps, precision and figures are added."""
         state = self.network.state_dict()
         tensors = {name: value.numpy() for name, value in state.items() if value.is_floating_point()}
@@ -90,6 +90,7 @@ class TrainedModel:
             mean=self.mean,
             std=self.std,
             provenance={**provenance, **own, **figures},
+            longest_side=longest_side,
         )
 
 
