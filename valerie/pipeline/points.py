@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 from valerie.analysis import trends
+from valerie.analysis.frames import ABSENT
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
@@ -106,6 +107,8 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> di
     characters: dict[str, int] = {}
     undefined: Counter[str] = Counter()
     for row in rows:
+        if row.undefined_reason == ABSENT:  # no spec put that person there; a summary does not count it either
+            continue
         if row.pacc is None:
             undefined[row.undefined_reason or "no value"] += 1
             continue
