@@ -22,7 +22,6 @@ from valerie.metrics.instances import person_counts
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.batches import predicted
-from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
@@ -157,7 +156,7 @@ def _look(
     function = open_function(reference)
     started = time.monotonic()
     try:
-        taken = ((shot, shot[1].picture(reader)) for shot in ((frame, _capture(resolved, frame)) for frame in frames))
+        taken = ((shot, shot[1].picture(reader)) for shot in ((frame, frame.capture(resolved, 0)) for frame in frames))
         for done, ((frame, capture), _, labels) in enumerate(predicted(function, taken), start=1):
             truth = capture.seen_truth(reader)
             matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), labels)
@@ -184,19 +183,6 @@ def _look(
     finally:
         function.close()
     return Looked(EvaluationTable.from_rows(rows, varied), matrices)
-
-
-def _capture(resolved: ResolvedRun, frame: ChosenFrame) -> Capture:
-    return capture_of(
-        resolved,
-        sensor_index=0,
-        camera_index=frame.key[1],
-        assignment=frame.moment,
-        background=frame.background,
-        layer=frame.layer,
-        truth=frame.truth,
-        velocity=frame.velocity,
-    )
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ from valerie.pipeline.annotation_files import (
     key_points,
     npz,
 )
-from valerie.pipeline.capture import Capture, capture_of
+from valerie.pipeline.capture import Capture
 from valerie.pipeline.context import Context
 from valerie.pipeline.dataset_folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
 from valerie.pipeline.makers.inputs import ProductReader
@@ -252,7 +252,7 @@ class _Export:
     def write(self, frame: ChosenFrame, root: Path) -> dict[str, Any]:
         """Write one frame's files; its fragment of the common documents."""
         split, formats = self.split(frame), self.settings.formats
-        capture = self._capture(frame)
+        capture = frame.capture(self.resolved, self.sensor)
         if capture.distorted:
             seen = capture.seen_truth(self._reader)
             frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
@@ -287,18 +287,6 @@ class _Export:
             values = {d.path: given.get(d.path, d.default) for d in self.resolved.definitions}
             fragment["rows"] = [{**known, **row, **values} for row in frame.persons]
         return fragment
-
-    def _capture(self, frame: ChosenFrame) -> Capture:
-        return capture_of(
-            self.resolved,
-            sensor_index=self.sensor,
-            camera_index=frame.key[1],
-            assignment=frame.moment,
-            background=frame.background,
-            layer=frame.layer,
-            truth=frame.truth,
-            velocity=frame.velocity,
-        )
 
     def _annotations(self, frame: ChosenFrame) -> dict[AnnotationKind, Arrays]:
         try:

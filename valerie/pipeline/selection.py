@@ -12,6 +12,7 @@ from sqlalchemy import Connection
 from valerie.analysis.where import Where, compile_where
 from valerie.db import results
 from valerie.errors import InvalidInput, UnknownName
+from valerie.pipeline.capture import Capture, capture_of
 from valerie.pipeline.tables import character_of, frame_id, table_row
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.conditions import conditions, with_sun_angles
@@ -42,6 +43,19 @@ class ChosenFrame:
     moment: Mapping[str, Any]
     persons: tuple[Mapping[str, Any], ...]
     velocity: str | None = None
+
+    def capture(self, resolved: ResolvedRun, sensor_index: int) -> Capture:
+        """How one of the run's sensors takes it."""
+        return capture_of(
+            resolved,
+            sensor_index=sensor_index,
+            camera_index=self.key[1],
+            assignment=self.moment,
+            background=self.background,
+            layer=self.layer,
+            truth=self.truth,
+            velocity=self.velocity,
+        )
 
 
 def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Where:

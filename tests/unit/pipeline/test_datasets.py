@@ -201,7 +201,7 @@ def test_a_disk_without_room_is_told_before_anything_is_written(
 ) -> None:
     pipeline, run_id = run
     usage = type("Usage", (), {"free": 10_000})
-    monkeypatch.setattr("valerie.pipeline.datasets.shutil.disk_usage", lambda _: usage)
+    monkeypatch.setattr("valerie.pipeline.dataset_folder.shutil.disk_usage", lambda _: usage)
     with pytest.raises(StorageFull, match="24 frames"):
         export_run(pipeline.context, run_id, tmp_path / "set")
     assert not list(tmp_path.iterdir())
