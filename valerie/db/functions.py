@@ -36,10 +36,9 @@ def register(
         newest = connection.scalar(select(func.max(Function.version)).where(Function.name == name)) or 0
         row = {"name": name, "digest": digest, "version": newest + 1}
         row |= {"document": dict(document), "payload": payload, "created_at": now}
-        insert_ignoring(connection, Function, [row])
-        if get(connection, name, digest) is not None:
+        if insert_ignoring(connection, Function, [row]):
             return True
-        # On Postgres somebody else took the number between the question and the insert.
+        # On Postgres somebody else took the number, or wrote this very version, between the question and the insert.
     raise Conflict(f"the function {name} could not be registered: others register it at the same time")
 
 

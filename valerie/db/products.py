@@ -120,11 +120,11 @@ def want(connection: Connection, rows: Iterable[Wanted], now: float) -> list[Rea
     return ready
 
 
-def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Insert rows; those whose primary key is there already are left as they are."""
+def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Mapping[str, Any]]) -> int:
+    """Insert rows; those whose primary key is there already are left as they are. Returns how many were inserted."""
     if not rows:
-        return
-    connection.execute(_insert_of(connection)(model.__table__).on_conflict_do_nothing(), list(rows))
+        return 0
+    return connection.execute(_insert_of(connection)(model.__table__).on_conflict_do_nothing(), list(rows)).rowcount
 
 
 def revive(connection: Connection, digests: Iterable[str]) -> None:
