@@ -124,7 +124,8 @@ def insert_ignoring(connection: Connection, model: type[Any], rows: Sequence[Map
     """Insert rows; those whose primary key is there already are left as they are. Returns how many were inserted."""
     if not rows:
         return 0
-    return connection.execute(_insert_of(connection)(model.__table__).on_conflict_do_nothing(), list(rows)).rowcount
+    insertion = _insert_of(connection)(model.__table__).on_conflict_do_nothing()
+    return connection.execute(insertion, list(rows), execution_options={"preserve_rowcount": True}).rowcount
 
 
 def revive(connection: Connection, digests: Iterable[str]) -> None:
