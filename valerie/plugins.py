@@ -97,6 +97,12 @@ _FUNCTIONS: Final = _Kind("function", "valerie.functions", {TESTING_ENGINE: "val
 _SAMPLERS: Final = _Kind("design", "valerie.samplers", {})
 
 
+def look_at_installed() -> None:
+    """Read once what installed packages declare, so that no request waits for it (some 50 ms)."""
+    for kind in (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS):
+        kind.declared()
+
+
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
     """All engines that a spec may name; none is imported."""
     return (*RENDERERS, *sorted(_RENDERERS.declared()), *((TESTING_ENGINE,) if testing else ()))

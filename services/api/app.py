@@ -14,6 +14,7 @@ from services.api import openapi, problems
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
 from services.api.routers import catalog, frames, functions, health, results, runs
+from valerie import plugins
 from valerie.db.migrate import migrate
 from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
@@ -45,6 +46,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         context = open_context(settings)
         migrate(context.engine)
         context.store.check()
+        plugins.look_at_installed()
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
         stop = threading.Event()
