@@ -58,7 +58,9 @@ def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: b
     return ids
 
 
-def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) -> Tensor:
+def label_maps(
+    network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor, *, labels: tuple[int, int] | None = None
+) -> Tensor:
     """Train ids of whole pictures of any size.
 
     The picture's last row and column are repeated up to the next multiple of 32, logits are resampled bilinearly to the
@@ -69,6 +71,7 @@ def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) 
         pictures: (N, H, W, 3) uint8 sRGB on the network's device.
         mean: (3,) float32 on that device.
         std: (3,) float32 on that device.
+        labels: height and width of the result, for pictures that were resampled from it to sides that need no padding.
 
     Returns:
         (N, H, W) uint8 train ids; of equal logits the smaller train id wins.
@@ -77,5 +80,7 @@ def label_maps(network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor) 
     down, right = -height % ALIGNMENT, -width % ALIGNMENT
     padded = functional.pad(normalised(pictures, mean, std), (0, right, 0, down), mode="replicate")
     aligned = bool(getattr(network, "align_corners", False))
+    if labels is not None:
+        return largest_channel(network(padded), *labels, align_corners=aligned)
     ids = largest_channel(network(padded), *padded.shape[-2:], align_corners=aligned)
     return ids[:, :height, :width]

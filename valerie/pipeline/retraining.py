@@ -284,6 +284,7 @@ def _training_settings(document: FunctionDocument, settings: RetrainSettings) ->
         {
             **known,
             "architecture": document.architecture,
+            "longest_side": document.input.longest_side,
             "time_budget_s": None,
             "keep_norm_statistics": True,
             "validate_every": max(1, settings.steps // _VALIDATIONS),

@@ -118,7 +118,7 @@ def _fit(options: argparse.Namespace) -> None:
     provenance["trained-by"] = "python -m valerie.perception.training fit"
     if options.weaknesses:
         provenance["known-weaknesses"] = options.weaknesses
-    data = model.to_bytes(provenance, longest_side=options.longest_side)
+    data = model.to_bytes(provenance)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_bytes(data)
     _say(f"{options.out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
@@ -160,12 +160,6 @@ def _parser(program: str) -> argparse.ArgumentParser:
     fit.add_argument(
         "--checkpoint", type=Path, metavar="FILE", help="file to write on the way, and to go on from if it exists"
     )
-    fit.add_argument(
-        "--longest-side",
-        type=int,
-        metavar="PIXELS",
-        help="the function reduces frames with a longer side to this (default: it takes all as they are)",
-    )
     fit.add_argument("--weaknesses", metavar="TEXT", help="what is known to go wrong, for the function's card")
     # What is not given stays as `TrainingSettings` has it, whose defaults are shown.
     for name, kind, metavar, what in (
@@ -174,6 +168,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
         ("batch", int, "N", "samples per step"),
         ("seed", int, "N", "of the first weights, the order of frames and every crop"),
         ("learning_rate", float, "RATE", "highest of the schedule"),
+        ("longest_side", int, "PIXELS", "to which the function reduces longer frames"),
         ("person_weight", float, "WEIGHT", "of person pixels; all others have 1"),
         ("precision", str, "bf16|fp32", "of the passes; weights are always fp32"),
         ("device", str, "auto|cpu|cuda", "auto is cuda where there is one"),

@@ -71,7 +71,7 @@ class TrainedModel:
     final_loss: float
     figures: ValidationFigures | None
 
-    def to_bytes(self, provenance: dict[str, str], *, longest_side: int | None = None) -> bytes:
+    def to_bytes(self, provenance: dict[str, str]) -> bytes:
         """The function file (`valerie.perception.function_file`); seed, steps, precision and figures are added."""
         state = self.network.state_dict()
         tensors = {name: value.numpy() for name, value in state.items() if value.is_floating_point()}
@@ -90,7 +90,7 @@ class TrainedModel:
             mean=self.mean,
             std=self.std,
             provenance={**provenance, **own, **figures},
-            longest_side=longest_side,
+            longest_side=self.settings.longest_side,
         )
 
 
@@ -163,7 +163,9 @@ def train(
             recent = [*recent[-49:], loss]
             figures = None
             if held_out and step % settings.validate_every == 0 and step < settings.steps:
-                figures = validate(network, _spread(held_out), mean_tensor, std_tensor)
+                figures = validate(
+                    network, _spread(held_out), mean_tensor, std_tensor, longest_side=settings.longest_side
+                )
                 _in_training(network, settings)
             if checkpoint is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
                 elapsed = time.monotonic() - started
@@ -174,7 +176,9 @@ def train(
 
     _round_as_stored(network)
     network.eval().requires_grad_(requires_grad=False)
-    final = validate(network, held_out, mean_tensor, std_tensor) if held_out else None
+    final = None
+    if held_out:
+        final = validate(network, held_out, mean_tensor, std_tensor, longest_side=settings.longest_side)
     mean_loss = sum(recent) / len(recent) if recent else float("nan")
     return TrainedModel(network.cpu(), settings, mean, std, step, mean_loss, final)
 

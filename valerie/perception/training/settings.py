@@ -55,6 +55,8 @@ class TrainingSettings(BaseModel):
         time_budget_s: None; or seconds of training after which the schedule ends even if steps are left: the learning
             rate then follows the clock where that is ahead, and the result is not reproducible.
         batch: samples per step.
+        longest_side: None; or pixels to which the function reduces longer frames, in validation as in use. Samples are cut from
+            the frames as they are.
         person_weight: weight of person pixels in the cross-entropy; all others have 1.
         learning_rate: highest; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
@@ -75,6 +77,7 @@ class TrainingSettings(BaseModel):
     steps: Annotated[int, Field(ge=1)] = 6000
     time_budget_s: _Positive | None = None
     batch: Annotated[int, Field(ge=2)] = 16
+    longest_side: Annotated[int, Field(ge=ALIGNMENT)] | None = None
     person_weight: _Positive = 3.0
     learning_rate: _Positive = 2e-3
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-2

@@ -10,7 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON
-from valerie.perception.labelling import label_maps
+from valerie.perception.adaptation import plan
+from valerie.perception.documents import InputDocument
+from valerie.perception.labelling import ALIGNMENT, label_maps
 from valerie.perception.training.frames import TrainingFrame
 
 
@@ -43,19 +45,36 @@ class ValidationFigures:
         return {"held-out-frames": str(self.frames), **shown}
 
 
-def validate(network: nn.Module, frames: Sequence[TrainingFrame], mean: Tensor, std: Tensor) -> ValidationFigures:
+def validate(
+    network: nn.Module,
+    frames: Sequence[TrainingFrame],
+    mean: Tensor,
+    std: Tensor,
+    *,
+    longest_side: int | None = None,
+) -> ValidationFigures:
     """Predict whole frames exactly as `valerie.perception.engines.torch_engine` does, on the network's device in fp32.
 
     The network is put into evaluation mode and back.
+
+    Args:
+        network: to validate.
+        frames: with their labels.
+        mean, std: (3,) float32 on the network's device.
+        longest_side: pixels; longer frames are reduced to it, as the function will do
+            (`valerie.perception.documents.InputDocument`).
     """
+    document = InputDocument(multiple_of=ALIGNMENT, longest_side=longest_side)
     n = NUM_TRAIN_CLASSES
     counts = np.zeros((n, n), np.int64)
     training = network.training
     network.eval()
     with torch.inference_mode():
         for frame in frames:
-            picture = torch.from_numpy(frame.picture.copy()).unsqueeze(0).to(mean.device)
-            predicted = label_maps(network, picture, mean, std)[0].cpu().numpy()
+            steps = plan(document, *frame.train_ids.shape)
+            (piece,) = steps.pieces(frame.picture)
+            picture = torch.from_numpy(piece.copy()).unsqueeze(0).to(mean.device)
+            predicted = steps.joined([label_maps(network, picture, mean, std, labels=steps.labels)[0].cpu().numpy()])
             labelled = frame.train_ids < n
             pairs = frame.train_ids[labelled].astype(np.int64) * n + predicted[labelled]
             counts += np.bincount(pairs, minlength=n * n).reshape(n, n)

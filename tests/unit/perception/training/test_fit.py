@@ -157,6 +157,22 @@ def test_running_variances_beyond_half_precision_are_kept(make_frames, tmp_path:
     assert model.network.state_dict()[name].min() >= 1e5
 
 
+def test_the_figures_of_a_function_that_reduces_frames_are_those_of_its_own_labels(make_frames, tmp_path: Path) -> None:
+    held_out = make_frames(3, street_seed=900)
+    model = train(settings(steps=20, batch=4, longest_side=64), make_frames(4), held_out=held_out)
+    (tmp_path / "semantic-fpn-small.safetensors").write_bytes(model.to_bytes({}))
+    function = load_function("semantic-fpn-small", folder=tmp_path, device="cpu")
+    hits = persons = 0
+    for frame in held_out:
+        mask = frame.train_ids == 11
+        hits += int((function.predict(frame.picture)[mask] == 11).sum())
+        persons += int(mask.sum())
+    function.close()
+    assert model.figures is not None
+    assert 0 < hits < persons
+    assert model.figures.person_pacc == hits / persons
+
+
 def test_a_street_in_both_sets_is_refused(make_frames) -> None:
     with pytest.raises(InvalidInput, match="1000"):
         train(settings(), make_frames(2), held_out=make_frames(1))
