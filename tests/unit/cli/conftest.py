@@ -5,18 +5,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tests.acceptance.system import write_box_street
-from tests.unit.pipeline.harness import Pipeline
+from tests.unit.pipeline.harness import completed_run
 
 
 @pytest.fixture(scope="session")
 def deployed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A data folder (in ``data``) with a completed run of the blank engine, and its id; only to be read."""
     folder = tmp_path_factory.mktemp("cli")
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
-    run_id = pipeline.submit()
-    assert pipeline.run(run_id) == "completed"
+    _, run_id = completed_run(folder)
     return folder, run_id
 
 

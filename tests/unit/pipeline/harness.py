@@ -10,7 +10,7 @@ from typing import Any
 
 from sqlalchemy import select
 
-from tests.acceptance.system import spec
+from tests.acceptance.system import spec, write_box_street
 from valerie.broker import route_of
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
@@ -152,3 +152,12 @@ class Pipeline:
                 counts[kind] = counts.get(kind, 0) + 1
             maker.made.clear()
         return counts
+
+
+def completed_run(folder: Path) -> tuple[Pipeline, str]:
+    """A completed run of `SMALL` with the blank engine below ``folder`` (``data``, ``assets``), and its id."""
+    write_box_street(folder / "assets" / "box-street")
+    pipeline = Pipeline(folder / "data", folder / "assets")
+    run_id = pipeline.submit()
+    assert pipeline.run(run_id) == "completed"
+    return pipeline, run_id

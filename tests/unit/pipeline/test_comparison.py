@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.unit.pipeline.harness import Pipeline
+from tests.unit.pipeline.harness import Pipeline, completed_run
 from valerie.analysis.region import Range, Region
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
@@ -34,14 +34,7 @@ def opener(reference: str) -> PerceptionFunction:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
-    from tests.acceptance.system import write_box_street
-
-    folder = tmp_path_factory.mktemp("comparison")
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
-    run_id = pipeline.submit()
-    assert pipeline.run(run_id) == "completed"
-    return pipeline, run_id
+    return completed_run(tmp_path_factory.mktemp("comparison"))
 
 
 def test_a_version_that_is_the_same_differs_in_nothing(run: tuple[Pipeline, str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.unit.pipeline.harness import Pipeline
+from tests.unit.pipeline.harness import Pipeline, completed_run
 from valerie.analysis.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder
@@ -25,14 +25,7 @@ from valerie.testing.blank import BlankFunction
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
     """24 frames: 12 places, two cameras; only to be read."""
-    from tests.acceptance.system import write_box_street
-
-    folder = tmp_path_factory.mktemp("datasets")
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
-    run_id = pipeline.submit()
-    assert pipeline.run(run_id) == "completed"
-    return pipeline, run_id
+    return completed_run(tmp_path_factory.mktemp("datasets"))
 
 
 def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Path) -> None:
