@@ -23,6 +23,7 @@ from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps, with_sha
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.rendering.sky import sky_of
 from valerie.scene.model import Scene
+from valerie.scene.weather import wetness
 
 #: Heights of a movable beyond which its indirect light is lost in the noise.
 REACH: Final = 0.5
@@ -52,7 +53,7 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
     lamps = _frame_lamps(scene, view)
     exact = with_lamps(exact, corners, camera, view, lowest, lamps)
-    near, wet = [], sky_of(scene).wetness > 0.0
+    near, wet = [], wetness(scene.environment.rain) > 0.0
     for low, high in boxes:
         height = float(high[2] - low[2])
         more = REACH * height
