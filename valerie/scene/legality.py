@@ -1,7 +1,8 @@
-"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset.
+"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset, and no car does.
 
 Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
-radius that a person needs, and a grid over the ground tells which few of them are near a point.
+radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in
+`valerie.scene.mover_legality`.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from typing import Final
 from valerie.parameters.definitions import Value
 from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Manifest
+from valerie.scene.mover_legality import MoverRules
+from valerie.scene.movers import Mover, sort_obstacles
 from valerie.scene.naming import ROOT
-from valerie.scene.obstacles import MovingObstacle, ObstacleMap, sort_obstacles
+from valerie.scene.obstacles import ObstacleMap
 
 #: A camera needs less room than a person.
 _CAMERA_RADIUS_M: Final = 0.05
@@ -24,8 +27,8 @@ _CAMERA_RADIUS_M: Final = 0.05
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
     """Why a variant cannot be, in words (``person-1 stands inside building-3``); None if it can.
 
-    A person is judged if its position varies, a camera if all three of its coordinates do: others stay where the
-    asset's author put them.
+    A person is judged if its position varies, a camera if all three of its coordinates do, a vehicle that is shown if the
+    variant says anything of its place, heading, kind or visibility: others stay where the asset's author put them.
 
     Args:
         assignment: path to value, valid for the manifest; what is missing takes its default.
@@ -46,12 +49,14 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
             return f"{person.name} is outside the asset"
         if obstacle := prepared.around_persons.at(x, y):
             return f"{person.name} stands {obstacle.text}"
-        for moving in prepared.moving:
-            if moving.holds(x, y, assignment):
-                return f"{person.name} stands {moving.footprint.text}"
+        for mover in prepared.movers:
+            if footprint := mover.holds(x, y, assignment):
+                return f"{person.name} stands {footprint.text}"
         standing.append((person.name, x, y))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
         return overlap
+    if reason := prepared.mover_rules.reason(assignment):
+        return reason
     if not prepared.camera_paths.isdisjoint(assignment):
         return _camera_reason(assignment, manifest, prepared)
     return None
@@ -97,20 +102,21 @@ class _Prepared:
     persons: tuple[_Person, ...]
     camera_paths: frozenset[str]
     around_persons: ObstacleMap
-    moving: tuple[MovingObstacle, ...]
+    movers: tuple[Mover, ...]
+    mover_rules: MoverRules
     around_cameras: ObstacleMap
 
 
 @lru_cache(maxsize=16)
 def _prepare(manifest: Manifest) -> _Prepared:
-    around_persons, moving = sort_obstacles(manifest, manifest.person_radius_m)
-    around_cameras, _ = sort_obstacles(manifest, _CAMERA_RADIUS_M)
+    resting, movers = sort_obstacles(manifest, manifest.person_radius_m)
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
         camera_paths=frozenset(f"{ROOT}.{camera}.pos.{axis}" for camera in manifest.cameras for axis in "xyz"),
-        around_persons=around_persons,
-        moving=moving,
-        around_cameras=around_cameras,
+        around_persons=ObstacleMap(resting, manifest.person_radius_m),
+        movers=movers,
+        mover_rules=MoverRules(manifest, resting, movers),
+        around_cameras=ObstacleMap(resting, _CAMERA_RADIUS_M),
     )
 
 

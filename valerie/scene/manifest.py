@@ -18,7 +18,7 @@ from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
 from valerie.scene.attributes import Target, resolve
 from valerie.scene.model import POSITIONS
-from valerie.scene.naming import ROOT, is_node_name
+from valerie.scene.naming import ROOT, is_node_name, parse_object_name
 from valerie.scene.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.solar import ANGLES, CLOCK_PATHS
@@ -38,7 +38,7 @@ class Footprint(_Document):
     """Ground that something occupies.
 
     Attributes:
-        path: node that stands there, e.g. ``scene.car-2``.
+        path: node that stands there, e.g. ``scene.car-2``; below one with a ``kind``, that of the kind which it is of.
         polygon: corners (x, y) in metres, world; simple, either orientation.
         reason: what is said of a person who would stand in it, e.g. ``inside building-3``; made from the path if empty.
         height_m: how far it reaches above z = 0; None: farther than any camera.
@@ -52,7 +52,8 @@ class Footprint(_Document):
     @property
     def text(self) -> str:
         """The reason as words: ``inside building-3``."""
-        return self.reason or f"inside {self.path.rpartition('.')[2]}"
+        parts = self.path.split(".")
+        return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
 
 
 class GroundRegion(_Document):
@@ -76,10 +77,10 @@ class Manifest(_Document):
             generated assets.
         placed_files: glTF files of a user's asset that are named and placed here.
         bearing_deg: compass bearing of +y, clockwise from north.
-        extent: x0, y0, x1, y1 in metres: where a person may be at all.
+        extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
         parameters: what may vary, with type, range, unit and default.
         movable: nodes (with all below them) that belong to the movable layer instead of the background.
-        obstacles: where no person can stand.
+        obstacles: where no person can stand; and the ground that moves with what a parameter moves.
         ground: heights of the ground; later regions win, elsewhere z = 0.
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.

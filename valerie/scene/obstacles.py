@@ -1,21 +1,16 @@
-"""Obstacles widened by the room that somebody needs: at rest in a grid over the ground, and such that move."""
+"""Obstacles at rest: widened by the room that somebody needs, in a grid over the ground, and as they are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence, Set
 from typing import Final
 
 import shapely
 
-from valerie.parameters.definitions import Value
-from valerie.scene.attributes import ABSENT
-from valerie.scene.manifest import Footprint, Manifest
-from valerie.scene.transforms import cos_sin
+from valerie.scene.manifest import Footprint
 
 #: Edge of a grid cell, metres.
 _CELL_M: Final = 2.0
-_POSE: Final = ("pos.x", "pos.y", "heading", "rot.z", "visible", "kind")
 
 
 class ObstacleMap:
@@ -29,9 +24,9 @@ class ObstacleMap:
     def __init__(self, obstacles: Iterable[Footprint], radius: float) -> None:
         self._cells: dict[tuple[int, int], list[tuple[shapely.Polygon, Footprint]]] = {}
         for obstacle in obstacles:
-            widened = _widened(obstacle, radius)
-            for cell in _cells_of(widened):
-                self._cells.setdefault(cell, []).append((widened, obstacle))
+            polygon = widened(obstacle, radius)
+            for cell in _cells_of(polygon):
+                self._cells.setdefault(cell, []).append((polygon, obstacle))
 
     def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
         """The first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
@@ -41,67 +36,36 @@ class ObstacleMap:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class MovingObstacle:
-    """An obstacle whose node has a declared pose: its footprint goes where the node goes.
+class Outlines:
+    """Obstacles at rest as they are, found by what overlaps them.
 
-    Attributes:
-        footprint: at the default pose.
-        polygon: widened, at the default pose.
-        path: of the node that moves: the obstacle's own or one above.
-        defaults: attribute to default; those of a pose (``pos.x`` …) that vary.
+    Args:
+        obstacles: none of which moves.
     """
 
-    footprint: Footprint
-    polygon: shapely.Polygon
-    path: str
-    defaults: Mapping[str, Value]
+    def __init__(self, obstacles: Sequence[Footprint]) -> None:
+        self._obstacles = tuple(obstacles)
+        self._tree = shapely.STRtree([shapely.make_valid(shapely.Polygon(obstacle.polygon)) for obstacle in obstacles])
 
-    def holds(self, x: float, y: float, assignment: Mapping[str, Value]) -> bool:
-        """Whether (x, y) in metres is inside: the point is taken back to where the obstacle stands by default."""
-        if self._value("visible", assignment) is False or self._value("kind", assignment) == ABSENT:
-            return False
-        x0, y0 = float(self.defaults.get("pos.x", 0.0)), float(self.defaults.get("pos.y", 0.0))
-        turned = sum(
-            float(self._value(name, assignment)) - float(self.defaults[name])
-            for name in ("heading", "rot.z")
-            if name in self.defaults
-        )
-        cos, sin = cos_sin(-turned)
-        dx, dy = x - float(self._value("pos.x", assignment)), y - float(self._value("pos.y", assignment))
-        return bool(shapely.contains_xy(self.polygon, x0 + cos * dx - sin * dy, y0 + sin * dx + cos * dy))
+    def first(self, polygon: shapely.Polygon, but: Set[int] = frozenset()) -> Footprint | None:
+        """The first obstacle, in the manifest's order, that a polygon (metres, world) overlaps.
 
-    def _value(self, name: str, assignment: Mapping[str, Value]) -> Value:
-        return assignment.get(f"{self.path}.{name}", self.defaults.get(name, 0.0))
+        Args:
+            but: numbers of obstacles that do not count.
+        """
+        numbers = self.below(polygon) - but
+        return self._obstacles[min(numbers)] if numbers else None
+
+    def below(self, polygon: shapely.Polygon) -> frozenset[int]:
+        """Numbers of all obstacles that a polygon (metres, world) overlaps."""
+        return frozenset(self._tree.query(polygon, predicate="intersects").tolist())
 
 
-def sort_obstacles(manifest: Manifest, radius: float) -> tuple[ObstacleMap, tuple[MovingObstacle, ...]]:
-    """The manifest's obstacles, widened by ``radius`` metres: those at rest, and those that a parameter moves."""
-    resting, moving = [], []
-    for obstacle in manifest.obstacles:
-        mover = next((path for path in _upwards(obstacle.path) if _declared(manifest, path)), None)
-        if mover is None:
-            resting.append(obstacle)
-        else:
-            moving.append(MovingObstacle(obstacle, _widened(obstacle, radius), mover, _declared(manifest, mover)))
-    return ObstacleMap(resting, radius), tuple(moving)
-
-
-def _declared(manifest: Manifest, path: str) -> dict[str, Value]:
-    definitions = {name: manifest.by_path.get(f"{path}.{name}") for name in _POSE}
-    return {name: found.check(found.default) for name, found in definitions.items() if found is not None}
-
-
-def _upwards(path: str) -> Iterator[str]:
-    while path:
-        yield path
-        path = path.rpartition(".")[0]
-
-
-def _widened(obstacle: Footprint, radius: float) -> shapely.Polygon:
-    widened = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
-    shapely.prepare(widened)
-    return widened
+def widened(obstacle: Footprint, radius: float) -> shapely.Polygon:
+    """The ground that an obstacle and ``radius`` metres around it take, made for fast tests."""
+    polygon = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
+    shapely.prepare(polygon)
+    return polygon
 
 
 def _cells_of(polygon: shapely.Polygon) -> Iterator[tuple[int, int]]:

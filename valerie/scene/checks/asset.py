@@ -16,6 +16,7 @@ from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
+from valerie.scene.naming import ROOT
 from valerie.scene.objects import require_declared, unclassified
 from valerie.scene.variation import apply
 
@@ -89,6 +90,14 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
                 f"obstacles.{index}",
                 f"the footprint of {obstacle.path} crosses itself: give its corners in order",
             )
+    for path in _without_outline(manifest):
+        yield Finding(
+            Severity.NOTE,
+            "no-outline",
+            path,
+            "it moves, and no outline under obstacles tells which ground it takes: variants in which it stands in something are "
+            "not rejected",
+        )
     try:
         reason = rejection_reason(_camera_defaults(manifest), manifest)
     except ValerieError as error:
@@ -101,6 +110,16 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
             "parameters",
             f"with every parameter at its default, {reason}: such a variant is rejected",
         )
+
+
+def _without_outline(manifest: Manifest) -> Iterator[str]:
+    """Things, but for persons, that parameters put elsewhere and whose ground is not known."""
+    cameras = {f"{ROOT}.{camera}" for camera in manifest.cameras}
+    outlined = [obstacle.path for obstacle in manifest.obstacles]
+    for path in dict.fromkeys(p.path.rpartition(".pos.")[0] for p in manifest.parameters if ".pos." in p.path):
+        judged = path in cameras or path in manifest.persons or path.count(".") != 1
+        if not judged and not any(one == path or one.startswith(f"{path}.") for one in outlined):
+            yield path
 
 
 def _camera_defaults(manifest: Manifest) -> Mapping[str, float]:

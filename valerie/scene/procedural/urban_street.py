@@ -204,16 +204,17 @@ def _rider_paths() -> Iterator[str]:
 
 def _traffic_obstacles() -> Iterator[Footprint]:
     for name, place_of in (*TRAFFIC.items(), (WAITING[0], WAITING[2])):
-        sizes = [dimensions(kind) for kind in place_of.kinds or ("bicycle",)]
-        length, width, height = (max(size[axis] for size in sizes) for axis in range(3))
-        polygon = turned_rectangle(
-            place_of.x,
-            place_of.y,
-            math.radians(place_of.heading),
-            (-0.5 * width, -0.5 * length),
-            (0.5 * width, 0.5 * length),
-        )
-        yield Footprint(path=f"{ROOT}.{name}", polygon=polygon, reason=f"inside {name}", height_m=max(height, 1.8))
+        for kind in place_of.kinds or ("bicycle",):
+            length, width, height = dimensions(kind)
+            polygon = turned_rectangle(
+                place_of.x,
+                place_of.y,
+                math.radians(place_of.heading),
+                (-0.5 * width, -0.5 * length),
+                (0.5 * width, 0.5 * length),
+            )
+            path = f"{ROOT}.{name}.{kind}" if place_of.kinds else f"{ROOT}.{name}"
+            yield Footprint(path=path, polygon=polygon, reason=f"inside {name}", height_m=max(height, 1.8))
 
 
 def _camera(name: str, camera: CameraPlace) -> Camera:

@@ -169,6 +169,17 @@ def test_a_footprint_that_crosses_itself_is_an_error(tmp_path: Path) -> None:
     assert only(asset_findings(written(tmp_path, obstacles=[crossed])), "outline").where == "obstacles.0"
 
 
+def test_a_car_that_moves_without_an_outline_is_noted(tmp_path: Path) -> None:
+    place = [
+        {"path": f"scene.car-1.pos.{axis}", "minimum": -10, "maximum": 40, "default": value}
+        for axis, value in (("x", 2.0), ("y", 8.0))
+    ]
+    parameters = [*simple_asset().manifest.model_dump(mode="json")["parameters"], *place]
+    assert asset_findings(written(tmp_path, parameters=parameters)) == []
+    found = only(asset_findings(written(tmp_path, parameters=parameters, obstacles=[])), "no-outline")
+    assert (found.severity, found.where) == (Severity.NOTE, "scene.car-1")
+
+
 def test_what_the_manifest_declares_and_the_scene_lacks_is_an_error(tmp_path: Path) -> None:
     findings = asset_findings(written(tmp_path, cameras=["camera-1", "camera-2", "camera-3"]))
     assert "camera-3" in only(findings, "declared").message

@@ -235,7 +235,7 @@ def test_a_person_cannot_stand_in_a_car_that_drives_but_where_none_does() -> Non
     assert rejection_reason(place, MANIFEST) is None
     reason = rejection_reason({**place, "scene.car-101.kind": "sedan"}, MANIFEST)
     assert reason == "person-1 stands inside car-101"
-    assert rejection_reason({**place, "scene.car-101.kind": "sedan", "scene.car-101.pos.y": 60.0}, MANIFEST) is None
+    assert rejection_reason({**place, "scene.car-101.kind": "sedan", "scene.car-101.pos.y": 70.0}, MANIFEST) is None
 
 
 def test_a_stance_changes_the_shape_of_that_person_alone(asset: SceneAsset) -> None:
