@@ -22,7 +22,7 @@ from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
 from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
 from valerie.pipeline import training_scenes
-from valerie.pipeline.training_scenes import crowd_asset, draw_scene, street_arguments
+from valerie.pipeline.training_scenes import AS_MADE, crowd_asset, draw_scene, street_arguments
 from valerie.pipeline.training_targets import Target
 from valerie.rendering.base import View
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
@@ -33,6 +33,8 @@ Split = Literal["train", "held-out"]
 
 #: Street seeds of each split.
 SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
+#: Frames of a street that share camera, light and weather, and so their background.
+_TAKES: Final = 2
 _TRIES: Final = 10
 #: Scenes that are drawn for one frame that must lie in a region; most cost 6 CPU-ms.
 _TARGET_DRAWS: Final = 5_000
@@ -178,7 +180,9 @@ def frames_of(
             unusable = 0
             for attempt in range(_TRIES if target is None else _TARGET_DRAWS):
                 rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
-                drawn = draw_scene(crowd, rng) if target is None else draw_scene(crowd, rng, as_made=target.as_made)
+                setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
+                as_made = AS_MADE if target is None else target.as_made
+                drawn = draw_scene(crowd, rng, setting=setting, as_made=as_made)
                 draws.count += 1
                 view = View(drawn.camera, settings.width, settings.height)
                 if target is not None and not target.possible(drawn):
@@ -187,7 +191,7 @@ def frames_of(
                 if target is not None and not target.hit(drawn, truth, view):
                     continue
                 try:
-                    image = renderer.full(drawn.scene, view)
+                    background = renderer.background(drawn.scene, view)
                     break
                 except RenderingError:
                     # A camera that sees nothing but sky or a wall; the next attempt draws another scene.
@@ -199,6 +203,7 @@ def frames_of(
                     f"no drawn scene of street {seed} lies in the region", field="region",
                     value=str(settings.region), limit=f"one of {_TARGET_DRAWS:,} draws",
                 )  # fmt: skip
+            image = renderer.layer(drawn.scene, view).over(background)
             picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))
             yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
     finally:

@@ -1,8 +1,8 @@
 """Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
 
-All choices come from one generator per frame. Whatever a network could learn instead of "person" is varied: places,
-headings, stances, sizes, colours of cloth and skin, traffic, day and night, light, weather, camera and its errors; and
-some frames show nobody. `street_arguments` varies the street itself.
+Whatever a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and skin,
+traffic, day and night, light, weather, camera and its errors; and some frames show nobody. Half of the frames are *plain*:
+what a run shows that varies people and sun only. `street_arguments` varies the street itself.
 """
 
 from __future__ import annotations
@@ -34,26 +34,31 @@ from valerie.scene.variation import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.
-REVISION: Final = 3
+REVISION: Final = 4
 
 #: How many people a frame shows: probabilities of 0 … 5.
 _CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
 _POSES: Final = {"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08}
 #: Instants of the walk: few, so that bodies made for one frame serve others.
 _GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
-#: Share of frames with a car, and with a cyclist, in the lane.
+#: Share of plain frames: cameras near their own place, the asset's weather, no traffic by day, a sensor without errors.
+_PLAIN: Final = 0.5
+#: Share of the other frames whose camera stays near its own place.
+_STAYS: Final = 0.4
+#: Share of frames that are not plain with a car, and with a cyclist, in the lane.
 _TRAFFIC: Final = 0.4
-#: Share of frames with clouds, with fog, with rain, and with the sun down and the lamps on.
+#: Likewise with clouds, with fog, with rain, and with the sun down and the lamps on.
 _CLOUDS: Final = 0.4
 _FOG: Final = 0.1
 _RAIN: Final = 0.1
-_NIGHT: Final = 0.08
+_NIGHT: Final = 0.16
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
 #: Parts of material names besides what `valerie.scene.naming.is_cloth` knows.
 _SHOE: Final = "shoe-"
 _SKIN: Final = "skin"
 _NEUTRAL: Final = "neutral/"
-#: Share of worn things that keep the character's own colour.
+#: Share of worn things that keep the character's own colour, in plain frames and in others.
+_AS_MADE_PLAIN: Final = 0.5
 AS_MADE: Final = 1 / 6
 _TRIES: Final = 200
 
@@ -131,44 +136,58 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
 
 
 def draw_scene(
-    asset: SceneAsset, rng: np.random.Generator, *, as_made: float = AS_MADE, people_only: bool = False
+    asset: SceneAsset,
+    rng: np.random.Generator,
+    *,
+    setting: np.random.Generator | None = None,
+    as_made: float = AS_MADE,
+    people_only: bool = False,
 ) -> TrainingScene:
     """Draw one frame's scene from an asset that `crowd_asset` made.
 
     Args:
         asset: the street with its crowd.
-        rng: all choices come from it.
-        as_made: share of worn things that keep the character's own colour.
+        rng: all choices come from it, but for those of ``setting``.
+        setting: None, or where camera, light and weather come from: scenes of equal settings differ in what moves, and an engine
+            that keeps backgrounds makes theirs once.
+        as_made: share of worn things that keep the character's own colour, at least; more in plain frames.
         people_only: nothing else moves, and the weather is the asset's.
 
     Raises:
         InvalidInput: no free place for a camera was found.
     """
     manifest = asset.manifest
-    camera = _draw_camera(asset, rng)
-    assignment: dict[str, Value] = {f"{person}.character": ABSENT for person in manifest.persons}
-    count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
-    for person in rng.permutation(manifest.persons)[:count]:
-        _draw_person(str(person), camera, assignment, manifest, rng)
-    if not people_only:
-        _draw_traffic(camera, assignment, manifest, rng)
-        _draw_weather(assignment, manifest, rng)
-    night = not people_only and rng.random() < _NIGHT
+    setting = rng if setting is None else setting
+    plain = setting.random() < _PLAIN
+    camera = _draw_camera(asset, setting, stays=plain or setting.random() < _STAYS)
+    outdoors: dict[str, Value] = {}
+    if not (people_only or plain):
+        _draw_weather(outdoors, manifest, setting)
+    night = not (people_only or plain) and setting.random() < _NIGHT
     for name, low, high in (
         ("azimuth", 0.0, 359.9),
         ("elevation", *((-18.0, -1.0) if night else (8.0, 72.0))),
         ("irradiance", 0.6, 1.3),
     ):
-        _assign(assignment, manifest, f"scene.sun-1.{name}", rng.uniform(low, high))
-    scene = apply(assignment, asset)
+        _assign(outdoors, manifest, f"scene.sun-1.{name}", setting.uniform(low, high))
+    turbidity = float(setting.uniform(2.0, 6.0))
+
+    assignment: dict[str, Value] = {f"{person}.character": ABSENT for person in manifest.persons}
+    count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
+    for person in rng.permutation(manifest.persons)[:count]:
+        _draw_person(str(person), camera, assignment, manifest, rng, far=plain)
+    if not (people_only or plain):
+        _draw_traffic(camera, assignment, manifest, rng)
+    scene = apply(assignment | outdoors, asset)
     scene = replace(
         scene,
         nodes=_resized(scene, manifest, rng),
-        materials=_recoloured(scene, manifest, rng, as_made),
+        materials=_recoloured(scene, manifest, rng, max(as_made, _AS_MADE_PLAIN) if plain else as_made),
         cameras={**scene.cameras, camera.name: camera},
-        environment=replace(scene.environment, turbidity=float(rng.uniform(2.0, 6.0))),
+        environment=replace(scene.environment, turbidity=turbidity),
     )
-    return TrainingScene(scene, camera.name, _draw_sensor(rng, night=night))
+    sensor = SensorSetting() if plain else _draw_sensor(rng, night=night)
+    return TrainingScene(scene, camera.name, sensor)
 
 
 def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
@@ -191,11 +210,10 @@ def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
     return SensorSetting.model_validate(setting)
 
 
-def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
-    """One of the asset's cameras: two in five near their own place, the others moved along the street and turned."""
+def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:
+    """One of the asset's cameras: near its own place, or moved along the street and turned."""
     manifest = asset.manifest
     x0, y0, x1, y1 = manifest.extent
-    stays = rng.random() < 0.4  # decided once: places along the street are refused far more often
     for _ in range(_TRIES):
         camera = asset.base.cameras[str(rng.choice(manifest.cameras))]
         x, y, z = (float(value) for value in camera.position)
@@ -218,16 +236,24 @@ def _draw_camera(asset: SceneAsset, rng: np.random.Generator) -> Camera:
 
 
 def _draw_person(
-    person: str, camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator
+    person: str,
+    camera: Camera,
+    assignment: dict[str, Value],
+    manifest: Manifest,
+    rng: np.random.Generator,
+    *,
+    far: bool,
 ) -> None:
-    """Put a person somewhere legal, four times in five where the camera looks; absent if nothing was found."""
+    """Put a person somewhere legal, four times in five where the camera looks: mostly near, or ``far`` as often as near; absent
+    if nothing was found.
+    """
     characters = [c for c in manifest.definition(f"{person}.character").choices if c != ABSENT]
     x0, y0, x1, y1 = manifest.extent
     half_view = math.atan(0.5 * camera.sensor_width_mm / camera.focal_length_mm)
     forward = math.atan2(-camera.transform[0, 2], -camera.transform[1, 2])  # from +y towards +x
     for _ in range(_TRIES):
         if rng.random() < 0.8:
-            distance = math.exp(rng.uniform(math.log(5.0), math.log(60.0)))
+            distance = rng.uniform(6.0, 52.0) if far else math.exp(rng.uniform(math.log(5.0), math.log(60.0)))
             bearing = forward + rng.uniform(-0.95, 0.95) * half_view
             x = float(camera.position[0]) + distance * math.sin(bearing)
             y = float(camera.position[1]) + distance * math.cos(bearing)

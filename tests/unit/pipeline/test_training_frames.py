@@ -51,3 +51,16 @@ def test_another_street_seed_draws_other_frames() -> None:
     settings = FrameSettings(per_street=1, width=160, height=96)
     one, other = (next(frames_of(simple_asset(), seed, settings)) for seed in (1000, 1001))
     assert not np.array_equal(one.picture, other.picture)
+
+
+@pytest.mark.gl
+def test_two_frames_after_each_other_show_one_background() -> None:
+    peopled = 0
+    for seed in range(1000, 1004):
+        first, second, third = frames_of(simple_asset(), seed, FrameSettings(per_street=3, width=160, height=96))
+        nobody = (first.train_ids != PERSON.train_id) & (second.train_ids != PERSON.train_id)
+        np.testing.assert_array_equal(first.train_ids[nobody], second.train_ids[nobody])
+        peopled += not nobody.all() and not np.array_equal(first.train_ids, second.train_ids)
+        nobody = (first.train_ids != PERSON.train_id) & (third.train_ids != PERSON.train_id)
+        assert (first.train_ids[nobody] != third.train_ids[nobody]).mean() > 0.01
+    assert peopled

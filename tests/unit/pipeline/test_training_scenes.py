@@ -11,6 +11,7 @@ from valerie.scene.asset import SceneAsset
 from valerie.scene.ground import ground_height
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Scene, Texture
+from valerie.sensing.settings import SensorSetting
 from valerie.testing.assets import simple_asset
 
 PERSONS = tuple(f"scene.person-{n}" for n in range(1, 6))
@@ -110,7 +111,36 @@ def test_colours_are_valid_reflectances(drawn: list[TrainingScene]) -> None:
 def test_light_and_sensor_vary(drawn: list[TrainingScene]) -> None:
     assert len({frame.scene.sun.azimuth for frame in drawn}) > 100
     assert {frame.sensor.curve for frame in drawn} == {"srgb", "filmic", "aces"}
-    assert len({frame.sensor.exposure_ev for frame in drawn}) > 100
+    assert len({frame.sensor.exposure_ev for frame in drawn}) > 50
+
+
+def test_half_of_the_frames_are_what_a_run_shows_that_varies_people_and_sun(
+    drawn: list[TrainingScene], crowd: SceneAsset
+) -> None:
+    plain = [frame for frame in drawn if frame.sensor == SensorSetting()]
+    assert 0.35 < len(plain) / len(drawn) < 0.65
+    weather = crowd.base.environment
+    for frame in plain:
+        assert replace(frame.scene.environment, turbidity=weather.turbidity) == weather
+        assert frame.scene.sun_direction()[2] > 0
+        moved = frame.scene.cameras[frame.camera].position - crowd.base.cameras[frame.camera].position
+        assert (np.abs(moved) <= (0.7, 2.0, 0.8)).all()
+
+
+def test_scenes_of_equal_settings_differ_in_what_moves(crowd: SceneAsset) -> None:
+    for seed in range(8):
+        one, other = (
+            draw_scene(crowd, np.random.default_rng(number), setting=np.random.default_rng(seed)) for number in (1, 2)
+        )
+        assert one.scene.environment == other.scene.environment
+        assert one.scene.sun == other.scene.sun
+        assert one.camera == other.camera
+        np.testing.assert_array_equal(
+            one.scene.cameras[one.camera].transform, other.scene.cameras[other.camera].transform
+        )
+        still = [path for path, node in one.scene.nodes.items() if not node.movable]
+        assert all(one.scene.nodes[path] is other.scene.nodes[path] for path in still)
+        assert one.scene.materials != other.scene.materials
 
 
 def test_equal_generators_draw_equal_scenes(crowd: SceneAsset) -> None:

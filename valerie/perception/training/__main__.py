@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from valerie.errors import InvalidInput, InvalidInputs, ValerieError
 from valerie.perception.training.frames import FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
-from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.settings import CropSettings, TrainingSettings
 from valerie.validation import problem_of
 
 #: Settings whose option is not called as they are.
@@ -91,6 +91,8 @@ def _fit(options: argparse.Namespace) -> None:
     given = {
         name: value for name in TrainingSettings.model_fields if (value := getattr(options, name, None)) is not None
     }
+    if options.scales is not None:
+        given["crops"] = CropSettings(scales=options.scales)
     settings = TrainingSettings.model_validate(given)
     frames, held_out = FrameFolder(options.frames), FrameFolder(options.held_out)
     curve_file = options.out.with_suffix(".curve.json")
@@ -169,7 +171,8 @@ def _parser(program: str) -> argparse.ArgumentParser:
         ("seed", int, "N", "of the first weights, the order of frames and every crop"),
         ("learning_rate", float, "RATE", "highest of the schedule"),
         ("longest_side", int, "PIXELS", "to which the function reduces longer frames"),
-        ("person_weight", float, "WEIGHT", "of person pixels; all others have 1"),
+        ("class_balance", float, "EXPONENT", "0 weighs all pixels alike, 1 all classes"),
+        ("person_weight", float, "WEIGHT", "by which that of person pixels is multiplied"),
         ("precision", str, "bf16|fp32", "of the passes; weights are always fp32"),
         ("device", str, "auto|cpu|cuda", "auto is cuda where there is one"),
         ("loader_threads", int, "N", "that cut samples; the result does not depend on it"),
@@ -178,6 +181,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
         default = TrainingSettings.model_fields[name].default
         shown = "none" if default is None else f"{default}"
         fit.add_argument(_option(name), dest=name, type=kind, metavar=metavar, help=f"{what} (default: {shown})")
+    fit.add_argument(
+        "--scales",
+        type=_numbers,
+        metavar="S,S,…",
+        help=f"of samples, as the function sees frames (default: {','.join(map(str, CropSettings().scales))})",
+    )
     fit.add_argument(
         "--keep-norm-statistics",
         action="store_const",
@@ -192,6 +201,13 @@ def _parser(program: str) -> argparse.ArgumentParser:
         help="torch's CPU threads, part of what repeats a run (default: 1)",
     )
     return parser
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"not numbers with commas between them: {text}") from None
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -22,7 +22,7 @@ from valerie.perception.training.checkpoint import read_checkpoint, write_checkp
 from valerie.perception.training.frames import TrainingFrame
 from valerie.perception.training.samples import batches
 from valerie.perception.training.settings import TrainingSettings
-from valerie.perception.training.statistics import channel_statistics
+from valerie.perception.training.statistics import channel_statistics, class_weights, spread
 from valerie.perception.training.validation import ValidationFigures, validate
 
 #: Held-out frames that are looked at during training; all of them at the end.
@@ -135,8 +135,8 @@ def train(
     network = _in_training(in_channels_last(network).to(device), settings)
     mean_tensor, std_tensor = torch.tensor(mean, device=device), torch.tensor(std, device=device)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
-    weights = torch.ones(NUM_TRAIN_CLASSES, device=device)
-    weights[PERSON.train_id] = settings.person_weight
+    weights = torch.from_numpy(class_weights(frames, settings.class_balance)).to(device)
+    weights[PERSON.train_id] *= settings.person_weight
     step, elapsed, recent = 0, 0.0, list[float]()
     if checkpoint is not None and checkpoint.exists():
         step, elapsed, recent = read_checkpoint(checkpoint, settings, mean, std, network, optimiser)
@@ -164,7 +164,11 @@ def train(
             figures = None
             if held_out and step % settings.validate_every == 0 and step < settings.steps:
                 figures = validate(
-                    network, _spread(held_out), mean_tensor, std_tensor, longest_side=settings.longest_side
+                    network,
+                    spread(held_out, _QUICK_FRAMES),
+                    mean_tensor,
+                    std_tensor,
+                    longest_side=settings.longest_side,
                 )
                 _in_training(network, settings)
             if checkpoint is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
@@ -226,7 +230,7 @@ def _step(
         )
     # In fp32: a sum over a million pixels needs the mantissa.
     sums = functional.cross_entropy(full.float(), labels.long(), weights, ignore_index=VOID, reduction="sum")
-    weight = torch.where(labels == PERSON.train_id, weights[PERSON.train_id], 1.0)[labels != VOID].sum()
+    weight = (torch.bincount(labels.flatten(), minlength=VOID + 1)[:NUM_TRAIN_CLASSES] * weights).sum()
     # Not reduction="mean", which is NaN for a batch that is void throughout.
     loss = sums / weight.clamp(min=1.0)
     optimiser.zero_grad(set_to_none=True)
@@ -264,12 +268,6 @@ def _require_apart(frames: Sequence[TrainingFrame], held_out: Sequence[TrainingF
 def _seeds(frames: Sequence[TrainingFrame]) -> frozenset[int]:
     known: frozenset[int] | None = getattr(frames, "street_seeds", None)  # a folder knows without reading frames
     return known if known is not None else frozenset(frame.street_seed for frame in frames)
-
-
-def _spread(frames: Sequence[TrainingFrame]) -> list[TrainingFrame]:
-    """A few frames, evenly over all of them."""
-    stride = max(1, len(frames) // _QUICK_FRAMES)
-    return [frames[i] for i in range(0, len(frames), stride)][:_QUICK_FRAMES]
 
 
 def _round_as_stored(network: nn.Module) -> None:

@@ -21,8 +21,10 @@ Labels = NDArray[np.uint8]
 Batch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
-def cut(frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator) -> tuple[Picture, Labels]:
-    """One sample of a frame.
+def cut(
+    frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator, *, longest_side: int | None = None
+) -> tuple[Picture, Labels]:
+    """One sample of a frame, at scales of the picture as the function gets it: reduced to ``longest_side``, if it is longer.
 
     A window of the sample's size divided by the scale is cut, resampled (pictures by area or linearly, labels by the
     nearest pixel centre) and, where the frame is smaller than the window, padded with black that is void.
@@ -31,7 +33,8 @@ def cut(frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator) 
         (height, width, 3) uint8 picture and (height, width) uint8 train ids.
     """
     jitter = float(np.exp(rng.uniform(-1.0, 1.0) * np.log(settings.scale_jitter)))
-    scale = float(rng.choice(settings.scales)) * jitter
+    reduced = 1.0 if longest_side is None else min(1.0, longest_side / max(frame.train_ids.shape))
+    scale = float(rng.choice(settings.scales)) * jitter * reduced
     rows = _window(frame.train_ids.shape[0], settings.height, scale)
     columns = _window(frame.train_ids.shape[1], settings.width, scale)
     top, left = _place(frame.train_ids, rows, columns, settings.person_share, rng)
@@ -82,7 +85,8 @@ def batches(
     def sample(step: int, slot: int) -> tuple[Picture, Labels]:
         turn, place = divmod(step * settings.batch + slot, len(frames))
         frame = frames[int(_order(settings.seed, turn, len(frames))[place])]
-        return cut(frame, settings.crops, np.random.default_rng([settings.seed, step, slot]))
+        rng = np.random.default_rng([settings.seed, step, slot])
+        return cut(frame, settings.crops, rng, longest_side=settings.longest_side)
 
     def start(pool: ThreadPoolExecutor, step: int) -> list[Future[tuple[Picture, Labels]]]:
         return [pool.submit(sample, step, slot) for slot in range(settings.batch)]

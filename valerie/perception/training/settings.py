@@ -18,8 +18,8 @@ class CropSettings(BaseModel):
 
     Attributes:
         height, width: of the samples, pixels; multiples of 32.
-        scales: each sample picks one: 1 cuts at the frame's resolution, 0.5 from the frame halved, so that the network
-            knows people of twice the range of sizes.
+        scales: each sample picks one: 1 cuts at the resolution at which the function sees the frame, 0.5 from half of it, so that
+            the network knows people of twice the range of sizes.
         scale_jitter: the scale is further multiplied by a factor between 1 / this and this.
         person_share: share of samples that are placed so that they hold a person pixel, where the frame has one.
         flip_share: share of samples that are mirrored.
@@ -55,9 +55,11 @@ class TrainingSettings(BaseModel):
         time_budget_s: None; or seconds of training after which the schedule ends even if steps are left: the learning
             rate then follows the clock where that is ahead, and the result is not reproducible.
         batch: samples per step.
-        longest_side: None; or pixels to which the function reduces longer frames, in validation as in use. Samples are cut from
-            the frames as they are.
-        person_weight: weight of person pixels in the cross-entropy; all others have 1.
+        longest_side: None; or pixels to which the function reduces longer frames, in validation as in use; samples are cut
+            accordingly.
+        class_balance: exponent b of the classes' weights in the cross-entropy, which go with their share of all pixels to the
+            power of −b: 0 weighs all alike, 1 gives every class the same weight in all.
+        person_weight: by which the weight of person pixels is further multiplied.
         learning_rate: highest; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
         keep_norm_statistics: batch normalisation works with the means and variances that it has, in training as in use, and they
@@ -78,6 +80,7 @@ class TrainingSettings(BaseModel):
     time_budget_s: _Positive | None = None
     batch: Annotated[int, Field(ge=2)] = 16
     longest_side: Annotated[int, Field(ge=ALIGNMENT)] | None = None
+    class_balance: _Fraction = 0.0
     person_weight: _Positive = 3.0
     learning_rate: _Positive = 2e-3
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-2

@@ -1,4 +1,4 @@
-"""Mean and standard deviation of the training pictures, for the network's normalisation."""
+"""What the training frames are like: their pictures, for the network's normalisation; their classes, for the loss."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.training.frames import TrainingFrame
 
 _FRAMES: Final = 64
+#: No class weighs more than this many times the average pixel: a class of a few pixels would make the loss leap.
+_LARGEST_WEIGHT: Final = 12.0
 #: A channel that hardly varies must not be blown up.
 _LEAST_DEVIATION: Final = 0.05
 
@@ -21,9 +25,30 @@ def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]
 
     Rounded to four decimals, so that the header of the function file holds them exactly.
     """
-    stride = max(1, len(frames) // _FRAMES)
-    chosen = [frames[i] for i in range(0, len(frames), stride)][:_FRAMES]
+    chosen = spread(frames, _FRAMES)
     pixels = np.concatenate([frame.picture[::4, ::4].reshape(-1, 3) for frame in chosen]).astype(np.float64) / 255.0
     mean = [round(float(x), 4) for x in pixels.mean(axis=0)]
     std = [round(max(float(x), _LEAST_DEVIATION), 4) for x in pixels.std(axis=0)]
     return (mean[0], mean[1], mean[2]), (std[0], std[1], std[2])
+
+
+def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np.float32]:
+    """(19,) weights of the classes: their share of the labelled pixels to the power of ``−balance``, so that the average pixel
+    weighs 1; over at most 64 frames spread over all. Classes that these do not show weigh what the rarest weighs.
+    """
+    counts = np.zeros(NUM_TRAIN_CLASSES, np.int64)
+    for frame in spread(frames, _FRAMES):
+        counts += np.bincount(frame.train_ids[::2, ::2].ravel(), minlength=256)[:NUM_TRAIN_CLASSES]
+    seen = counts > 0
+    if not seen.any():
+        return np.ones(NUM_TRAIN_CLASSES, np.float32)
+    share = np.maximum(counts, counts[seen].min()) / counts.sum()
+    weights = share**-balance
+    weights /= (weights * counts).sum() / counts.sum()
+    return np.minimum(weights, _LARGEST_WEIGHT).astype(np.float32)
+
+
+def spread(frames: Sequence[TrainingFrame], count: int) -> list[TrainingFrame]:
+    """At most ``count`` frames, evenly over all of them."""
+    stride = max(1, len(frames) // count)
+    return [frames[i] for i in range(0, len(frames), stride)][:count]

@@ -1,9 +1,11 @@
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from valerie.perception.catalog import function_card
+from valerie.perception.function_file import read_header
 from valerie.perception.training.__main__ import execute, main
 from valerie.perception.training.frames import write_index, write_shard
 
@@ -35,6 +37,17 @@ def test_fit_writes_a_function_with_its_provenance(folders: tuple[Path, Path], t
     assert "held-out-person-iou" in card.provenance
     assert "after 1 steps" in capsys.readouterr().out
     assert out.with_suffix(".curve.png").stat().st_size > 1000
+
+
+def test_scales_of_samples_are_numbers_with_commas(folders: tuple[Path, Path], tmp_path: Path, capsys) -> None:
+    out = tmp_path / "a.safetensors"
+    arguments = ["fit", "semantic-fpn-small", "--frames", str(folders[0]), "--held-out", str(folders[1])]
+    arguments += ["--out", str(out), "--steps", "1", "--batch", "2", "--precision", "fp32", "--device", "cpu"]
+    assert main([*arguments, "--scales", "1,0.75"]) == 0
+    used = json.loads(read_header(out).provenance["training-settings"])
+    assert used["crops"]["scales"] == [1.0, 0.75]
+    assert main([*arguments, "--scales", "1,-2"]) == 2
+    assert capsys.readouterr().err == "--scales: out of bounds; got -2.0; limit: > 0.0\n"
 
 
 def test_a_missing_folder_is_said_in_one_line(tmp_path: Path, capsys) -> None:

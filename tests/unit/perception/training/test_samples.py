@@ -39,6 +39,14 @@ def test_at_half_scale_a_sample_shows_twice_the_extent() -> None:
     assert abs(steps.mean() - 2.0) < 0.05
 
 
+def test_scales_are_of_the_frame_as_the_function_gets_it() -> None:
+    frame, one = coordinate_frame(), crop(scales=(1.0,))
+    halved, _ = cut(frame, one, rng(2), longest_side=100)
+    assert abs(np.diff(halved[..., 1].astype(int), axis=1).mean() - 2.0) < 0.05
+    whole, _ = cut(frame, one, rng(2), longest_side=400)
+    np.testing.assert_array_equal(whole, cut(frame, one, rng(2))[0])
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_labels_stay_on_their_pixels_through_scale_and_mirror(seed: int) -> None:
     picture, labels = cut(coordinate_frame(), crop(scales=(1.0, 0.7, 0.5), flip_share=0.5, person_share=0.0), rng(seed))
