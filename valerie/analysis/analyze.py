@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.findings import Findings, find_findings
 from valerie.analysis.intervals import Resampler
 from valerie.analysis.summary import Summary, summarize
@@ -20,11 +22,19 @@ class Analysis:
     findings: Findings
 
 
-def analyze(table: EvaluationTable, *, threshold: float = 0.5, seed: int = 0, resamples: int = 2000) -> Analysis:
+def analyze(
+    table: EvaluationTable,
+    *,
+    classes: Sequence[AllClasses] = (),
+    threshold: float = 0.5,
+    seed: int = 0,
+    resamples: int = 2000,
+) -> Analysis:
     """Summarize, regress, compare; equal input gives equal numbers.
 
     Args:
         table: the run's evaluations.
+        classes: what they say of all classes.
         threshold: detection threshold t, 0 < t ≤ 1.
         seed: of the bootstrap draws and the cross-validation folds.
         resamples: number of bootstrap draws.
@@ -33,6 +43,6 @@ def analyze(table: EvaluationTable, *, threshold: float = 0.5, seed: int = 0, re
         InvalidInput: the threshold is out of bounds.
     """
     resampler = Resampler(table.situations, seed=seed, resamples=resamples)
-    summary = summarize(table, threshold=threshold, resampler=resampler)
+    summary = summarize(table, classes=classes, threshold=threshold, resampler=resampler)
     trends = find_trends(table, resampler=resampler, seed=seed, threshold=threshold)
     return Analysis(summary, trends, find_findings(table, trends, resampler=resampler))

@@ -135,6 +135,7 @@ def _summary(source: ReportInput) -> Html:
         sections.summary_table(summary),
         sections.occlusion_note(summary.occlusion),
         sections.empty_table(summary.empty),
+        sections.classes_table(summary.classes),
     )
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 import yaml
 
+from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.examples import Example
 from valerie.analysis.findings import Findings
 from valerie.analysis.frames import ALL
@@ -16,6 +17,7 @@ from valerie.analysis.regression import Curve
 from valerie.analysis.report_model import Failure, PictureKind, PictureSource, Provenance
 from valerie.analysis.summary import OCCLUDED, EmptyFrames, OcclusionShare, Summary, SummaryRow
 from valerie.analysis.trends import Trend, axis_of
+from valerie.labels import TRAIN_LABELS
 from valerie.runs.moments import moment_text
 
 DASH: Final = "–"
@@ -133,6 +135,26 @@ def empty_table(empty: Sequence[EmptyFrames]) -> Html:
     ]
     heads = ("Function", "Sensor", "Frames without a person", "with person pixels", "such pixels")
     return join(tag("h3", "Frames without a person"), table(heads, rows, numbers=(2, 3, 4)))
+
+
+def classes_table(classes: Sequence[AllClasses]) -> Html:
+    """IoU of every class from pooled counts, a column per function and sensor setting, the means in the last two lines."""
+    if not classes:
+        return Html("")
+    several = len({one.sensor for one in classes}) > 1
+    pixels = {c.name: c.pixels for one in classes for c in one.classes}
+    whole = max(sum(pixels.values()), 1)
+    ious = [{c.name: c.iou for c in one.classes} for one in classes]
+    rows = [
+        (label.name, percent(pixels[label.name] / whole, 2), *(percent(of.get(label.name)) for of in ious))
+        for label in TRAIN_LABELS
+        if label.name in pixels
+    ]
+    rows.append(("mean of these", "", *(percent(one.miou_pooled) for one in classes)))
+    rows.append(("mean of the frames' means", "", *(percent(one.miou_mean) for one in classes)))
+    names = [one.function + (f" · sensor {one.sensor}" if several else "") for one in classes]
+    heads = ("Class", "Share of the pixels, %", *(f"IoU of {name}, %" for name in names))
+    return join(tag("h3", "All classes"), table(heads, rows, numbers=range(1, len(heads))))
 
 
 def findings_list(findings: Findings) -> Html:

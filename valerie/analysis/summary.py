@@ -6,7 +6,7 @@ Every aggregate exists twice, named so: as *frame mean* (each person-frame weigh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.frames import (
     ALL,
     FrameCounts,
@@ -121,6 +122,7 @@ class Summary:
         rows: per function, sensor and character.
         occlusion: share of occluded person-frames per character, then all.
         empty: frames without persons, per function and sensor; only where there are such.
+        classes: all classes, per function and sensor; empty in summaries that were written before there was such a thing.
     """
 
     threshold: float
@@ -128,6 +130,7 @@ class Summary:
     rows: tuple[SummaryRow, ...]
     occlusion: tuple[OcclusionShare, ...]
     empty: tuple[EmptyFrames, ...]
+    classes: tuple[AllClasses, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """Plain dicts, lists, numbers and None."""
@@ -139,11 +142,18 @@ class Summary:
         return TypeAdapter(cls).validate_python(document)
 
 
-def summarize(table: EvaluationTable, *, threshold: float = 0.5, resampler: Resampler | None = None) -> Summary:
+def summarize(
+    table: EvaluationTable,
+    *,
+    classes: Sequence[AllClasses] = (),
+    threshold: float = 0.5,
+    resampler: Resampler | None = None,
+) -> Summary:
     """Summarize a run.
 
     Args:
         table: its evaluations.
+        classes: what they say of all classes, which the table does not hold.
         threshold: a person counts as detected from this pACC on; 0 < t ≤ 1.
         resampler: the run's bootstrap draws (made of ``table.situations``); without it, means have no interval.
 
@@ -162,6 +172,7 @@ def summarize(table: EvaluationTable, *, threshold: float = 0.5, resampler: Resa
         rows=tuple(_row(table, group, counts, threshold, resampler) for group in groups(table)),
         occlusion=_occlusion(table),
         empty=_empty(table, counts),
+        classes=tuple(classes),
     )
 
 

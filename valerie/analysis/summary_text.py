@@ -122,6 +122,13 @@ def _notes(summary: Summary) -> list[str]:
         f"{e.function}: {e.with_false_positives:,} of {e.frames:,} frames without a person have person pixels."
         for e in summary.empty
     ]
+    if summary.classes:
+        several = len({one.sensor for one in summary.classes}) > 1
+        mious = [
+            f"{one.function}{f' · {one.sensor}' if several else ''} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
+            for one in summary.classes
+        ]
+        lines.append(f"Mean IoU of all classes, frame mean / pooled: {', '.join(mious)}.")
     return lines
 
 

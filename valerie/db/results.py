@@ -377,6 +377,17 @@ def predictions(
     return {(row[0], row[1], row[2]): (row[3], row[4]) for row in rows}
 
 
+def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, bytes, float | None]]:
+    """(sensor, function, packed confusion matrix, mean IoU) of everything that is evaluated."""
+    query = (
+        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, Score.miou)
+        .join(Score, Score.digest == Evaluation.scores)
+        .where(Evaluation.run_id == run_id)
+    )
+    for row in connection.execution_options(yield_per=5_000).execute(query):
+        yield row[0], row[1], row[2], row[3]
+
+
 def neighbours(
     connection: Connection, run_id: str, variant: int, camera: int, time: int = 0
 ) -> tuple[tuple[int, int, int] | None, tuple[int, int, int] | None]:

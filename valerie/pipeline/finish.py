@@ -23,7 +23,7 @@ from valerie.pipeline import frames
 from valerie.pipeline.context import Context
 from valerie.pipeline.pictures import jpeg
 from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import read_table
+from valerie.pipeline.tables import read_classes, read_table
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import RunState
 from valerie.storage.keys import run_key
@@ -77,7 +77,8 @@ def write_results(context: Context, run: Any, failures: list[dict[str, Any]]) ->
     """Write table (Parquet, CSV), summary and report; returns the summary document."""
     resolved = resolve_stored(run, context.settings)
     table = read_table(context.engine, run.id, resolved)
-    analysis = analyze(table, threshold=resolved.spec.detection_threshold, seed=resolved.spec.seed)
+    classes = read_classes(context.engine, run.id, resolved)
+    analysis = analyze(table, classes=classes, threshold=resolved.spec.detection_threshold, seed=resolved.spec.seed)
     document = summary_document(analysis)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
         buffer = io.BytesIO()

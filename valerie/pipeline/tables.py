@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from sqlalchemy import Engine
 
+from valerie.analysis.all_classes import AllClasses, all_classes
 from valerie.analysis.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import PERSON
+from valerie.metrics.aggregate import frame_mean
+from valerie.metrics.confusion import ConfusionMatrix
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.conditions import conditions
+from valerie.storage import codecs
 
 
 def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
@@ -23,6 +28,22 @@ def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
 def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> EvaluationTable:
     """The long table of what is evaluated so far."""
     return EvaluationTable.from_rows(_rows(engine, run_id, resolved), varied_types(resolved))
+
+
+def read_classes(engine: Engine, run_id: str, resolved: ResolvedRun) -> tuple[AllClasses, ...]:
+    """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table."""
+    totals: dict[tuple[int, int], ConfusionMatrix] = {}
+    mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
+    with reading(engine) as connection:
+        for sensor, function, packed, miou in results.confusions(connection, run_id):
+            matrix = codecs.decode_counts(packed)
+            totals[function, sensor] = totals[function, sensor] + matrix if (function, sensor) in totals else matrix
+            mious[function, sensor].append(miou)
+    functions, sensors = resolved.spec.functions, resolved.spec.sensors
+    return tuple(
+        all_classes(functions[function], sensors[sensor].name, total, frame_mean(mious[function, sensor]))
+        for (function, sensor), total in sorted(totals.items(), key=lambda item: item[0])
+    )
 
 
 def varied_types(resolved: ResolvedRun) -> dict[str, str]:

@@ -1,0 +1,66 @@
+import json
+
+import numpy as np
+import pytest
+
+from valerie.analysis.all_classes import AllClasses, all_classes
+from valerie.analysis.html import Html
+from valerie.analysis.sections import classes_table
+from valerie.analysis.summary import Summary, summarize
+from valerie.analysis.summary_text import summary_text
+from valerie.analysis.table import EvaluationTable
+from valerie.labels import PERSON
+from valerie.metrics.aggregate import FrameMean, frame_mean
+
+ROAD, SKY = 0, 10
+
+
+@pytest.fixture
+def found() -> AllClasses:
+    """100 pixels of road, 90 right and 10 called person; 40 of person, 20 right, 15 called road and 5 void."""
+    matrix = np.zeros((19, 20), np.int64)
+    matrix[ROAD, ROAD], matrix[ROAD, PERSON.train_id] = 90, 10
+    matrix[PERSON.train_id, PERSON.train_id], matrix[PERSON.train_id, ROAD], matrix[PERSON.train_id, 19] = 20, 15, 5
+    return all_classes("net", "default", matrix, frame_mean([0.5, None, 0.7]))
+
+
+def test_figures_follow_from_the_summed_counts(found: AllClasses) -> None:
+    road, person = found.classes
+    assert (road.name, road.pixels, person.name, person.pixels) == ("road", 100, "person", 40)
+    assert (road.pacc, road.precision, road.iou) == pytest.approx((0.9, 90 / 105, 90 / 115))
+    assert (person.pacc, person.precision, person.iou) == pytest.approx((0.5, 20 / 30, 20 / 50))
+    assert found.miou_pooled == pytest.approx((90 / 115 + 20 / 50) / 2)
+    assert found.pixel_accuracy_pooled == pytest.approx(110 / 140)
+    assert (found.frames, found.miou_mean) == (3, pytest.approx(0.6))
+
+
+def test_a_class_that_is_only_predicted_is_not_among_them() -> None:
+    matrix = np.zeros((19, 20), np.int64)
+    matrix[ROAD, ROAD], matrix[ROAD, SKY] = 3, 1
+    assert [one.name for one in all_classes("net", "default", matrix, frame_mean([])).classes] == ["road"]
+
+
+def test_without_a_labelled_pixel_all_is_undefined() -> None:
+    found = all_classes("net", "default", np.zeros((19, 20), np.int64), FrameMean(None, None, None, 0, 2))
+    assert (found.frames, found.miou_pooled, found.miou_mean, found.classes) == (2, None, None, ())
+
+
+def test_the_text_names_both_averages(found: AllClasses) -> None:
+    text = summary_text(summarize(EvaluationTable.from_rows([], {}), classes=[found]))
+    assert "Mean IoU of all classes, frame mean / pooled: net 60.0 / 59.1." in text
+
+
+def test_the_report_has_a_line_per_class(found: AllClasses) -> None:
+    markup = classes_table([found])
+    for part in ("All classes", "road", "71.43", "78.3", "person", "28.57", "40.0", "59.1", "60.0"):
+        assert part in markup
+    assert "sky" not in markup
+    assert classes_table([]) == Html("")
+
+
+def test_a_summary_keeps_them_through_json_and_older_ones_have_none(found: AllClasses) -> None:
+    summary = summarize(EvaluationTable.from_rows([], {}), classes=[found])
+    document = json.loads(json.dumps(summary.to_json()))
+    assert Summary.from_json(document) == summary
+    del document["classes"]
+    assert Summary.from_json(document).classes == ()
