@@ -45,7 +45,8 @@ def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np
     share = np.maximum(counts, counts[seen].min()) / counts.sum()
     weights = share**-balance
     weights /= (weights * counts).sum() / counts.sum()
-    return np.minimum(weights, _LARGEST_WEIGHT).astype(np.float32)
+    bounded: NDArray[np.float32] = np.minimum(weights, _LARGEST_WEIGHT).astype(np.float32)
+    return bounded
 
 
 def spread(frames: Sequence[TrainingFrame], count: int) -> list[TrainingFrame]:
