@@ -93,6 +93,7 @@ TRAIN_LABELS: Final = tuple(sorted((label for label in CITYSCAPES if label.train
 NUM_TRAIN_CLASSES: Final = len(TRAIN_LABELS)
 
 PERSON: Final = BY_NAME["person"]
+RIDER: Final = BY_NAME["rider"]
 SKY: Final = BY_NAME["sky"]
 
 _ID_TO_TRAIN: Final = np.full(256, VOID, np.uint8)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.datasets.frame import LabelledFrame
-from valerie.labels import BY_ID, PERSON, TRAIN_LABELS, VOID
+from valerie.labels import BY_ID, PERSON, RIDER, TRAIN_LABELS, VOID
 
 #: The 19 evaluated classes; ``isthing`` where single objects are told apart.
 CATEGORIES: Final = tuple(
@@ -92,7 +92,8 @@ def assemble(
 ) -> dict[str, Any]:
     """A whole COCO document of images and annotations that have their ids.
 
-    ``key_points`` and ``limbs`` (pairs of their places, from 0) describe persons' key points, where an annotation has any.
+    ``key_points`` and ``limbs`` (pairs of their places, from 0) describe the key points of persons and riders, where an
+    annotation has any.
     """
     pointed = any("keypoints" in annotation for annotation in annotations)
     named = {"keypoints": list(key_points), "skeleton": [[a + 1, b + 1] for a, b in limbs]}
@@ -102,7 +103,7 @@ def assemble(
         "images": list(images),
         "annotations": list(annotations),
         "categories": [
-            {**category, **named} if pointed and category["name"] == PERSON.name else category
+            {**category, **named} if pointed and category["name"] in (PERSON.name, RIDER.name) else category
             for category in CATEGORIES
         ],
     }

@@ -39,7 +39,7 @@ EVALUATION_REVISION: Final = 1
 ANNOTATION_REVISIONS: Final = {
     AnnotationKind.NORMALS: 1,
     AnnotationKind.BOXES: 1,
-    AnnotationKind.JOINTS: 1,
+    AnnotationKind.JOINTS: 2,
     AnnotationKind.LIGHT: 1,
     AnnotationKind.FLOW: 1,
     AnnotationKind.VELOCITY: 1,

@@ -207,6 +207,8 @@ class Node:
         movable: declared by the manifest (inherited): part of the movable layer, not of the background.
         visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
         figure: what ``meshes`` come from, where a stance can be chosen.
+        joints: (len(JOINTS), 3) metres in the node's frame: of a body that holds one pose, as a rider does; None where there is
+            a figure, or no skeleton is known.
         light: a lamp at the node's origin.
     """
 
@@ -218,6 +220,7 @@ class Node:
     movable: bool = False
     visible: bool = True
     figure: Figure | None = None
+    joints: NDArray[np.float64] | None = None
     light: Light | None = None
 
     @property

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scene_rays
 from numpy.typing import NDArray
 
 from valerie.rendering.annotations.joints import (
@@ -21,8 +22,10 @@ from valerie.rendering.annotations.joints import (
 )
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.model import JOINTS, Material, Scene
+from valerie.scene.model import JOINTS, Material, Node, Scene
+from valerie.scene.objects import classified
 from valerie.scene.procedural.human.figure import figure
+from valerie.scene.procedural.vehicles import build_rider, build_vehicle
 from valerie.scene.transforms import camera_transform, place
 from valerie.testing.assets import simple_asset
 
@@ -135,3 +138,56 @@ def test_a_generated_person_shows_its_joints_where_its_body_is(truth_pass: Truth
     # Seen from the front, its left is on the right.
     pixels = dict(zip(JOINTS, joints.pixels[0].tolist(), strict=True))
     assert pixels["left_shoulder"][0] > pixels["right_shoulder"][0]
+
+
+BICYCLE, RIDER = 33001, 25001
+
+
+def with_cyclist() -> Scene:
+    """The scene of boxes whose person has gone, and a cyclist who passes 4 m before the camera from right to left."""
+    scene = with_joints(at((0.0, 0.0, 1.0)))
+    path = "scene.bicycle-1"
+    bicycle, rider = build_vehicle("bicycle", 0, "blue"), build_rider("bicycle", "yellow-shirt")
+    nodes = [Node(path, place(0.2, 4.0, 0.0, 70.0))]
+    nodes += [Node(f"{path}.{part.name}", part.transform, part.meshes) for part in bicycle.parts]
+    nodes += [Node(f"{path}.rider-1", part.transform, part.meshes, joints=part.joints) for part in rider.parts]
+    kept = {name: node for name, node in scene.nodes.items() if not name.startswith("scene.person-")}
+    materials = {name: Material(name) for name in bicycle.materials | rider.materials}
+    return replace(
+        scene, nodes=kept | classified(nodes, {f"{path}.rider-1": "rider"}, ()), materials=scene.materials | materials
+    )
+
+
+@pytest.mark.gl
+def test_a_riders_joints_are_seen_where_rays_from_the_camera_meet_its_body(truth_pass: TruthPass) -> None:
+    scene = with_cyclist()
+    truth = truth_pass.truth(scene, VIEW)
+    joints = measure_joints(scene, VIEW, truth)
+    assert (joints.instances.tolist(), joints.known.tolist()) == ([RIDER], [1])
+    triangles, camera = scene_rays.triangles_of(scene), scene.cameras["camera-1"]
+    ways = joints.places[0].astype(np.float64) - camera.position
+    origins = np.broadcast_to(camera.position, ways.shape)
+    hits = triangles.intersector.intersects_first(origins, ways)
+    where, rays, _ = triangles.intersector.intersects_location(origins, ways, multiple_hits=False)
+    gaps = np.full(len(JOINTS), -np.inf)  # from what is met first to the joint, along the optical axis, +y
+    gaps[rays] = joints.places[0, rays, 1] - where[:, 1]
+    edges = scene_rays.near_edges(truth.instance_map)
+    judged = []
+    for k, name in enumerate(JOINTS):
+        x, y = joints.pixels[0, k].astype(int)
+        if edges[y, x] or abs(gaps[k] - 0.2) < 0.02:
+            continue
+        own = triangles.instances[hits[k]] == RIDER
+        expected = HIDDEN if not own else VISIBLE if gaps[k] <= 0.2 else SELF_HIDDEN
+        assert joints.visibility[0, k] == expected, name
+        judged.append(name)
+    assert len(judged) > len(JOINTS) / 2
+
+
+def test_a_rider_without_a_skeleton_is_said_and_not_guessed() -> None:
+    base = simple_asset().base
+    box = base.nodes["scene.car-1"].meshes
+    nodes = classified([Node("scene.rider-1", place(0, 12), box)], {}, ())
+    joints = measure_joints(replace(base, nodes=base.nodes | nodes), VIEW, truth_of(PERSON, 9.9))
+    assert joints.instances.tolist() == [PERSON, RIDER]
+    assert joints.known.tolist() == [0, 0]

@@ -1,4 +1,4 @@
-"""Joints of persons: in the world, before the camera and in the image. Pure numpy, from the scene and its ground truth."""
+"""Joints of persons and riders: in the world, before the camera and in the image. From the scene and its truth, in numpy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.labels import PERSON
+from valerie.labels import PERSON, RIDER
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.raster.camera_math import project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
@@ -21,6 +21,9 @@ OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE = 0, 1, 2, 3
 #: A joint lies within the body. It counts as visible if the person's surface at its pixel is at most this far before it, metres:
 #: more than flesh and clothes around a shoulder, a hip or a head, less than a trunk.
 DEPTH_WITHIN_M: Final = 0.2
+
+#: Classes of human bodies.
+_BODIES: Final = frozenset({PERSON.id, RIDER.id})
 
 #: Pairs of joints that a limb joins, for drawings.
 LIMBS: Final = tuple(
@@ -41,11 +44,11 @@ LIMBS: Final = tuple(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joints:
-    """The joints of every person who is drawn, by ascending instance id; of J = ``len(JOINTS)`` in the order of `JOINTS`.
+    """The joints of every person and rider who is drawn, by ascending instance id; of J = ``len(JOINTS)``, in that order.
 
     Attributes:
         instances: (N,) int64, label id × 1000 + n.
-        known: (N,) uint8, 1 where the person has a skeleton; 0 for one whose shape came without: nothing is guessed, the other
+        known: (N,) uint8, 1 where there is a skeleton; 0 for one whose shape came without: nothing is guessed, the other
             arrays hold NaN and `OUTSIDE`.
         places: (N, J, 3) float32, metres in the world.
         camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, −z is where it looks).
@@ -66,7 +69,7 @@ class Joints:
 
 
 def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
-    """The joints of a scene's persons seen by a camera.
+    """The joints of a scene's persons and riders seen by a camera.
 
     Args:
         scene: who stands where, and how.
@@ -77,18 +80,17 @@ def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
         UnknownName: the scene has no such camera.
     """
     camera = camera_of(scene, view)
-    bodies: dict[int, DrawItem | None] = {}
+    skeletons: dict[int, NDArray[np.float64] | None] = {}
     for item in (*draw_items(scene, movable=False), *draw_items(scene, movable=True)):
-        if item.node.label_id == PERSON.id and item.node.instance_id:
-            bodies.setdefault(item.node.instance_id, None)
-            if item.node.figure is not None:
-                bodies[item.node.instance_id] = item
-    numbers = sorted(bodies)
+        if item.node.label_id in _BODIES and item.node.instance_id:
+            skeletons.setdefault(item.node.instance_id, None)
+            if (found := _in_the_world(item)) is not None:
+                skeletons[item.node.instance_id] = found
+    numbers = sorted(skeletons)
     places = np.full((len(numbers), len(JOINTS), 3), np.nan)
     for i, number in enumerate(numbers):
-        body = bodies[number]
-        if body is not None and body.node.figure is not None:
-            places[i] = body.node.figure.joints @ body.world[:3, :3].T + body.world[:3, 3]
+        if (skeleton := skeletons[number]) is not None:
+            places[i] = skeleton
     to_camera = view_from_world(camera)
     pixels, depths = _pixels(places, camera, view)
     return Joints(
@@ -105,6 +107,13 @@ def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
             np.uint8,
         ).reshape(len(numbers), len(JOINTS)),
     )
+
+
+def _in_the_world(item: DrawItem) -> NDArray[np.float64] | None:
+    """(J, 3) the joints of what is drawn, or None."""
+    node = item.node
+    joints = node.joints if node.figure is None else node.figure.joints
+    return None if joints is None else np.asarray(joints @ item.world[:3, :3].T + item.world[:3, 3], np.float64)
 
 
 def _pixels(places: NDArray[np.float64], camera: Camera, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

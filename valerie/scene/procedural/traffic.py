@@ -76,7 +76,7 @@ class Traffic:
             self.materials[named] = replace(material, name=named)
         for part in content.parts:
             meshes = tuple(_owned(mesh, owner) for mesh in part.meshes)
-            yield Node(f"{path}.{only or part.name}", part.transform, meshes)
+            yield Node(f"{path}.{only or part.name}", part.transform, meshes, joints=part.joints)
 
 
 def _lamps(path: str, owner: str, content: VehicleContent) -> Iterator[Node]:

@@ -14,7 +14,7 @@ from valerie.pipeline.training_scenes import crowd_asset
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.gltf import load_gltf, save_gltf
 from valerie.scene.legality import rejection_reason
-from valerie.scene.model import Camera, Node, Scene
+from valerie.scene.model import JOINTS, Camera, Node, Scene
 from valerie.scene.naming import ROOT
 from valerie.scene.paints import PAINTS
 from valerie.scene.procedural.urban_street import CAMERAS
@@ -221,6 +221,8 @@ def test_riders_are_riders_on_bicycles_of_their_own(asset: SceneAsset) -> None:
     assert set(riders) == {"scene.bicycle-100.rider-100", "scene.bicycle-101.rider-101"}
     assert {node.instance_id for node in riders.values()} == {25100, 25101}
     assert asset.base.nodes["scene.bicycle-100.frame"].label_id == 33
+    assert {node.joints.shape for node in riders.values() if node.joints is not None} == {(len(JOINTS), 3)}
+    assert all(node.joints is not None for node in riders.values())
 
 
 def test_every_cityscapes_class_but_the_train_appears(asset: SceneAsset) -> None:

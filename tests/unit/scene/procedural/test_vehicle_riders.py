@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from valerie.errors import UnknownName
+from valerie.scene.model import JOINTS
 from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.body import Body, BodyShape, shape_body
 from valerie.scene.procedural.human.pose import pose_body
@@ -62,8 +63,13 @@ def test_the_head_is_above_the_saddle_and_looks_ahead(body: Body) -> None:
 
 
 @pytest.fixture(scope="module")
-def cyclist() -> VehicleContent:
-    return build_rider("bicycle", "yellow-shirt")
+def riders() -> dict[str, VehicleContent]:
+    return {mount: build_rider(mount, "yellow-shirt") for mount in MOUNTS}
+
+
+@pytest.fixture(scope="module")
+def cyclist(riders: dict[str, VehicleContent]) -> VehicleContent:
+    return riders["bicycle"]
 
 
 def test_a_cyclist_is_a_rider_with_clothes_of_his_own(cyclist: VehicleContent) -> None:
@@ -86,6 +92,48 @@ def test_skin_touches_the_grips_and_shoes_the_pedals(cyclist: VehicleContent) ->
     assert sorted(rays) == [0, 1]
     gaps = [hit[2] - contact.foot[ray][2] for hit, ray in zip(hits, rays, strict=True)]
     assert np.abs(gaps).max() < 0.02
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_joints_of_a_rider_lie_in_the_limbs_that_they_are_named_after(
+    riders: dict[str, VehicleContent], mount: str
+) -> None:
+    (part,) = riders[mount].parts
+    assert part.joints is not None
+    at = dict(zip(JOINTS, part.joints, strict=True))
+    meshes = {mesh.material.rpartition("/")[2]: mesh for mesh in part.meshes}
+    for side, outwards in (("left", -1.0), ("right", 1.0)):
+
+        def own(name: str, outwards: float = outwards) -> np.ndarray:
+            points = meshes[name].positions.astype(np.float64)
+            return points[points[:, 0] * outwards > 0.0]
+
+        assert np.linalg.norm(own("skin-eyes").mean(axis=0) - at[f"{side}_eye"]) < 0.01
+        assert np.linalg.norm(np.array(MOUNTS[mount].grip) * [outwards, 1.0, 1.0] - at[f"{side}_wrist"]) < 0.13
+        sole = own("shoe-sole")
+        low, high = sole.min(axis=0), sole.max(axis=0)
+        for joint in ("ankle", "toes"):
+            x, y, z = at[f"{side}_{joint}"]
+            assert low[0] < x < high[0]
+            assert low[1] < y < high[1]
+            assert 0.0 < z - low[2] < 0.2
+        assert at[f"{side}_knee"][2] > at[f"{side}_ankle"][2] + 0.15
+        assert at[f"{side}_hip"][2] == pytest.approx(MOUNTS[mount].seat[2], abs=0.15)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_joints_of_a_rider_are_surrounded_by_its_body(riders: dict[str, VehicleContent], mount: str) -> None:
+    (part,) = riders[mount].parts
+    assert part.joints is not None
+    soup = np.concatenate([mesh.positions[mesh.faces] for mesh in part.meshes]).astype(np.float64).reshape(-1, 3)
+    body = trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False, validate=False)
+    inside = [name for name in JOINTS if name != "head_top"]  # the skull's top is under hair or helmet
+    directions = np.concatenate([np.eye(3), -np.eye(3)])
+    origins = np.repeat([part.joints[JOINTS.index(name)] for name in inside], len(directions), axis=0)
+    hits, rays, _ = body.ray.intersects_location(origins, np.tile(directions, (len(inside), 1)), multiple_hits=False)
+    near = np.linalg.norm(hits - origins[rays], axis=1) < 0.35
+    met = np.bincount(rays[near] // len(directions), minlength=len(inside))
+    assert {name: count for name, count in zip(inside, met.tolist(), strict=True) if count < 5} == {}
 
 
 def test_what_cannot_be_ridden_is_refused() -> None:

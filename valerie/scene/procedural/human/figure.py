@@ -59,6 +59,18 @@ class StanceKey(NamedTuple):
     carries: str
 
 
+class Seat(NamedTuple):
+    """Where parts of a seated body are, in the frame of what it sits on.
+
+    Attributes:
+        head: (4, 4) a frame on the head: the origin inside the skull at brow height, axes as the rest pose's.
+        joints: (len(JOINTS), 3) metres.
+    """
+
+    head: Points
+    joints: Points
+
+
 _FIRST: Final = StanceKey("walking", 0, "nothing")
 
 
@@ -128,8 +140,8 @@ class Figure:
         made._siblings = self._siblings
         return self._siblings.setdefault(made._key, made)
 
-    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Points]:
-        """Meshes on a bicycle or motorcycle, in its frame, and (4, 4) a frame on the head (see `seat_character`)."""
+    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
+        """Meshes on a bicycle or motorcycle, in its frame, and where head and joints are."""
         return self._model.seated(contact)
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
@@ -262,7 +274,7 @@ class Model:
         posed = self.posed(key)
         return pose.joints(self.body, posed) - self._origin(posed)
 
-    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Points]:
+    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
         """See `Figure.seated`."""
         rotations, origin = ride(self.body, contact)
         posed = pose.pose_body(self.body, rotations)
@@ -273,7 +285,7 @@ class Model:
         )
         head: Points = posed.transforms[data.rig().bones.index("head")].copy()
         head[:3, 3] += head[:3, :3] @ hair.head_centre(self.body) - origin
-        return meshes, head
+        return meshes, Seat(head, pose.joints(self.body, posed) - origin)
 
     def _slimmed(self, full: Mapping[str, Shape]) -> dict[str, Shape]:
         slim = self._slim

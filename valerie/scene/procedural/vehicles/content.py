@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from valerie.scene.model import Material, Matrix, Mesh, Texture
 from valerie.scene.procedural.street.geometry import Bag
 
@@ -29,12 +32,14 @@ class VehiclePart:
         transform: (4, 4) part to vehicle: a door's origin is on its hinge, a wheel's on its axle.
         meshes: one per material, in the part's frame.
         moves: the rotation that is the part's own: ``rot.z`` of a door, ``rot.x`` of a wheel; empty if it is fixed.
+        joints: (len(JOINTS), 3) of a human body, metres in the part's frame; None of all else.
     """
 
     name: str
     transform: Matrix
     meshes: tuple[Mesh, ...]
     moves: str = ""
+    joints: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

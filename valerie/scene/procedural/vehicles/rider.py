@@ -31,7 +31,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         helmet: None: on a motorcycle yes, on a bicycle no.
 
     Returns:
-        One part, ``body``; the class is ``rider``. The footprint is that of the vehicle.
+        One part, ``body``, with the joints; the class is ``rider``. The footprint is that of the vehicle.
 
     Raises:
         UnknownName: no such mount or character.
@@ -41,7 +41,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
         raise UnknownName("mount", mount, MOUNTS)
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
-    person, head = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
+    person, seat = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
     # The pose is another mesh, so its materials must not be taken for the walking character's.
     prefix = f"rider-{mount}/"
     materials: dict[str, Material] = {
@@ -50,7 +50,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     meshes: list[Mesh] = [replace(mesh, material=prefix + mesh.material) for mesh in person.meshes]
     height = person.height_m
     if covered:
-        bag = _full_face(head) if full_face else _bicycle_helmet(head)
+        bag = _full_face(seat.head) if full_face else _bicycle_helmet(seat.head)
         found = bag.meshes()
         meshes += found
         shared = common_materials(0.0)
@@ -62,7 +62,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     return VehicleContent(
         kind=f"rider-{mount}",
         object_class="rider",
-        parts=(VehiclePart("body", np.eye(4), tuple(meshes)),),
+        parts=(VehiclePart("body", np.eye(4), tuple(meshes), joints=seat.joints),),
         materials=materials,
         textures={name: texture for name, texture in person.textures.items() if name in images},
         footprint=size_of(mount)[0],
