@@ -1,91 +1,100 @@
-"""What Cycles costs and how far its images are from the light itself; writes ``var/bench/cycles.json``.
+"""What Cycles' pictures cost and how far they are from the light itself, and whether a layer over a background is the frame.
 
-* presets: samples with and without denoiser against a picture of many samples: error and CPU seconds.
-* reach: what a pedestrian changes by indirect light, by its distance in body heights, beside the noise.
-* frames: layer over background against the whole frame, beside the difference of two seeds; with ``--functions`` also the
-  paired difference of pACC.
+``python -m benchmarks.bench_cycles [STEP …]``, of
 
-``python -m benchmarks.bench_cycles [--width W --height H --reference SAMPLES --frames N --functions NAME …]``. The validation of
-docs/cycles.md at full size: ``--width 960 --height 540 --frames 100 --functions deeplabv3plus-small semantic-fpn-small``.
+* ``render``: parts of frames, into ``--folder``. It goes on where it was ended (Ctrl-C, a crash), and takes Blender.
+* ``score``: what there is so far, into ``var/bench/cycles.json``. Layers against full frames, beside two seeds: grey levels and
+  pACC. Qualities against many samples: error, pACC, CPU seconds. Takes no Blender; networks may have changed since.
+* ``reach``: what a pedestrian changes by indirect light, by its distance in body heights, beside the noise.
+
+Without a step: all, small. The validation of docs/cycles.md, whose windows and samples `benchmarks.cycles_frames` explains:
+``render score --width 960 --height 540 --frames 100 --presets 10``, some three CPU hours.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import json
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks import results
+from benchmarks import cycles_scores, results
+from benchmarks.cycles_frames import Planned, planned
+from benchmarks.cycles_parts import Parts
+from benchmarks.cycles_render import Studio
 from valerie import plugins
-from valerie.rendering.base import LinearImage, Rectangle, View
-from valerie.rendering.cycles.reach import reached_rectangle
+from valerie.errors import ValerieError
+from valerie.rendering.base import View
+from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
-from valerie.rendering.raster.bounds import grown
 from valerie.scene.asset import SceneAsset, load_asset
-from valerie.scene.model import Scene
 from valerie.scene.variation import apply
-from valerie.sensing.sensor import SensorSetting, develop
+from valerie.settings import load_settings
 
-Pixels = NDArray[np.float64]
+STEPS = ("render", "score", "reach")
+#: Pedestrians of the table of presets: their rectangles are at most this share of the image, for what 1024 samples cost.
+LARGEST_OF_PRESETS = 1 / 24
+
+
+def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int) -> None:
+    """Frame after frame; the first ``presets`` small ones of them at every quality too."""
+    holder = BlenderHolder(load_settings())
+    engine = CyclesRenderer(holder=holder)
+    size = frames[0].view
+    setup = {
+        "asset": asset.digest,
+        "revision": engine.revision,
+        "numeric_class": engine.numeric_class,
+        "width": size.width,
+        "height": size.height,
+    }
+    started, done = time.monotonic(), 0
+    try:
+        studio = Studio(Parts(folder, setup), holder)
+        chosen = of_presets(frames, presets)
+        for one in frames:
+            made = studio.frame(one)
+            if one in chosen:
+                made |= studio.presets(one)
+            done += made
+            if made:
+                pace = (time.monotonic() - started) / done
+                left = pace * (len(frames) - 1 - one.index) / 3600
+                print(f"frame {one.index + 1} of {len(frames)}: {pace:.0f} s each, about {left:.1f} h left", flush=True)
+    finally:
+        holder.close()
+
+
+def of_presets(frames: list[Planned], count: int) -> list[Planned]:
+    """Those that are rendered at every quality."""
+    size = frames[0].view
+    most = LARGEST_OF_PRESETS * size.width * size.height
+    return [one for one in frames if one.rectangle.width * one.rectangle.height <= most][:count]
+
+
+def score(folder: Path, frames: list[Planned], functions: list[str]) -> dict[str, Any]:
+    parts = Parts(folder, json.loads((folder / "setup.json").read_text()))
+    scores = cycles_scores.Scores(parts, folder, {name: plugins.create_function(name) for name in functions})
+    return {
+        "setup": json.loads((folder / "setup.json").read_text()),
+        "checks": [parts.figures(f"{one.index}/checks") for one in frames if f"{one.index}/checks" in parts],
+        "layers": cycles_scores.of_layers(parts, frames, scores),
+        "presets": cycles_scores.of_presets(parts, frames, scores),
+    }
 
 
 def engine(**settings: Any) -> CyclesRenderer:
     return CyclesRenderer(CyclesSettings.model_validate(settings))
 
 
-def place(asset: SceneAsset, index: int) -> Scene:
-    """A pedestrian on the road, at one place after the other."""
-    return apply(
-        {"scene.person-1.pos.x": 1.0 + 0.37 * (index % 8), "scene.person-1.pos.y": 8.0 + 1.3 * (index % 11)}, asset
-    )
-
-
-def timed(made: CyclesRenderer, call: Callable[[], LinearImage]) -> tuple[LinearImage, float]:
-    """The picture, and Blender's CPU seconds for it."""
-    before = made.cpu_seconds_elsewhere
-    return call(), made.cpu_seconds_elsewhere - before
-
-
-def levels(image: LinearImage) -> Pixels:
-    """Grey levels 0…255 after the default sensor."""
-    return np.asarray(develop(image.pixels, SensorSetting()), np.float64)
-
-
-def rms(first: Pixels, second: Pixels, where: Rectangle | None = None) -> float:
-    part = slice(None) if where is None else where.slices
-    return float(np.sqrt(((first[part] - second[part]) ** 2).mean()))
-
-
-def presets(asset: SceneAsset, view: View, samples: int) -> dict[str, Any]:
-    scene = place(asset, 0)
-    best = engine(samples=samples, denoise=False, seed=9)
-    reference, cost = timed(best, lambda: best.background(scene, view))
-    found: dict[str, Any] = {"reference": {"samples": samples, "denoise": False, "cpu_s": round(cost, 1)}}
-    linear = np.minimum(reference.pixels.astype(np.float64), 2)
-    for count in (16, 64, 256):
-        for denoise in (False, True):
-            made = engine(samples=count, denoise=denoise)
-            image, cost = timed(made, lambda made=made: made.background(scene, view))  # type: ignore[misc]
-            figures = {
-                "rmse_grey_levels": round(rms(levels(image), levels(reference)), 2),
-                "rmse_linear": round(rms(np.minimum(image.pixels.astype(np.float64), 2), linear), 4),
-                "cpu_s": round(cost, 1),
-                "cpu_s_per_megapixel": round(cost / (view.width * view.height / 1e6), 1),
-            }
-            name = f"{count}{' + OIDN' if denoise else ''}"
-            found[name] = figures
-            print(f"{name:12}", figures)
-    return found
-
-
 def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any]:
     """Share by which a pedestrian changes light outside its own pixels and shadow, in rings of half a body height."""
-    scene = place(asset, 0)
+    scene = apply({"scene.person-1.pos.x": 1.0, "scene.person-1.pos.y": 8.0}, asset)
     made, height = engine(samples=64, denoise=False), 1.8
     # The same seed: a path that does not meet the person has the same value in both.
     without, with_person = made.background(scene, view).pixels, made.full(scene, view).pixels
@@ -119,68 +128,36 @@ def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any
     return found
 
 
-def frames(asset: SceneAsset, view: View, truth_pass: TruthPass, count: int, functions: list[str]) -> dict[str, Any]:
-    made, other = engine(), engine(seed=1)
-    loaded = {name: plugins.create_function(name) for name in functions}
-    background = made.background(place(asset, 0), view)
-    rows: list[dict[str, Any]] = []
-    for index in range(count):
-        scene = place(asset, index)
-        before = made.cpu_seconds_elsewhere
-        layer = made.layer(scene, view)
-        layer_cost = made.cpu_seconds_elsewhere - before
-        joined = layer.over(background)
-        full, cost = timed(made, lambda scene=scene: made.full(scene, view))  # type: ignore[misc]
-        reseeded = other.full(scene, view)
-        around = grown(reached_rectangle(scene, view), 16, view)
-        row: dict[str, Any] = {"layer_cpu_s": round(layer_cost, 2), "full_cpu_s": round(cost, 2)}
-        for name, where in (("rectangle", layer.rectangle), ("around", around), ("image", None)):
-            row[name] = {
-                "layer": round(rms(levels(joined), levels(full), where), 3),
-                "seeds": round(rms(levels(reseeded), levels(full), where), 3),
-            }
-        person = truth_pass.truth(scene, view).class_map == 24
-        for name, function in loaded.items():
-            if person.any():
-                score = [
-                    float((function.predict(develop(image.pixels, SensorSetting()))[person] == 11).mean())
-                    for image in (joined, full)
-                ]
-                row[name] = round(100 * (score[0] - score[1]), 3)
-        rows.append(row)
-        print("frame", index, row)
-    found: dict[str, Any] = {"frames": rows}
-    for name in functions:
-        differences = np.array([row[name] for row in rows if name in row])
-        drawn = np.random.default_rng(0).choice(differences, (2000, len(differences))).mean(axis=1)
-        found[name] = {
-            "mean_pacc_points": round(float(differences.mean()), 3),
-            "interval_90": [round(float(q), 3) for q in np.quantile(drawn, (0.05, 0.95))],
-            "largest": round(float(np.abs(differences).max()), 3),
-        }
-    return found
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("steps", nargs="*", metavar="STEP", help=f"any of {', '.join(STEPS)}; all if not given")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=108)
-    parser.add_argument("--reference", type=int, default=1024, help="samples of the reference picture")
-    parser.add_argument("--frames", type=int, default=3)
-    parser.add_argument("--functions", nargs="*", default=[])
+    parser.add_argument("--frames", type=int, default=3, help="how many pedestrians")
+    parser.add_argument("--presets", type=int, default=1, help="how many of them at every quality")
+    parser.add_argument("--functions", nargs="*", default=["deeplabv3plus-small", "semantic-fpn-small"])
+    parser.add_argument("--folder", type=Path, help="of the parts; var/bench/cycles-WIDTHxHEIGHT if not given")
     given = parser.parse_args()
-    asset, view, truth_pass = load_asset("urban-street"), View("camera-1", given.width, given.height), TruthPass()
-    results.write(
-        "cycles",
-        {
-            "width": given.width,
-            "height": given.height,
-            "numeric_class": engine().numeric_class,
-            "frames": frames(asset, view, truth_pass, given.frames, given.functions),
-            "reach": reach(asset, view, truth_pass),
-            "presets": presets(asset, view, given.reference),
-        },
-    )
+    steps = given.steps or list(STEPS)
+    if unknown := set(steps) - set(STEPS):
+        parser.error(f"no such step: {', '.join(sorted(unknown))}; there are {', '.join(STEPS)}")
+    folder = given.folder or Path(f"var/bench/cycles-{given.width}x{given.height}")
+    asset = load_asset("urban-street")
+    frames = planned(asset, given.width, given.height, given.frames)
+    figures: dict[str, Any] = {}
+    try:
+        if "render" in steps:
+            render(folder, asset, frames, given.presets)
+        if "score" in steps:
+            figures |= score(folder, frames, given.functions)
+        if "reach" in steps:
+            figures["reach"] = reach(asset, View("camera-1", given.width, given.height), TruthPass())
+    except KeyboardInterrupt:
+        raise SystemExit("ended; the same command goes on from here") from None
+    except ValerieError as error:
+        raise SystemExit(str(error)) from None
+    if figures:
+        results.write("cycles", figures)
 
 
 if __name__ == "__main__":

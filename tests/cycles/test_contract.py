@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from valerie.errors import RenderingError
-from valerie.rendering.base import Renderer, View
+from valerie.rendering.base import Rectangle, Renderer, View
+from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
@@ -48,6 +49,30 @@ def test_with_denoiser_a_layer_is_the_part_of_the_frame_within_the_noise(holder:
     layer = made.layer(scene, VIEW)
     joined = layer.over(made.background(scene, VIEW))
     assert_within_noise(joined, made.full(scene, VIEW), other.full(scene, VIEW), layer.rectangle)
+
+
+def test_a_border_shows_the_pixels_of_the_whole_picture_bit_for_bit(holder: BlenderHolder) -> None:
+    scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
+    whole = translation.guided(holder.get(), scene, VIEW, settings)
+    for border in (Rectangle(53, 31, 40, 37), Rectangle(0, 80, 160, 10)):
+        part = translation.guided(holder.get(), scene, VIEW, settings, border=border)
+        for name, pixels in part._asdict().items():
+            np.testing.assert_array_equal(pixels, getattr(whole, name)[border.slices], err_msg=name)
+
+
+def test_guides_leave_the_picture_as_it_is(holder: BlenderHolder) -> None:
+    scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4, denoise=False).inputs()
+    plain = translation.render(holder.get(), scene, VIEW, settings)
+    np.testing.assert_array_equal(translation.guided(holder.get(), scene, VIEW, settings).noisy, plain)
+    np.testing.assert_array_equal(translation.render(holder.get(), scene, VIEW, settings), plain)
+
+
+def test_denoising_afterwards_is_denoising_at_once(holder: BlenderHolder) -> None:
+    scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
+    at_once = translation.render(holder.get(), scene, VIEW, settings)
+    given = translation.guided(holder.get(), scene, VIEW, settings)
+    np.testing.assert_allclose(translation.denoised(holder.get(), given), at_once, atol=1e-4)
+    assert np.abs(given.noisy - at_once).max() > 0.05
 
 
 def test_a_denoised_image_has_the_same_bytes_every_time(holder: BlenderHolder) -> None:

@@ -25,6 +25,7 @@ import signal
 import struct
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -243,7 +244,9 @@ class Studio:
         return {}, {}
 
     def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """A picture (h, w, 3) float32 of the border (x, y, w, h), or with ``index`` the object index pass (h, w)."""
+        """A picture (h, w, 3) float32 of the border (x, y, w, h), or what a denoiser is given for it with ``guides``, or with
+        ``index`` the object index pass (h, w).
+        """
         self._settings(header["settings"], header["size"], header["border"])
         self._camera_at(header["camera"])
         self._objects_at(header["objects"], arrays["matrices"])
@@ -251,7 +254,34 @@ class Studio:
         self._lamps_at(header["lamps"])
         if header.get("index"):
             return {}, {"index": self._index()}
+        if header.get("guides"):
+            return {}, self._guided()
         return {}, {"pixels": self._picture()}
+
+    def denoise(self, _: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What Cycles' own denoiser makes of ``noisy`` with the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
+        bpy = self._bpy
+        scene = bpy.data.scenes.new("denoise")
+        scene.render.resolution_y, scene.render.resolution_x, _ = arrays["noisy"].shape
+        scene.render.resolution_percentage = 100
+        scene.render.threads_mode, scene.render.threads = self._scene.render.threads_mode, self._scene.render.threads
+        images = {name: _float_image(bpy.data, name, arrays[name]) for name in ("noisy", "albedo", "normal")}
+
+        def cleaned(nodes: Any) -> dict[str, Any]:
+            cleaner = nodes.new("CompositorNodeDenoise")
+            cleaner.use_hdr, cleaner.prefilter, cleaner.quality = True, "ACCURATE", "HIGH"
+            for name, socket in (("noisy", "Image"), ("albedo", "Albedo"), ("normal", "Normal")):
+                shown = nodes.new("CompositorNodeImage")
+                shown.image = images[name]
+                scene.node_tree.links.new(shown.outputs["Image"], cleaner.inputs[socket])
+            return {"pixels": cleaner.outputs["Image"]}
+
+        try:
+            return {}, self._composited(scene, cleaned)
+        finally:
+            bpy.data.scenes.remove(scene)
+            for image in images.values():
+                bpy.data.images.remove(image)
 
     def _clear(self) -> None:
         bpy = self._bpy
@@ -464,21 +494,47 @@ class Studio:
         layer.use_pass_object_index = True
         scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.filter_width = 1, False, 0.01
         scene.cycles.max_bounces = 0
+        try:
+            made = self._composited(scene, lambda nodes: {"index": _layers(nodes).outputs["IndexOB"]})
+        finally:
+            layer.use_pass_object_index = False
+        return np.rint(made["index"][..., 0])
+
+    def _guided(self) -> dict[str, Any]:
+        """``noisy``, ``albedo`` and ``normal``, each (h, w, 3) float32, as Cycles' denoiser gets them."""
+        layer = self._scene.view_layers[0]
+        layer.cycles.denoising_store_passes = True
+        names = {"noisy": "Image", "albedo": "Denoising Albedo", "normal": "Denoising Normal"}
+
+        def passes(nodes: Any) -> dict[str, Any]:
+            outputs = _layers(nodes).outputs
+            return {name: outputs[output] for name, output in names.items()}
+
+        try:
+            return self._composited(self._scene, passes)
+        finally:
+            layer.cycles.denoising_store_passes = False
+
+    def _composited(self, scene: Any, outputs: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """(h, w, 3) float32 of each output that ``outputs`` makes of the nodes of a scene's empty compositor."""
         scene.use_nodes, scene.render.use_compositing = True, True
         tree = scene.node_tree
+        tree.nodes.clear()
         try:
-            tree.nodes.clear()
-            layers = tree.nodes.new("CompositorNodeRLayers")
-            output = tree.nodes.new("CompositorNodeOutputFile")
-            output.base_path = self._folder
-            output.format.file_format, output.format.color_depth, output.format.exr_codec = "OPEN_EXR", "32", "NONE"
-            output.file_slots[0].path = "index"
-            tree.links.new(layers.outputs["IndexOB"], output.inputs[0])
+            writer = tree.nodes.new("CompositorNodeOutputFile")
+            writer.base_path = self._folder
+            writer.format.file_format, writer.format.color_depth, writer.format.exr_codec = "OPEN_EXR", "32", "NONE"
+            writer.file_slots.clear()
+            wanted = outputs(tree.nodes)
+            for name, output in wanted.items():
+                writer.file_slots.new(f"{name}-")
+                tree.links.new(output, writer.inputs[f"{name}-"])
             self._bpy.ops.render.render(scene=scene.name)
         finally:
-            scene.render.use_compositing = layer.use_pass_object_index = False
-        (name,) = [name for name in os.listdir(self._folder) if name.startswith("index")]  # noqa: PTH208
-        return np.rint(self._read(f"{self._folder}/{name}")[..., 0])
+            tree.nodes.clear()
+            scene.render.use_compositing = False
+        written = {name.partition("-")[0]: name for name in os.listdir(self._folder) if "-" in name}  # noqa: PTH208
+        return {name: self._read(f"{self._folder}/{written[name]}") for name in wanted}
 
 
 class Nodes:
@@ -602,13 +658,7 @@ class World:
 
     def show_panorama(self, data: Any, sky: dict[str, Any], panorama: Any) -> None:
         """The sky of an equirectangular picture (H, W, 3), first row straight up."""
-        old, (height, width, _) = self._picture.image, panorama.shape
-        image = data.images.new("sky", width, height, float_buffer=True, alpha=False)
-        image.colorspace_settings.name = "Linear Rec.709"
-        rgba = np.ones((height, width, 4), np.float32)
-        rgba[..., :3] = panorama[::-1]
-        image.pixels.foreach_set(rgba.ravel())
-        image.pack()
+        old, image = self._picture.image, _float_image(data, "sky", panorama)
         self._picture.image = image
         if old is not None:
             data.images.remove(old)
@@ -676,6 +726,22 @@ def _write_floats(scene: Any) -> None:
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
     settings.color_depth, settings.exr_codec = "32", "NONE"
+
+
+def _layers(nodes: Any) -> Any:
+    return nodes.new("CompositorNodeRLayers")
+
+
+def _float_image(data: Any, name: str, pixels: Any) -> Any:
+    """An image of (H, W, 3) float32 values, first row at the top, which nothing converts."""
+    height, width, _ = pixels.shape
+    image = data.images.new(name, width, height, float_buffer=True, alpha=False)
+    image.colorspace_settings.name = "Linear Rec.709"
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = pixels[::-1]
+    image.pixels.foreach_set(rgba.ravel())
+    image.pack()
+    return image
 
 
 def _matrix(matrix: Any) -> Any:

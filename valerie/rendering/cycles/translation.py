@@ -45,6 +45,19 @@ class _Placed(NamedTuple):
     place: int
 
 
+class Guided(NamedTuple):
+    """What a denoiser is given, each (h, w, 3) float32.
+
+    Attributes:
+        noisy: the picture as its samples left it.
+        albedo, normal: of what is seen through each pixel, as Cycles' denoiser takes them.
+    """
+
+    noisy: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    normal: NDArray[np.float32]
+
+
 def render(
     blender: BlenderProcess,
     scene: Scene,
@@ -61,9 +74,33 @@ def render(
         movables: whether they are part of the picture.
     """
     items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
-    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, index=False, movables=movables)
+    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
     return rained_on(made["pixels"], sky.drops, sky.haze, part, view.height)
+
+
+def guided(
+    blender: BlenderProcess,
+    scene: Scene,
+    view: View,
+    settings: Mapping[str, Any],
+    *,
+    border: Rectangle | None = None,
+    movables: bool = True,
+) -> Guided:
+    """As `render` without denoiser and before rain falls, with the denoiser's guides.
+
+    Frames are composed of it to validate layers (docs/cycles.md); no product is made of it.
+    """
+    items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
+    noisy = {**settings, "denoise": False}
+    _, made = _ask(blender, scene, view, items, settings=noisy, border=border, guides=True, movables=movables)
+    return Guided(**made)
+
+
+def denoised(blender: BlenderProcess, given: Guided) -> NDArray[np.float32]:
+    """What Cycles' own denoiser makes of a picture: up to rounding of floats, what `render` gives with ``denoise``."""
+    return blender.ask("denoise", given._asdict())[1]["pixels"]
 
 
 def object_index(
@@ -86,7 +123,8 @@ def _ask(
     *,
     settings: dict[str, Any],
     border: Rectangle | None,
-    index: bool,
+    index: bool = False,
+    guides: bool = False,
     movables: bool = True,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
@@ -109,6 +147,7 @@ def _ask(
         objects=[{"name": p.name, "mesh": p.mesh, "material": p.material, "index": p.place} for p in placed],
         settings=settings,
         index=index,
+        guides=guides,
         lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
         **_light(scene, sky),
     )

@@ -1,0 +1,125 @@
+"""Whole frames of a path tracer, composed of a window around the pedestrian and a background.
+
+A pixel of a render inside a border is the pixel of the whole render, bit for bit (tests/cycles). So the full render of a
+frame needs to be made only where it can differ from a background of its own seed by more than noise: in a window, the
+rectangle of the layer with `MARGIN` pixels around.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import count as counted
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.parameters.definitions import Value
+from valerie.rendering.base import LinearImage, Rectangle, View
+from valerie.rendering.cycles.reach import MARGIN, reached_rectangle
+from valerie.rendering.cycles.translation import Guided
+from valerie.rendering.raster.bounds import grown
+from valerie.scene.asset import SceneAsset
+from valerie.scene.legality import rejection_reason
+from valerie.scene.model import Scene
+from valerie.scene.variation import apply
+
+_BRIGHTEST: Final = float(np.finfo(np.float16).max)
+#: Where pedestrians stand: metres across the street, and from the line of the cameras along it.
+_ACROSS_M: Final = (-2.0, 7.0)
+_DISTANCE_M: Final = (16.0, 64.0)
+_CAMERAS_AT_M: Final = -12.0
+#: Consecutive frames of one group: a background is the dearest part.
+_BLOCK: Final = 50
+
+
+class Group(NamedTuple):
+    """Frames that share a background."""
+
+    name: str
+    camera: str
+    light: Mapping[str, Value]
+
+
+GROUPS: Final = (
+    Group("a", "camera-1", {}),
+    Group("b", "camera-3", {"scene.sun-1.elevation": 25.0, "scene.sun-1.azimuth": 120.0}),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planned:
+    """One pedestrian before one background.
+
+    Attributes:
+        index: number of the frame, from 0.
+        rectangle: of the layer.
+        window: where the full render is made.
+    """
+
+    index: int
+    group: Group
+    scene: Scene
+    view: View
+    rectangle: Rectangle
+    window: Rectangle
+
+    @property
+    def core(self) -> Rectangle:
+        """The rectangle in the window's own pixels."""
+        inside = self.rectangle
+        return Rectangle(inside.x - self.window.x, inside.y - self.window.y, inside.width, inside.height)
+
+
+def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
+    """The first ``count`` frames: distances even in their logarithm, all outfits and headings, two cameras and suns.
+
+    Places follow Roberts' low-discrepancy sequence (R₃; *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), so
+    that any beginning of the list is spread evenly; those that cannot be (inside a car) or are out of view are passed over.
+    """
+    outfits = [name for name in asset.manifest.definition("scene.person-1.character").choices if name != "absent"]
+    root = 1.2207440846057596  # of x⁴ = x + 1
+    steps = np.array([1 / root, 1 / root**2, 1 / root**3])
+    found: list[Planned] = []
+    for number in counted():
+        if len(found) == count:
+            return found
+        across, along, turn = (0.5 + number * steps) % 1
+        near, far = _DISTANCE_M
+        values: dict[str, Value] = {
+            "scene.person-1.pos.x": round(float(_ACROSS_M[0] + across * (_ACROSS_M[1] - _ACROSS_M[0])), 2),
+            "scene.person-1.pos.y": round(float(near * (far / near) ** along) + _CAMERAS_AT_M, 2),
+            "scene.person-1.heading": round(360.0 * float(turn), 1),
+            "scene.person-1.character": outfits[number % len(outfits)],
+        }
+        group = GROUPS[len(found) // _BLOCK % len(GROUPS)]
+        if rejection_reason(values, asset.manifest) is not None:
+            continue
+        scene, view = apply({**group.light, **values}, asset), View(group.camera, width, height)
+        rectangle = reached_rectangle(scene, view)
+        if not rectangle.empty:
+            found.append(Planned(len(found), group, scene, view, rectangle, grown(rectangle, MARGIN, view)))
+    raise AssertionError("numbers do not end")
+
+
+def put(window: Guided, at: Rectangle, background: Guided) -> Guided:
+    """The whole frame: a background of the window's kind, with the window put in."""
+    whole = [layer.copy() for layer in background]
+    for layer, part in zip(whole, window, strict=True):
+        layer[at.slices] = part
+    return Guided(*whole)
+
+
+def cut(frame: Guided, part: Rectangle) -> Guided:
+    return Guided(*(np.ascontiguousarray(layer[part.slices]) for layer in frame))
+
+
+def mean(first: Guided, second: Guided) -> Guided:
+    """Of two seeds: a picture of twice the samples."""
+    return Guided(*((a + b) / np.float32(2) for a, b in zip(first, second, strict=True)))
+
+
+def linear(pixels: NDArray[np.float32]) -> LinearImage:
+    """As the engine hands pixels out."""
+    return LinearImage(np.clip(pixels, 0.0, _BRIGHTEST).astype(np.float16))
