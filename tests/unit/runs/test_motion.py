@@ -8,6 +8,7 @@ from valerie.errors import InvalidInputs
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.planning import plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
+from valerie.scene.asset import asset_manifest
 from valerie.scene.manifest import Manifest
 from valerie.scene.trajectory import TIME_PATH, Trajectory
 
@@ -92,6 +93,17 @@ def test_a_variant_is_legal_only_if_every_moment_is(street: Manifest) -> None:
     assert ends.rejection({}) is None
     every = run(street, sequence=[5, "2 s"], trajectories=through)
     assert every.rejection({}) == "person-1 stands inside building-3 at 2 s"
+
+
+def test_a_car_that_meets_a_cyclist_on_its_way_is_rejected_with_the_moment() -> None:
+    street, _ = asset_manifest("urban-street")
+    way = {"car-101": [["0 s", 2.5, 40], ["4 s", 2.5, 20]]}
+    shown = {"car-101.kind": "sedan", "bicycle-101.visible": True, "bicycle-101.pos.y": 30, "person-1.pos.x": 7}
+    resolved = run(street, sequence=[5, "1 s"], trajectories=way, constants=shown)
+    (variant,) = resolved.space
+    assert resolved.rejection(variant.values) == "car-101 and bicycle-101 overlap at 2 s"
+    alone = run(street, sequence=[5, "1 s"], trajectories=way, constants={**shown, "bicycle-101.visible": False})
+    assert alone.rejection(next(iter(alone.space)).values) is None
 
 
 def test_what_stands_still_is_rendered_once(street: Manifest, pins: dict[str, Any]) -> None:

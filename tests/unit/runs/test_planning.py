@@ -9,6 +9,7 @@ from valerie.runs.inputs import ProductInputs
 from valerie.runs.planning import Plan, plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.runs.states import ProductKind
+from valerie.scene.asset import asset_manifest
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
 
@@ -43,6 +44,19 @@ def every_digest(run: ResolvedRun, pins: dict[str, Any]) -> dict[str, set[str]]:
         found["prediction"] |= {one.prediction for one in frame.evaluations}
         found["evaluation"] |= {one.scores for one in frame.evaluations}
     return found
+
+
+def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: dict[str, Any]) -> None:
+    street, _ = asset_manifest("urban-street")
+    places = {"car-101.pos.x": {"choice": [-3, 2.5]}, "car-101.pos.y": {"choice": [20, 40, 57]}}
+    run = resolved(street, vary=places, constants={"car-101.kind": "suv", "person-1.pos.x": 2.5})
+    found = plan(run, pins=pins)
+    assert found.rejected == {
+        "person-1 stands inside car-101": 1,
+        "car-101 leaves its level ground": 3,
+        "car-101 stands inside bicycle-100": 1,
+    }
+    assert found.accepted == 1
 
 
 def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: dict[str, Any]) -> None:
