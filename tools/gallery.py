@@ -108,7 +108,7 @@ CONDITIONS: Final = (
     ),
     Condition(
         "night, street and car lamps",
-        {"sun-1.elevation": -12.0, "car-101.kind": "sedan", "car-101.pos.x": 1.6, "car-101.pos.y": 30.0},
+        {"sun-1.elevation": -12.0, "car-101.kind": "sedan", "car-101.pos.x": 2.5, "car-101.pos.y": 30.0},
         {
             "person-1": person("yellow-shirt", 3.2, 8.0, 180.0),
             "person-2": person("black-outfit", 1.4, 13.0, 250.0),

@@ -16,15 +16,15 @@ Owner = TypeVar("Owner")
 
 def predicted(
     function: PerceptionFunction, pictures: Iterable[tuple[Owner, NDArray[np.uint8]]]
-) -> Iterator[tuple[Owner, NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Every picture with its labels, in the order given; as many are read ahead as the function takes together.
+) -> Iterator[tuple[Owner, NDArray[np.uint8]]]:
+    """The labels of every picture, in the order given; as many are read ahead as the function takes together.
 
     Args:
         function: under test.
         pictures: whatever a picture belongs to, and the (H, W, 3) uint8 picture.
 
     Yields:
-        what it belongs to, the picture, (H, W) uint8 train ids.
+        what it belongs to, (H, W) uint8 train ids.
 
     Raises:
         InferenceError: the answer has another size than the picture.
@@ -54,11 +54,11 @@ def require_size(name: str, labels: NDArray[np.uint8], picture: NDArray[np.uint8
 
 def _together(
     function: PerceptionFunction, waiting: list[tuple[Owner, NDArray[np.uint8]]]
-) -> Iterator[tuple[Owner, NDArray[np.uint8], NDArray[np.uint8]]]:
+) -> Iterator[tuple[Owner, NDArray[np.uint8]]]:
     if len(waiting) > 1 and isinstance(function, BatchFunction):
         answers = function.predict_many([picture for _, picture in waiting])
     else:
         answers = [function.predict(picture) for _, picture in waiting]
     for (owner, picture), labels in zip(waiting, answers, strict=True):
         require_size(function.card.name, labels, picture)
-        yield owner, picture, labels
+        yield owner, labels

@@ -157,7 +157,7 @@ def _look(
     started = time.monotonic()
     try:
         taken = ((shot, shot[1].picture(reader)) for shot in ((frame, frame.capture(resolved, 0)) for frame in frames))
-        for done, ((frame, capture), _, labels) in enumerate(predicted(function, taken), start=1):
+        for done, ((frame, capture), labels) in enumerate(predicted(function, taken), start=1):
             truth = capture.seen_truth(reader)
             matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), labels)
             scores = frame_scores(matrix)

@@ -178,7 +178,7 @@ def evaluate_dataset(
         persons: list[dict[str, Any]] = []
         try:
             frames = ((frame, frame.picture) for frame in folder)
-            for index, (frame, _, labels) in enumerate(predicted(function, frames)):
+            for index, (frame, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
                         seen.update(part)
