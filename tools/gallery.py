@@ -83,7 +83,7 @@ CONDITIONS: Final = (
             "person-3": person("orange-workwear", -1.9, 8.0, 180.0),
         },
         season="winter",
-        sensor={"exposure_ev": 1.0},
+        sensor={"exposure_ev": 1.7},
     ),
     Condition(
         "fog, 120 m",
@@ -93,7 +93,7 @@ CONDITIONS: Final = (
             "person-2": person("white-tee", 1.2, 5.0, 250.0),
             "person-3": person("yellow-shirt", 2.2, 26.0, 0.0),
         },
-        sensor={"exposure_ev": 0.6},
+        sensor={"exposure_ev": 1.3},
         camera="camera-2",
     ),
     Condition(
@@ -104,7 +104,7 @@ CONDITIONS: Final = (
             "person-2": person("red-coat", 1.4, 8.0, 20.0, carries="umbrella"),
             "person-3": person("navy-coat", 6.9, 5.0, 180.0, carries="shopping-bag"),
         },
-        sensor={"exposure_ev": 1.0},
+        sensor={"exposure_ev": 1.5},
     ),
     Condition(
         "night, street and car lamps",
