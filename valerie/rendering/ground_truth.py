@@ -154,7 +154,7 @@ class TruthPass:
             one_span(gl_rectangle(everything, view)),
             {},
             {"sky_label": SKY.id, "nothing": float("inf")},
-            writes_depth=True,
+            depth="written",
         )
         labels.target.use()
         self._labels.statics(prepared.statics, table, _camera_values(camera, view))
@@ -174,7 +174,7 @@ class TruthPass:
             "from_axis_depth": statics.colors[1],
             "from_depth": statics.depth,
         }
-        self._copy.run(work.target, one_span(area), sources, {}, writes_depth=True)
+        self._copy.run(work.target, one_span(area), sources, {}, depth="written")
         work.target.use(area)
         values = _camera_values(frame.camera, view)
         self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)

@@ -103,7 +103,8 @@ class Canvas:
 
     Attributes:
         targets: what the passes write.
-        occluded, smoothed, opened, skylit, shaded: per pass, the tiles that are right for the statics alone.
+        occluded, smoothed, opened, skylit, told, shaded: per pass, the tiles that are right for the statics alone. In those
+            ``told``, plain pixels have been told from the others.
     """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
@@ -119,7 +120,8 @@ class Canvas:
         self._light: Hashable = None
         #: Where the G-buffer is not the statics': where movables were drawn; everywhere, before anything was.
         self.drawn: Area = (0, 0, self.grid.width, self.grid.height)
-        self.occluded, self.smoothed, self.opened, self.skylit, self.shaded = (self.grid.none() for _ in range(5))
+        none = self.grid.none
+        self.occluded, self.smoothed, self.opened, self.skylit, self.told, self.shaded = (none() for _ in range(6))
 
     def take(self, camera: Hashable, light: Hashable) -> None:
         """Go on with the statics seen by this camera under this light."""
@@ -136,7 +138,10 @@ class Canvas:
         shaded = widened(wanted) & ~self.shaded
         self.occlude(frame, widened(shaded))
         self.light_sky(frame, widened(shaded))
-        frame.shade.run(spans(shaded))
+        told = shaded & ~self.told
+        frame.tell_plain(spans(told))
+        self.told |= told
+        frame.shade(spans(shaded))
         self.shaded |= shaded
         frame.resolve.run(spans(wanted))
 
@@ -159,7 +164,8 @@ class Canvas:
         self.smoothed |= smoothed
 
     def cover(self, tiles: Mask) -> None:
-        """Take the sky light of tiles for granted no more: movables have come or gone."""
+        """Take what is known of tiles for granted no more, but for near occlusion: movables have come or gone."""
+        self.told &= ~tiles
         self.opened &= ~tiles
         self.skylit &= ~tiles
 

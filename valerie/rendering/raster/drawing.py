@@ -30,6 +30,7 @@ class SurfaceDrawer:
         panes: what becomes of `Material.transmission`: a pane is drawn ``whole`` (for labels), ``sampled`` (some of the samples
             show what is behind it) or ``not`` at all (it casts no shadow).
         elsewhere: whether it wants to know where the vertices are at another moment (`moved` alone).
+        sampler: replaces the filters of the textures of surfaces that are not cut.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class SurfaceDrawer:
         all_faces: bool = False,
         panes: Literal["whole", "sampled", "not"] = "whole",
         elsewhere: bool = False,
+        sampler: moderngl.Sampler | None = None,
     ) -> None:
         self._context = context
         self._fragment = fragment
@@ -52,6 +54,7 @@ class SurfaceDrawer:
         self._all_faces = all_faces
         self._panes = panes
         self._elsewhere = elsewhere
+        self._sampler = sampler
 
     def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
         """Draw all statics into the target in use."""
@@ -61,6 +64,8 @@ class SurfaceDrawer:
                 continue
             program = self._ready(batch.kind, statics.textures, table, values, movable=False)
             geometry.array(program).render(moderngl.TRIANGLES, vertices=batch.count, first=batch.first)
+        if self._sampler is not None:
+            self._context.gl.clear_samplers()
 
     def movables(
         self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Mapping[str, Any]
@@ -118,7 +123,9 @@ class SurfaceDrawer:
         if not (kind.double_sided or self._all_faces):
             flags |= moderngl.CULL_FACE
         gl.enable_only(flags)
-        bind(program, bound)
+        if self._sampler is not None:
+            gl.clear_samplers()
+        bind(program, bound, None if kind.cut else self._sampler)
         set_uniforms(program, values)
         return program
 

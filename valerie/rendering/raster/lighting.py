@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 _STREET_ALBEDO = np.array([0.26, 0.23, 0.20])
 
 
-#: What a frame may need of the shading pass beside sun and sky: symbols of its shader.
-Need = Literal["LAMPS", "MOVABLES", "RAIN", "RECEIVED"]
+#: What a frame may need of the shading pass beside sun and sky, and what is shaded: symbols of its shader.
+Need = Literal["LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 
 class Lighting:
@@ -57,6 +57,8 @@ class Lighting:
         )
         self.occlusion = ScreenPass(gl, context.program("screen.vert", "occlusion.frag"))
         self.blur = ScreenPass(gl, context.program("screen.vert", "blur.frag"))
+        self.plain = ScreenPass(gl, context.program("screen.vert", "plain.frag"))
+        self.detail = ScreenPass(gl, context.program("screen.vert", "detail.frag"))
         self.resolve = ScreenPass(gl, context.program("screen.vert", "resolve.frag"))
         self._context = context
         self._shading: dict[tuple[str, ...], ScreenPass] = {}
@@ -80,9 +82,9 @@ class Lighting:
     def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
         """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
 
-        Needs what `LitFrame.shade` needs around these parts.
+        Needs what `LitFrame.shade` needs around these parts, but no plain pixels.
         """
-        shade = frame.shade
+        shade = frame.shade_detail
         self._shade(frame.needs - {"RAIN"} | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
 
     def inputs(
@@ -105,6 +107,9 @@ class Lighting:
         common = _sample_values(camera, view)
         depth = {"depth_map": surfaces.depth}
         normals = {"normals_map": surfaces.colors[1]}
+        samples = depth | normals | {"albedo_map": surfaces.colors[0], "material_map": surfaces.colors[2]}
+        plain_maps = ("albedo_map", "normals_map", "material_map", "plain_depth")
+        plain = dict(zip(plain_maps, targets.plain.colors, strict=True))
         street_by_sky = _STREET_ALBEDO * sky.sky_irradiance * 0.7
         # Of the surfaces that face the sun, about half lie in the shadow of others.
         street_by_sun = _STREET_ALBEDO * sky.sun * 0.6
@@ -123,11 +128,7 @@ class Lighting:
         caster = movable_shadow or static_shadow
         first, second = targets.openness.colors
         red, green, blue, open_sky = targets.skylight.colors
-        shade_textures = {
-            **depth,
-            **normals,
-            "albedo_map": surfaces.colors[0],
-            "material_map": surfaces.colors[2],
+        shade_textures = samples | {
             "material_table": table,
             "sky_table": sky_table,
             "skylight_red": red,
@@ -180,8 +181,20 @@ class Lighting:
             smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common),
             openness=_Step(self.openness, targets.openness, depth | normals | {"atlas": sky_maps.texture}, openness),
             skylight=_Step(self.skylight, targets.skylight, depth | {"first": first, "second": second}, skylight),
-            shade=_Step(self._shade(needs), targets.radiance, shade_textures, shade, samples=SAMPLES),
-            resolve=_Step(self.resolve, targets.pixels, {"radiance": targets.radiance.colors[0]}, {}),
+            plain=_Step(self.plain, targets.plain, samples, common),
+            detail=_Step(
+                self.detail, targets.detail, {"plain_albedo": plain["albedo_map"]}, {}, samples=SAMPLES, depth="written"
+            ),
+            shade_plain=_Step(self._shade(needs | {"PLAIN"}), targets.plain_radiance, shade_textures | plain, shade),
+            shade_detail=_Step(
+                self._shade(needs), targets.radiance, shade_textures, shade, samples=SAMPLES, depth="tested"
+            ),
+            resolve=_Step(
+                self.resolve,
+                targets.pixels,
+                {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]},
+                {},
+            ),
             owned=tuple(owned),
             movable_shadow=movable_shadow,
             needs=needs,
@@ -190,23 +203,25 @@ class Lighting:
     def release(self) -> None:
         """Free the passes."""
         for screen_pass in (
-            self.openness, self.skylight, self.occlusion, self.blur, self.resolve, *self._shading.values(),
+            self.openness, self.skylight, self.occlusion, self.blur, self.plain, self.detail, self.resolve,
+            *self._shading.values(),
         ):  # fmt: skip
             screen_pass.release()
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One pass with its target and inputs; ``samples`` texels of the target per pixel and direction."""
+    """One pass with its target and inputs; ``samples`` texels of the target per pixel and direction; see `ScreenPass.run`."""
 
     screen_pass: ScreenPass
     target: Target
     textures: Mapping[str, moderngl.Texture]
     values: Mapping[str, Any]
     samples: int = 1
+    depth: Literal["ignored", "written", "tested"] = "ignored"
 
     def run(self, parts: Spans) -> None:
-        self.screen_pass.run(self.target, parts * self.samples, self.textures, self.values)
+        self.screen_pass.run(self.target, parts * self.samples, self.textures, self.values, depth=self.depth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +236,10 @@ class LitFrame:
     smooth: _Step
     openness: _Step
     skylight: _Step
-    shade: _Step
+    plain: _Step
+    detail: _Step
+    shade_plain: _Step
+    shade_detail: _Step
     resolve: _Step
     owned: tuple[moderngl.Texture, ...]
     movable_shadow: ShadowMap | None
@@ -234,6 +252,16 @@ class LitFrame:
     def light_sky(self, parts: Spans) -> None:
         """Sky light of the cells that touch the parts."""
         self.skylight.run(_cells(parts))
+
+    def tell_plain(self, parts: Spans) -> None:
+        """Tell plain pixels from the others."""
+        self.plain.run(parts)
+        self.detail.run(parts)
+
+    def shade(self, parts: Spans) -> None:
+        """Radiance of plain pixels, and of each sample of the others."""
+        self.shade_plain.run(parts)
+        self.shade_detail.run(parts)
 
     def release(self) -> None:
         """Free what belongs to this frame alone."""

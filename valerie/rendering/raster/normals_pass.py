@@ -57,7 +57,7 @@ class NormalsPass:
                 work = self._work.get((view.width, view.height), lambda: _target(gl, view))
                 assert statics.depth is not None
                 sources = {"from_normals": statics.colors[0], "from_depth": statics.depth}
-                self._copy.run(work, one_span(gl_rectangle(everything, view)), sources, {}, writes_depth=True)
+                self._copy.run(work, one_span(gl_rectangle(everything, view)), sources, {}, depth="written")
                 rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], camera, view)
                 if not rectangle.empty:
                     work.use(gl_rectangle(rectangle, view))
@@ -81,7 +81,7 @@ class NormalsPass:
     def _draw_statics(self, prepared: Prepared, camera: Camera, view: View, table: moderngl.Texture) -> Target:
         target = _target(self._context.gl, view)
         everything = one_span((0, 0, view.width, view.height))
-        self._nothing.run(target, everything, {}, {}, writes_depth=True)
+        self._nothing.run(target, everything, {}, {}, depth="written")
         target.use()
         self._surfaces.statics(prepared.statics, table, _camera_values(camera, view))
         return target

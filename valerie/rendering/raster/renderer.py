@@ -56,12 +56,11 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 5
+    revision: ClassVar[int] = 6
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
         self._shadows = Shadows(self._context)
-        self._surfaces = SurfaceDrawer(self._context, "surface.frag", colors=True, panes="sampled")
         self._shapes = SurfaceDrawer(self._context, "shape.frag", panes="sampled")
         self._moving = SurfaceDrawer(self._context, "moving.frag", frames=True, panes="sampled")
         with self._context.current() as gl:
@@ -69,6 +68,9 @@ class RasterRenderer:
             self._lighting = Lighting(self._context, REACH)
             # Anisotropic filters and explicit levels do not go together in llvmpipe: each read would take milliseconds.
             self._sampler = gl.sampler(filter=(moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR), anisotropy=1.0)
+        self._surfaces = SurfaceDrawer(
+            self._context, "surface.frag", colors=True, panes="sampled", sampler=self._sampler
+        )
         self._texture_passes: dict[tuple[int, ...], ScreenPass] = {}
         self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
         self._light_views: LeastRecentlyUsed[LightView] = LeastRecentlyUsed(_CAMERAS * _SUNS)
@@ -381,7 +383,7 @@ class RasterRenderer:
             "from_depth": surfaces.depth,
         }
         if canvas.drawn[2] and canvas.drawn[3]:
-            self._copy.run(canvas.targets.surfaces, one_span(canvas.drawn) * SAMPLES, sources, {}, writes_depth=True)
+            self._copy.run(canvas.targets.surfaces, one_span(canvas.drawn) * SAMPLES, sources, {}, depth="written")
         canvas.drawn = (0, 0, 0, 0)
 
 

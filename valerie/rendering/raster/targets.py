@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import moderngl
 import numpy as np
@@ -79,7 +79,8 @@ class Target:
 class ImageTargets:
     """The targets of one image size: G-buffer with movables, openness, sky light, occlusion, radiance, pixels.
 
-    ``moving`` holds what is known of movables' samples before their textures are read; its depth is the G-buffer's.
+    ``moving`` holds what is known of movables' samples before their textures are read; its depth is the G-buffer's. ``plain`` is
+    the G-buffer of plain pixels, and ``detail`` the depth that lets samples of the others alone pass into ``radiance``.
     """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
@@ -93,14 +94,17 @@ class ImageTargets:
         self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
         self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
-        self.radiance = Target(gl, fine, ((4, "f2"),), depth=False)
+        self.plain = Target(gl, size, ((4, "f1"), (4, "nu2"), (2, "u2"), (1, "f4")), depth=False)
+        self.plain_radiance = Target(gl, size, ((4, "f2"),), depth=False)
+        self.detail = Target(gl, fine, (), depth=True)
+        self.radiance = Target(gl, fine, ((4, "f2"),), depth=self.detail.depth or False)
         self.pixels = Target(gl, size, ((4, "f2"),), depth=False)
 
     def release(self) -> None:
         """Free all of them."""
         for target in (
-            self.moving, self.surfaces, self.openness, self.skylight, self.occlusion, self.smooth_occlusion, self.radiance,
-            self.pixels,
+            self.moving, self.surfaces, self.openness, self.skylight, self.occlusion, self.smooth_occlusion, self.plain,
+            self.plain_radiance, self.radiance, self.detail, self.pixels,
         ):  # fmt: skip
             target.release()
 
@@ -135,12 +139,13 @@ class ScreenPass:
         textures: Mapping[str, moderngl.Texture | moderngl.TextureArray],
         values: Mapping[str, Any],
         *,
-        writes_depth: bool = False,
+        depth: Literal["ignored", "written", "tested"] = "ignored",
         sampler: moderngl.Sampler | None = None,
     ) -> None:
         """Shade ``parts`` of ``target``: (N, 4) x0, y0, x1, y1 in its texels from the bottom left.
 
-        ``sampler`` replaces the filters of texture arrays.
+        ``depth`` says what becomes of the target's: whether the shader writes it, or nothing is done where it is 0; in the second
+        case the target's depth is not written. ``sampler`` replaces the filters of texture arrays.
         """
         if not len(parts):
             return
@@ -150,17 +155,16 @@ class ScreenPass:
             self._corners.orphan(len(data))
         self._corners.write(data)
         target.use()
-        if writes_depth:
-            self._gl.enable_only(moderngl.DEPTH_TEST)
-            self._gl.depth_func = "1"
-        else:
-            self._gl.enable_only(moderngl.NOTHING)
+        self._gl.enable_only(moderngl.NOTHING if depth == "ignored" else moderngl.DEPTH_TEST)
+        self._gl.depth_func = "1" if depth == "written" else "<"
+        target.framebuffer.depth_mask = depth == "written"
         sampled = bind(self.program, textures, sampler)
         set_uniforms(self.program, values)
         self._array.render(moderngl.TRIANGLES, vertices=6 * len(parts))
         for unit in sampled:
             sampler.clear(unit)  # type: ignore[union-attr]  # there is one if there are units
         self._gl.depth_func = "<"
+        target.framebuffer.depth_mask = True
 
     def release(self) -> None:
         """Free the vertex array."""

@@ -5,9 +5,13 @@
 #include "roughness.glsl"
 #include "sample.glsl"
 #include "shadow.glsl"
+// Of each sample, or of each pixel that is plain (plain.frag).
 uniform sampler2D albedo_map;
 uniform sampler2D normals_map;
 uniform usampler2D material_map;
+#ifdef PLAIN
+uniform sampler2D plain_depth;
+#endif
 uniform sampler2D material_table;
 uniform sampler2D sky_table;        // columns: azimuth from the sun 0 … π, rows: square root of elevation
 uniform sampler2D skylight_red;
@@ -95,6 +99,17 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
+    mat2 steps = mat2(0.0);
+#ifdef PLAIN
+    // Along the surface, from one sample to the next; a surface seen along itself has no useful ones.
+    vec3 ray = (p - eye) / depth;
+    float along = dot(normal, ray);
+    vec3 slanted = ray / (abs(along) < 0.02 ? -0.02 : along);
+    mat3 by_sample = mat3(ray_basis[0] * (2.0 / float(sample_size.x)), ray_basis[1] * (2.0 / float(sample_size.y)), vec3(0.0));
+    for (int i = 0; i < 2; ++i) {
+        steps[i] = (light_rows * (by_sample[i] - slanted * dot(normal, by_sample[i]))).xy * depth;
+    }
+#endif
     vec2 way = direction(gradient_noise(gl_FragCoord.xy) * 6.2831853);
     vec3 n = light_rows * normal;
     float side = n.z < 0.0 ? 1.0 : -1.0;
@@ -111,11 +126,11 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     float tilt = length(slope) * (largest_penumbra + max(texel.x, texel.y)) + 0.01;
     bool hidden = wanted && inside && gap.y < -tilt;
     bool unsure = wanted && inside && gap.x < tilt && !hidden;
-    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, unsure);
+    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, steps, unsure);
     lit = hidden ? 0.0 : lit;
     lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
 #ifdef MOVABLES
-    lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, wanted && lit > 0.0));
+    lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, steps, wanted && lit > 0.0));
 #endif
     return lit;
 }
@@ -129,8 +144,8 @@ float random_of(vec3 p) {
 
 // Streaks of rain across the image: layers of cells, each with at most one drop drawn out by its fall during the exposure. A
 // fixed pattern of places, so that background and layer of a frame agree; how much of the drop's light lies over a sample.
-float streak() {
-    vec2 at = gl_FragCoord.xy / float(pixel_height);
+float streak(vec2 place) {
+    vec2 at = place / float(pixel_height);
     float found = 0.0;
     int layers = drops > 0.0 ? 4 : 0;
     for (int i = 0; i < layers; ++i) {
@@ -150,7 +165,14 @@ float streak() {
 
 // Rain in front of what a sample sees: a drop shows a wide piece of sky, upside down.
 vec3 through_rain(vec3 color) {
-    return drops > 0.0 ? mix(color, haze, 0.3 * streak()) : color;
+#ifdef PLAIN
+    // Thinner than a pixel: the mean over its samples.
+    vec2 s = floor(gl_FragCoord.xy) * 2.0 + 0.5;
+    float found = 0.25 * (streak(s) + streak(s + vec2(1.0, 0.0)) + streak(s + vec2(0.0, 1.0)) + streak(s + 1.0));
+#else
+    float found = streak(gl_FragCoord.xy);
+#endif
+    return drops > 0.0 ? mix(color, haze, 0.3 * found) : color;
 }
 #endif
 
@@ -184,19 +206,26 @@ void main() {
 }
 #else
 void main() {
-    ivec2 s = ivec2(gl_FragCoord.xy);
+    ivec2 place = ivec2(gl_FragCoord.xy);
+#ifdef PLAIN
+    ivec2 s = place * 2;
+    float window = texelFetch(plain_depth, place, 0).r;
+    vec3 ray = ray_through(gl_FragCoord.xy * 2.0);
+#else
+    ivec2 s = place;
     float window = texelFetch(depth_map, s, 0).r;
+    vec3 ray = ray_of(s);
+#endif
     // A CPU rasteriser goes through everything for every sample; the sky is computed once, as what is seen or what is mirrored.
     bool sample_is_sky = window == 1.0;
-    vec3 ray = ray_of(s);
     vec3 d = normalize(ray);
     float depth = linear_depth(window);
     vec3 p = eye + ray * depth;
-    vec3 albedo = texelFetch(albedo_map, s, 0).rgb;
-    albedo *= albedo;
-    vec4 normals = texelFetch(normals_map, s, 0);
+    vec4 stored = texelFetch(albedo_map, place, 0);
+    vec3 albedo = stored.rgb * stored.rgb;
+    vec4 normals = texelFetch(normals_map, place, 0);
     vec3 normal = octahedron_decode(normals.xy), face = octahedron_decode(normals.zw);
-    uvec2 material = texelFetch(material_map, s, 0).rg;
+    uvec2 material = texelFetch(material_map, place, 0).rg;
     int row = int(material.x);
     vec4 surface = texelFetch(material_table, ivec2(1, row), 0);
     vec4 glow = texelFetch(material_table, ivec2(2, row), 0);
@@ -245,7 +274,11 @@ void main() {
     ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
     vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
     vec4 blue = texelFetch(skylight_blue, pixel, 0), open = texelFetch(skylight_open, pixel, 0);
+#ifdef PLAIN
+    float near_open = texelFetch(occlusion_map, place, 0).r;
+#else
     float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
+#endif
     vec4 n1 = vec4(1.0, normal * 0.6666667);
     vec3 ambient = max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)), vec3(0.0));
     vec4 b1 = vec4(1.0, -normal * 0.6666667);
@@ -270,6 +303,6 @@ void main() {
 #ifdef RAIN
     color = through_rain(color);
 #endif
-    out_radiance = vec4(min(color, vec3(BRIGHTEST)), 1.0);
+    out_radiance = vec4(min(color, vec3(BRIGHTEST)), stored.a);
 }
 #endif

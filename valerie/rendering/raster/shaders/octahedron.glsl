@@ -7,10 +7,15 @@ vec2 octahedron_encode(vec3 v) {
     return p * 0.5 + 0.5;
 }
 
-vec3 octahedron_decode(vec2 e) {
+// The point of the octahedron, of the vector's direction.
+vec3 octahedron_point(vec2 e) {
     vec2 p = e * 2.0 - 1.0;
     vec3 v = vec3(p, 1.0 - abs(p.x) - abs(p.y));
     vec2 signs = vec2(v.x >= 0.0 ? 1.0 : -1.0, v.y >= 0.0 ? 1.0 : -1.0);
     if (v.z < 0.0) v.xy = (1.0 - abs(v.yx)) * signs;
-    return normalize(v);
+    return v;
+}
+
+vec3 octahedron_decode(vec2 e) {
+    return normalize(octahedron_point(e));
 }

@@ -9,10 +9,14 @@ float linear_depth(float window) {
     return near_far.x * near_far.y / (near_far.y - window * (near_far.y - near_far.x));
 }
 
-// Direction through the middle of a sample, of depth 1 along the optical axis.
+// Direction through a place in the image, counted in samples, of depth 1 along the optical axis.
+vec3 ray_through(vec2 place) {
+    return ray_basis * vec3(place / vec2(sample_size) * 2.0 - 1.0, 1.0);
+}
+
+// Direction through the middle of a sample.
 vec3 ray_of(ivec2 s) {
-    vec2 ndc = (vec2(s) + 0.5) / vec2(sample_size) * 2.0 - 1.0;
-    return ray_basis * vec3(ndc, 1.0);
+    return ray_through(vec2(s) + 0.5);
 }
 
 // Interleaved gradient noise (Jimenez 2014, "Next generation post processing in Call of Duty: Advanced Warfare").

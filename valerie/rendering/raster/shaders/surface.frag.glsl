@@ -21,10 +21,25 @@ void main() {
     see_through();
 #endif
     vec3 color = material_texel(0).rgb;
-#ifdef COLOR_TEXTURE
-    vec4 texel = color_texel();
+    vec2 du = dFdx(uv), dv = dFdy(uv);
 #ifdef CUT
+    // Cut surfaces are read as truth reads them: with anisotropic filters.
+    float slant = 0.0;
+#else
+    // Where one side of a sample's footprint is longer, textures are read finer than that side asks for, and the pixel's other
+    // samples cover what lies between: far cheaper on a CPU.
+    float wide = dot(du, du), high = dot(dv, dv);
+    float slant = 0.5 * log2(max(wide, high) / max(min(wide, high), 1e-20));
+#endif
+#ifdef COLOR_TEXTURE
+#ifdef CUT
+    vec4 texel = color_texel();
     cut_by_alpha(texel.a);
+#else
+    // Two places along the longer side.
+    vec3 along = vec3((wide > high ? du : dv) * 0.25, 0.0), at = vec3(uv, material_texel(3).x);
+    float level = -min(slant, 1.6);
+    vec4 texel = 0.5 * (texture(color_textures, at + along, level) + texture(color_textures, at - along, level));
 #endif
     color *= linear_from_srgb(texel.rgb);
 #endif
@@ -35,13 +50,12 @@ void main() {
     // Tangent frame from screen derivatives (Schueler 2013, "Normal mapping without precomputed tangents", GPU Pro 4).
     // In glTF v grows downwards and the map's +y points upwards in the image.
     vec3 dx = dFdx(world_position), dy = dFdy(world_position);
-    vec2 du = dFdx(uv), dv = dFdy(uv);
     vec3 across_x = cross(dy, normal), across_y = cross(normal, dx);
     vec3 tangent = across_x * du.x + across_y * dv.x;
     vec3 bitangent = -(across_x * du.y + across_y * dv.y);
     float largest = max(dot(tangent, tangent), dot(bitangent, bitangent));
     if (largest > 1e-24) {
-        vec3 t = texture(normal_textures, vec3(uv, material_texel(3).y)).xyz * 2.0 - 1.0;
+        vec3 t = texture(normal_textures, vec3(uv, material_texel(3).y), -min(slant, 1.0)).xyz * 2.0 - 1.0;
         shading = normalize(mat3(tangent * inversesqrt(largest), bitangent * inversesqrt(largest), normal) * t);
     }
 #endif
@@ -49,7 +63,7 @@ void main() {
     out_normals = vec4(octahedron_encode(shading), octahedron_encode(normal));
     uint factors = NO_ROUGHNESS_TEXTURE;
 #ifdef ROUGHNESS_TEXTURE
-    factors = packed_factors(texture(roughness_textures, vec3(uv, material_texel(4).y)).gb);
+    factors = packed_factors(texture(roughness_textures, vec3(uv, material_texel(4).y), -min(slant, 1.0)).gb);
 #endif
     out_material = uvec2(material_row, factors);
 }
