@@ -99,17 +99,6 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
-    mat2 steps = mat2(0.0);
-#ifdef PLAIN
-    // Along the surface, from one sample to the next; a surface seen along itself has no useful ones.
-    vec3 ray = (p - eye) / depth;
-    float along = dot(normal, ray);
-    vec3 slanted = ray / (abs(along) < 0.02 ? -0.02 : along);
-    mat3 by_sample = mat3(ray_basis[0] * (2.0 / float(sample_size.x)), ray_basis[1] * (2.0 / float(sample_size.y)), vec3(0.0));
-    for (int i = 0; i < 2; ++i) {
-        steps[i] = (light_rows * (by_sample[i] - slanted * dot(normal, by_sample[i]))).xy * depth;
-    }
-#endif
     vec2 way = direction(gradient_noise(gl_FragCoord.xy) * 6.2831853);
     vec3 n = light_rows * normal;
     float side = n.z < 0.0 ? 1.0 : -1.0;
@@ -126,11 +115,28 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     float tilt = length(slope) * (largest_penumbra + max(texel.x, texel.y)) + 0.01;
     bool hidden = wanted && inside && gap.y < -tilt;
     bool unsure = wanted && inside && gap.x < tilt && !hidden;
-    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, steps, unsure);
+#ifdef PLAIN
+    // Along the surface, from one sample to the next; a surface seen along itself has no useful steps.
+    vec3 ray = (p - eye) / depth;
+    float along = dot(normal, ray);
+    vec3 slanted = ray / (abs(along) < 0.02 ? -0.02 : along);
+    vec3 right = ray_basis[0] * (2.0 / float(sample_size.x)), up = ray_basis[1] * (2.0 / float(sample_size.y));
+    mat2 steps = depth * mat2(
+        (light_rows * (right - slanted * dot(normal, right))).xy, (light_rows * (up - slanted * dot(normal, up))).xy);
+    float lit = lit_mean(static_shadow, static_origin, static_extent, receiver, slope, way, steps, unsure);
+#else
+    float lit = lit_share(static_shadow, static_origin, static_extent, receiver, slope, way, unsure);
+#endif
     lit = hidden ? 0.0 : lit;
     lit = mix(lit, 1.0, smoothstep(0.85, 1.0, depth / shadow_distance));
 #ifdef MOVABLES
-    lit = min(lit, lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, steps, wanted && lit > 0.0));
+#ifdef PLAIN
+    float moving = lit_mean(
+        movable_shadow, movable_origin, movable_extent, receiver, slope, way, steps, wanted && lit > 0.0);
+#else
+    float moving = lit_share(movable_shadow, movable_origin, movable_extent, receiver, slope, way, wanted && lit > 0.0);
+#endif
+    lit = min(lit, moving);
 #endif
     return lit;
 }

@@ -1,13 +1,12 @@
 // Two by two samples per pixel to pixels: a tent of one pixel radius, (1 3 3 1) / 8 in each direction, as a lens and a sensor
-// with an optical low-pass would average light. The samples of a plain pixel all have its radiance, which is their mean already:
-// among plain pixels the tent is as much narrower.
+// with an optical low-pass would average light. The samples of a plain pixel all have its radiance.
 uniform sampler2D radiance;
 uniform sampler2D plain_radiance;            // 1 in its last channel where a pixel is plain
 layout(location = 0) out vec4 out_color;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy), last = textureSize(plain_radiance, 0) - 1;
-    vec3 sum = vec3(0.0), own = texelFetch(plain_radiance, pixel, 0).rgb;
+    vec3 sum = vec3(0.0);
     int detailed = 0;                        // a bit for each of the pixels around that is not plain
     for (int y = 0; y < 3; ++y) {
         for (int x = 0; x < 3; ++x) {
@@ -17,8 +16,6 @@ void main() {
             detailed |= found.a > 0.0 ? 0 : 1 << (3 * y + x);
         }
     }
-    // The second moment of the tent, less that of the pixel's own samples, is half of what neighbours of their means would have.
-    if (detailed == 0) sum = mix(sum, own, 0.5);
     ivec2 first = pixel * 2 - 1;
     int samples = detailed != 0 ? 16 : 0;
     for (int i = 0; i < samples; ++i) {

@@ -3,14 +3,8 @@
 uniform mat3 light_rows;        // world to the light's frame; depth grows away from the sun
 uniform float sun_spread;       // tangent of half the sun's angle
 uniform float largest_penumbra;
-#ifdef PLAIN
-// A plain pixel is lit once: its taps are spread over the places of its samples.
-const int BLOCKER_TAPS = 8;
-const int FILTER_TAPS = 20;
-#else
 const int BLOCKER_TAPS = 6;
 const int FILTER_TAPS = 10;
-#endif
 
 // Depth of the caster at a place of the map, far away where there is none.
 float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) {
@@ -19,10 +13,10 @@ float caster_depth(sampler2D map, vec2 at, vec2 scale, ivec2 last, float range) 
 }
 
 // Share of the sun that a map lets through, 1 exactly where the map holds nothing within the largest penumbra. ``way`` is any
-// direction in the map's plane; the columns of ``steps`` are there from one sample of the receiver to the next.
+// direction in the map's plane.
 // A CPU rasteriser runs both sides of a branch, and the body of a loop once more than any lane needs, so the loops over taps are
 // kept small, and have no turns where they are not wanted.
-float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, mat2 steps, bool wanted) {
+float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, bool wanted) {
     vec3 at = receiver - origin;
     bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
     vec2 texels = vec2(textureSize(map, 0));
@@ -32,20 +26,12 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     vec2 scale = texels / extent.xy;
     ivec2 last = textureSize(map, 0) - 1;
     float search = min(largest_penumbra, max(smallest, at.z * sun_spread));
-#ifdef PLAIN
-    // No tap goes further than the largest penumbra: what movables reach, and where casters were looked for, is bounded by it.
-    float widest = 0.5 * (length(steps[0]) + length(steps[1]));
-    steps *= min(1.0, (largest_penumbra - search) / max(widest, 1e-6));
-#endif
     vec2 toward = way;
     float blockers = 0.0, distance_sum = 0.0;
     int taps = inside ? BLOCKER_TAPS : 0;
     for (int i = 0; i < taps; ++i) {
         vec2 o = toward * (search * sqrt((float(i) + 0.5) / float(BLOCKER_TAPS)));
         toward = GOLDEN * toward;
-#ifdef PLAIN
-        o += steps * (vec2(i & 1, i >> 1 & 1) - 0.5);
-#endif
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
         if (found < plane) {
@@ -60,12 +46,25 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     for (int i = 0; i < taps; ++i) {
         vec2 o = toward * (width * sqrt((float(i) + 0.5) / float(FILTER_TAPS)));
         toward = GOLDEN * toward;
-#ifdef PLAIN
-        o += steps * (vec2(i & 1, i >> 1 & 1) - 0.5);
-#endif
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);
         hidden += found < plane ? 1.0 : 0.0;
     }
     return 1.0 - hidden / float(FILTER_TAPS);
 }
+
+#ifdef PLAIN
+// The same for a pixel: the mean over its samples. The columns of ``steps`` lead from one to the next, in the map's plane.
+float lit_mean(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slope, vec2 way, mat2 steps, bool wanted) {
+    vec3 at = receiver - origin;
+    bool inside = wanted && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, extent));
+    float sum = 0.0;
+    int i = 0, samples = inside ? 4 : 1;
+    do {
+        vec2 o = steps * (vec2(i & 1, i >> 1) - 0.5);
+        sum += lit_share(map, origin, extent, receiver + vec3(o, dot(slope, o)), slope, way, inside);
+        way = RADIAN * way;
+    } while (++i < samples);
+    return sum / float(samples);
+}
+#endif
