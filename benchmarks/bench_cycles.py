@@ -8,7 +8,7 @@
 * ``reach``: what a pedestrian changes by indirect light, by its distance in body heights, beside the noise.
 
 Without a step: all, small. The validation of docs/cycles.md, whose windows and samples `benchmarks.cycles_frames` explains:
-``render score --width 960 --height 540 --frames 100 --presets 10``, some three CPU hours.
+``render score --width 960 --height 540 --frames 100 --presets 10``, hours.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from valerie.scene.variation import apply
 from valerie.settings import load_settings
 
 STEPS = ("render", "score", "reach")
-#: Pedestrians of the table of presets: their rectangles are at most this share of the image, for what 1024 samples cost.
-LARGEST_OF_PRESETS = 1 / 24
+#: Pedestrians of the table of presets stand at least so far away: 1024 samples of a near one's window cost too much.
+PRESETS_BEYOND_M = 32.0
 
 
 def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int) -> None:
-    """Frame after frame; the first ``presets`` small ones of them at every quality too."""
+    """Frame after frame; the first ``presets`` distant ones of them at every quality too."""
     holder = BlenderHolder(load_settings())
     engine = CyclesRenderer(holder=holder)
     size = frames[0].view
@@ -56,7 +56,7 @@ def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int)
     started, done = time.monotonic(), 0
     try:
         studio = Studio(Parts(folder, setup), holder)
-        chosen = of_presets(frames, presets)
+        chosen = [one for one in frames if one.distance_m >= PRESETS_BEYOND_M][:presets]
         for one in frames:
             made = studio.frame(one)
             if one in chosen:
@@ -68,13 +68,6 @@ def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int)
                 print(f"frame {one.index + 1} of {len(frames)}: {pace:.0f} s each, about {left:.1f} h left", flush=True)
     finally:
         holder.close()
-
-
-def of_presets(frames: list[Planned], count: int) -> list[Planned]:
-    """Those that are rendered at every quality."""
-    size = frames[0].view
-    most = LARGEST_OF_PRESETS * size.width * size.height
-    return [one for one in frames if one.rectangle.width * one.rectangle.height <= most][:count]
 
 
 def score(folder: Path, frames: list[Planned], functions: list[str]) -> dict[str, Any]:

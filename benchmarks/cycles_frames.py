@@ -71,6 +71,12 @@ class Planned:
         inside = self.rectangle
         return Rectangle(inside.x - self.window.x, inside.y - self.window.y, inside.width, inside.height)
 
+    @property
+    def distance_m(self) -> float:
+        """From the optical centre to the pedestrian's origin on the ground."""
+        feet = self.scene.world_transform("scene.person-1")[:3, 3]
+        return float(np.linalg.norm(feet - self.scene.cameras[self.view.camera].position))
+
 
 def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
     """The first ``count`` frames: distances even in their logarithm, all outfits and headings, two cameras and suns.

@@ -87,9 +87,7 @@ class Studio:
         if truth not in self._parts:
             self._truth = self._truth or TruthPass()
             seen = self._truth.truth(planned.scene, planned.view).class_map == _PERSON
-            node = planned.scene.world_transform("scene.person-1")
-            away = node[:3, 3] - planned.scene.cameras[planned.view.camera].position
-            self._parts.add(truth, {"mask": seen}, pixels=int(seen.sum()), distance_m=float(np.linalg.norm(away)))
+            self._parts.add(truth, {"mask": seen}, pixels=int(seen.sum()), distance_m=planned.distance_m)
         key = window_key(planned, samples, seed)
         self._render(key, planned, planned.window, samples, seed, movables=True)
 

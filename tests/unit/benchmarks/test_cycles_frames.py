@@ -6,7 +6,7 @@ import pytest
 from benchmarks.cycles_frames import cut, linear, mean, planned, put
 from valerie.rendering.base import Rectangle
 from valerie.rendering.cycles.translation import Guided
-from valerie.scene.asset import load_asset
+from valerie.testing.assets import simple_asset
 
 
 def guided(height: int, width: int, seed: int) -> Guided:
@@ -15,21 +15,21 @@ def guided(height: int, width: int, seed: int) -> Guided:
 
 
 def test_a_longer_plan_begins_with_the_shorter_one() -> None:
-    asset = load_asset("urban-street")
+    asset = simple_asset()
     few, more = (planned(asset, 96, 54, count) for count in (4, 7))
     assert [one.rectangle for one in few] == [one.rectangle for one in more[:4]]
     assert [one.index for one in more] == list(range(7))
 
 
 def test_pedestrians_of_a_plan_stand_near_and_far_in_several_outfits() -> None:
-    frames = planned(load_asset("urban-street"), 960, 540, 8)
-    heights = [one.rectangle.height for one in frames]
-    assert max(heights) > 2.5 * min(heights)
+    frames = planned(simple_asset(), 960, 540, 8)
+    distances = [one.distance_m for one in frames]
+    assert max(distances) > 3 * min(distances)
     assert len({path for one in frames for path in one.scene.nodes if path.startswith("scene.person-1.")}) > 1
 
 
 def test_a_window_holds_its_rectangle_and_knows_where() -> None:
-    for one in planned(load_asset("urban-street"), 960, 540, 4):
+    for one in planned(simple_asset(), 960, 540, 4):
         whole = np.arange(960 * 540).reshape(540, 960)
         np.testing.assert_array_equal(whole[one.window.slices][one.core.slices], whole[one.rectangle.slices])
 
