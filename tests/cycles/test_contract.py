@@ -51,13 +51,25 @@ def test_with_denoiser_a_layer_is_the_part_of_the_frame_within_the_noise(holder:
     assert_within_noise(joined, made.full(scene, VIEW), other.full(scene, VIEW), layer.rectangle)
 
 
-def test_a_border_shows_the_pixels_of_the_whole_picture_bit_for_bit(holder: BlenderHolder) -> None:
+@pytest.mark.parametrize(
+    ("view", "border"),
+    [
+        (VIEW, Rectangle(53, 31, 40, 37)),
+        (VIEW, Rectangle(0, 80, 160, 10)),
+        # In single precision 28/270 of 270 pixels are less than 28, and so are the others.
+        (View("camera-1", 270, 54), Rectangle(28, 7, 190, 46)),
+        (View("camera-1", 270, 54), Rectangle(20, 7, 36, 22)),
+        (View("camera-1", 270, 54), Rectangle(28, 25, 28, 29)),
+    ],
+)
+def test_a_border_shows_the_pixels_of_the_whole_picture_bit_for_bit(
+    holder: BlenderHolder, view: View, border: Rectangle
+) -> None:
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
-    whole = translation.guided(holder.get(), scene, VIEW, settings)
-    for border in (Rectangle(53, 31, 40, 37), Rectangle(0, 80, 160, 10)):
-        part = translation.guided(holder.get(), scene, VIEW, settings, border=border)
-        for name, pixels in part._asdict().items():
-            np.testing.assert_array_equal(pixels, getattr(whole, name)[border.slices], err_msg=name)
+    whole = translation.guided(holder.get(), scene, view, settings)
+    part = translation.guided(holder.get(), scene, view, settings, border=border)
+    for name, pixels in part._asdict().items():
+        np.testing.assert_array_equal(pixels, getattr(whole, name)[border.slices], err_msg=name)
 
 
 def test_guides_leave_the_picture_as_it_is(holder: BlenderHolder) -> None:
@@ -112,6 +124,23 @@ def test_a_seed_changes_the_noise_and_nothing_else(holder: BlenderHolder) -> Non
     assert (first != second).any()
     means = [pixels[60:].astype(np.float64).mean() for pixels in (first, second)]
     assert abs(means[0] / means[1] - 1) < 0.02
+
+
+def test_settings_of_the_picture_before_leave_no_trace(holder: BlenderHolder) -> None:
+    scene = simple_asset().base
+    first = engine(holder).background(scene, VIEW)
+    before: tuple[dict[str, object], ...] = (
+        {"samples": 16},
+        {"seed": 3},
+        {"denoise": True},
+        {"max_bounces": 1},
+        {"sky": "scene"},
+    )
+    for settings in before:
+        engine(holder, **settings).background(scene, View("camera-2", 48, 27))
+        assert_same(engine(holder).background(scene, VIEW), first)
+    translation.object_index(holder.get(), scene, VIEW, CyclesSettings(samples=4, denoise=False).inputs())
+    assert_same(engine(holder).background(scene, VIEW), first)
 
 
 def test_what_was_rendered_before_leaves_no_trace(holder: BlenderHolder) -> None:

@@ -47,6 +47,7 @@ class BlenderProcess:
 
     Attributes:
         known: keys of what was sent and not forgotten; the owner's to keep.
+        settings: that Cycles' persistent data was made with; the owner's to keep.
         version, device, device_name: what Blender says of itself; device is ``CPU``, ``CUDA``, ``OPTIX`` ….
         cpu_seconds: that Blender has used for requests so far.
 
@@ -62,6 +63,7 @@ class BlenderProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="valerie-cycles-")
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
         self.known: dict[str, Any] = {}
+        self.settings: dict[str, Any] | None = None
         self.cpu_seconds = 0.0
         self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
             [str(python), "-I", str(_PROGRAM), self._folder.name],
@@ -106,6 +108,12 @@ class BlenderProcess:
                 raise self._ended(f"Blender says {answer['error']!r}")
             raise RenderingError(f"cycles: {answer['error']}")
         return answer, made
+
+    def reset(self) -> None:
+        """Have Blender forget everything that was sent and that Cycles kept; raises as `ask`."""
+        self.ask("reset")
+        self.known.clear()
+        self.settings = None
 
     def close(self) -> None:
         """End the process, if it still runs, and remove its folder."""

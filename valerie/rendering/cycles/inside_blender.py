@@ -320,9 +320,14 @@ class Studio:
         render.use_border = render.use_crop_to_border = border is not None
         if border is not None:
             x, y, w, h = border
-            # Blender rounds these to pixels; the middle of a pixel's border is safe from rounding.
-            render.border_min_x, render.border_max_x = x / width, (x + w) / width
-            render.border_min_y, render.border_max_y = 1 - (y + h) / height, 1 - y / height
+            # Blender and Cycles each cut these to whole pixels, in single precision: an edge that lies on a pixel's may come out
+            # a pixel lower, and not in both. A little inside the pixel it is the same for both; rays are not moved by it.
+            inside, bottom = 0.25, height - (y + h)
+            render.border_min_x, render.border_max_x = (x + inside) / width, min((x + w + inside) / width, 1.0)
+            render.border_min_y, render.border_max_y = (
+                (bottom + inside) / height,
+                min((bottom + h + inside) / height, 1.0),
+            )
         cycles.samples = settings["samples"]
         cycles.seed = settings["seed"]
         cycles.use_adaptive_sampling = False

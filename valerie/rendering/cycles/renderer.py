@@ -38,7 +38,7 @@ class CyclesRenderer:
     """
 
     name: ClassVar[str] = "cycles"
-    revision: ClassVar[int] = 3
+    revision: ClassVar[int] = 4
 
     def __init__(self, settings: CyclesSettings | None = None, holder: BlenderHolder | None = None) -> None:
         self._settings = (settings or CyclesSettings()).inputs()
@@ -74,9 +74,7 @@ class CyclesRenderer:
 
     def full(self, scene: Scene, view: View) -> LinearImage:
         """The frame from scratch: Blender keeps nothing of what was rendered before."""
-        blender = self._holder.get()
-        blender.ask("reset")
-        blender.known.clear()
+        self._holder.get().reset()
         return LinearImage(self._whole(scene, view, movables=True))
 
     def close(self) -> None:

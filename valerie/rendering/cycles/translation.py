@@ -128,6 +128,8 @@ def _ask(
     movables: bool = True,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
+    # The index is taken with one sample, see `inside_blender`.
+    _keep_to(blender, {**settings, "samples": 1} if index else settings)
     sky = sky_of(scene)
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene
     # Blender's sky knows neither clouds nor fog nor dusk.
@@ -151,6 +153,18 @@ def _ask(
         lamps=[_lamp(lamp) for lamp in lamps if movables or not lamp.movable],
         **_light(scene, sky),
     )
+
+
+def _keep_to(blender: BlenderProcess, settings: Mapping[str, Any]) -> None:
+    """Start anew where the last picture's settings were others.
+
+    What Cycles keeps from picture to picture (Blender 4.5) fits the settings it was made with: after another number of samples
+    the noise would be another than a new Blender's. Seed and denoiser may change.
+    """
+    lasting = {name: value for name, value in settings.items() if name not in ("seed", "denoise")}
+    if blender.settings is not None and blender.settings != lasting:
+        blender.reset()
+    blender.settings = lasting
 
 
 class _Sender:
