@@ -8,7 +8,7 @@ no screen-space reflections and no bounce from movables, so there is no fifth.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,14 +61,15 @@ def changed_rectangle(
         A rectangle inside the image; empty if nothing can change.
     """
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for corners in boxes:
-        body = _seen(corners, camera, view)
+    hulls, focal = list(boxes), camera.focal_length_px(view.width)
+    for body in _seen(hulls, camera, view):
         if len(body):
-            around = reach.occlusion_pixels(float(body[:, 2].min()), camera.focal_length_px(view.width))
+            around = reach.occlusion_pixels(float(body[:, 2].min()), focal)
             low = np.minimum(low, body[:, :2].min(axis=0) - around)
             high = np.maximum(high, body[:, :2].max(axis=0) + around)
-        if toward_sun[2] > 0:
-            shadow = _seen(_shadow_prism(corners, toward_sun, lowest, reach.penumbra), camera, view)
+    if toward_sun[2] > 0:
+        prisms = [_shadow_prism(corners, toward_sun, lowest, reach.penumbra) for corners in hulls]
+        for shadow in _seen(prisms, camera, view):
             if len(shadow):
                 low = np.minimum(low, shadow[:, :2].min(axis=0))
                 high = np.maximum(high, shadow[:, :2].max(axis=0))
@@ -88,8 +89,8 @@ def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x
 
     The image is widened by ``pad_x`` and ``pad_y`` pixels on each side; the rectangle counts from its top left corner.
     """
-    seen = [_seen(corners, camera, view)[:, :2] for corners in boxes]
-    points = np.concatenate(seen) if seen else np.zeros((0, 2))
+    seen = _seen(list(boxes), camera, view)
+    points = np.concatenate(seen)[:, :2] if seen else np.zeros((0, 2))
     if not len(points):
         return Rectangle(0, 0, 0, 0)
     limit = np.array([view.width + 2 * pad_x, view.height + 2 * pad_y])
@@ -119,12 +120,19 @@ def grown(rectangle: Rectangle, pixels: int, view: View) -> Rectangle:
     return more.clipped(view.width, view.height)
 
 
-def _seen(points: Points, camera: Camera, view: View) -> Points:
-    """Pixels and depths (N, 3) that bound the part of a hull in front of the near plane."""
+def _seen(hulls: Sequence[Points], camera: Camera, view: View) -> list[Points]:
+    """For each hull pixels and depths (N, 3) that bound the part of it in front of the near plane."""
+    if not hulls:
+        return []
     forward = -camera.transform[:3, 2]
     forward = forward / np.linalg.norm(forward)
-    kept = clip_hull(points, forward, float(forward @ camera.position) + camera.near)
-    return project(kept, camera, view.width, view.height) if len(kept) else kept
+    nearest = float(forward @ camera.position) + camera.near
+    together = np.concatenate(hulls)
+    if not (together @ forward >= nearest).all():
+        hulls = [clip_hull(points, forward, nearest) for points in hulls]
+        together = np.concatenate(hulls)
+    found = project(together, camera, view.width, view.height)
+    return np.split(found, np.cumsum([len(points) for points in hulls])[:-1])
 
 
 def _shadow_prism(corners: Points, toward_sun: Points, lowest: float, penumbra: float) -> Points:

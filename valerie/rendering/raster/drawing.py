@@ -71,10 +71,20 @@ class SurfaceDrawer:
         self, placed: Sequence[PlacedMesh], textures: TextureSet, table: moderngl.Texture, values: Mapping[str, Any]
     ) -> None:
         """Draw placed meshes into the target in use."""
+        program, ready = None, None
         for mesh in placed:
             if mesh.kind.clear and self._panes == "not":
                 continue
-            mesh.draw(self._ready(mesh.kind, textures, table, values, movable=True))
+            kind = self._kind(mesh.kind)
+            if program is None or kind != ready:
+                program, ready = self._ready(kind, textures, table, values, movable=True), kind
+            mesh.draw(program)
+
+    def _kind(self, kind: SurfaceKind) -> SurfaceKind:
+        """As much of a kind as makes a difference here."""
+        if self._colors or self._frames or kind.cut:
+            return kind
+        return kind._replace(color_side=0, normal_side=0, roughness_side=0)
 
     def moved(
         self,

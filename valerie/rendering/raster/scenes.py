@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from operator import is_
 from typing import Final
 
 import moderngl
@@ -33,6 +34,7 @@ class Statics:
         key: differs for statics that differ in shape or in what of their materials is baked into the G-buffer.
         shape_key: differs for statics that differ in what hides the sun and the sky.
         materials: of the statics, in the order of their rows.
+        names: of these materials.
         table: these rows of the material table.
     """
 
@@ -40,6 +42,7 @@ class Statics:
     geometry: StaticGeometry
     textures: TextureSet
     materials: tuple[Material, ...]
+    names: tuple[str, ...]
     key: Hashable
     shape_key: Hashable
     table: NDArray[np.float32]
@@ -121,8 +124,8 @@ class SceneStore:
             last is not None
             and last.textures is textures
             and len(last.nodes) == len(nodes)
-            and all(a is b for a, b in zip(last.nodes, nodes, strict=True))
-            and all(scene.materials.get(m.name) is m for m in last.materials)
+            and all(map(is_, last.nodes, nodes))
+            and all(map(is_, map(scene.materials.get, last.names), last.materials))
         ):
             return last
         items = draw_items(scene, movable=False)
@@ -156,6 +159,7 @@ class SceneStore:
             geometry,
             textures,
             tuple(materials),
+            tuple(m.name for m in materials),
             (geometry.serial, textures.serial, appearance),
             (geometry.serial, textures.serial, shape),
             material_table(materials, textures),
@@ -163,5 +167,5 @@ class SceneStore:
         return self._last
 
     def _texture_set(self, scene: Scene) -> TextureSet:
-        key = tuple((name, id(texture)) for name, texture in scene.textures.items())
+        key = (*scene.textures, *map(id, scene.textures.values()))
         return self._textures.get(key, lambda: TextureSet(self._gl, scene.textures))
