@@ -187,8 +187,11 @@ function legendOf(view) {
     h("span", { class: "key" }, h("span", { class: "patch", style: { background: `rgb(${one.color.join(" ")})` } }), one.name)));
 }
 
+// Without those that the asset could show and no spec put there.
+const peopleOf = (frame) => frame.persons.filter((one) => one.instance_id && one.undefined_reason !== "absent");
+
 function personsSection(frame) {
-  const people = frame.persons.filter((one) => one.instance_id);
+  const people = peopleOf(frame);
   const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), people.map((one) => h("td", { class: "right" }, get_(one))));
   const body = people.length
     ? table(["", ...people.map((one) => ({ text: one.character ?? `person-${one.instance_id % 1000}`, class: "right" }))], [
@@ -216,7 +219,7 @@ function scoresSection(frame) {
   if (!done.length) return h("section", { class: "card" }, h("h2", {}, "Scores"), h("p", { class: "soft" }, frame.evaluations.length ? "Not evaluated yet." : "This run has no function under test."));
   const several = new Set(done.map((one) => one.sensor)).size > 1;
   const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), done.map((one) => h("td", { class: "right" }, get_(one))));
-  const people = frame.persons.filter((one) => one.instance_id);
+  const people = peopleOf(frame);
   return h("section", { class: "card" }, h("h2", {}, "Scores"), table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [
     ...people.map((person) => line(`pACC, ${person.character ?? "person"}`, "recall of this person’s pixels", (one) => percent(one.persons.find((p) => p.instance_id === person.instance_id)?.pacc))),
     line("Precision", "of the class person in this frame", (one) => percent(one.precision)),
