@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, to_train_ids
 from valerie.metrics.aggregate import pooled
-from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.confusion import confusion_matrix
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, function_card, load_function

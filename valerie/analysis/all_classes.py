@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean
-from valerie.metrics.confusion import ConfusionMatrix
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import class_counts, iou, miou, pacc, pixel_accuracy, precision
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from valerie.errors import InvalidInput
-from valerie.metrics.confusion import SHAPE, ConfusionMatrix
+from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from valerie.labels import PERSON, TRAIN_LABELS, Label
 from valerie.metrics.aggregate import FrameMean, frame_mean, pooled
-from valerie.metrics.confusion import ConfusionMatrix
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import (
     ClassCounts,
     class_counts,

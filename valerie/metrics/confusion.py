@@ -9,19 +9,16 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES, VOID
+from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 try:
     import cv2
 except ImportError:  # the counts are the same without it, at four times the cost
     cv2 = None  # type: ignore[assignment]
 
-#: Rows are truth 0…18; columns are predictions 0…18, and the last column is predicted void.
-SHAPE: Final = (NUM_TRAIN_CLASSES, NUM_TRAIN_CLASSES + 1)
-
 #: cv2.calcHist counts in float32, which is exact up to this many pixels of one kind.
 _EXACT_FLOAT32: Final = 1 << 24
 
-ConfusionMatrix = NDArray[np.int64]
 TrainIds = NDArray[np.uint8]
 
 

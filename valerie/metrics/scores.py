@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON
-from valerie.metrics.confusion import SHAPE, ConfusionMatrix
+from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 #: Why recall of a class has no value.
 NOT_IN_TRUTH: Final = "no pixel of the class in the truth"

@@ -17,8 +17,9 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import to_train_ids
 from valerie.metrics.collection import collection_scores
-from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.batches import predicted

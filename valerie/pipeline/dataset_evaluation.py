@@ -27,8 +27,9 @@ from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS, to_train_ids
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
-from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.batches import predicted

@@ -14,7 +14,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import frame_mean
-from valerie.metrics.confusion import ConfusionMatrix
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.conditions import conditions
 from valerie.storage import codecs

@@ -10,8 +10,9 @@ from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
 from valerie.labels import to_train_ids
-from valerie.metrics.confusion import ConfusionMatrix, confusion_matrix
+from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
+from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores, pacc
 from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context

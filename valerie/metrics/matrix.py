@@ -1,0 +1,15 @@
+"""What a confusion matrix is; `valerie.metrics.confusion` counts one."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.labels import NUM_TRAIN_CLASSES
+
+#: Rows are truth 0…18; columns are predictions 0…18, and the last column is predicted void.
+SHAPE: Final = (NUM_TRAIN_CLASSES, NUM_TRAIN_CLASSES + 1)
+
+ConfusionMatrix = NDArray[np.int64]
