@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 from sqlalchemy import Engine
 
 from valerie.analysis.all_classes import AllClasses, all_classes
@@ -14,7 +15,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import frame_mean
-from valerie.metrics.matrix import ConfusionMatrix
+from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.conditions import conditions
 from valerie.storage import codecs
@@ -32,12 +33,11 @@ def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> Evaluation
 
 def read_classes(engine: Engine, run_id: str, resolved: ResolvedRun) -> tuple[AllClasses, ...]:
     """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table."""
-    totals: dict[tuple[int, int], ConfusionMatrix] = {}
+    totals: dict[tuple[int, int], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
     mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
     with reading(engine) as connection:
         for sensor, function, packed, miou in results.confusions(connection, run_id):
-            matrix = codecs.decode_counts(packed)
-            totals[function, sensor] = totals[function, sensor] + matrix if (function, sensor) in totals else matrix
+            totals[function, sensor] += codecs.decode_counts(packed)
             mious[function, sensor].append(miou)
     functions, sensors = resolved.spec.functions, resolved.spec.sensors
     return tuple(

@@ -160,10 +160,11 @@ def draw_scene(
     setting = rng if setting is None else setting
     plain = setting.random() < _PLAIN
     camera = _draw_camera(asset, setting, stays=plain or setting.random() < _STAYS)
+    eventful = not (people_only or plain)
     outdoors: dict[str, Value] = {}
-    if not (people_only or plain):
+    if eventful:
         _draw_weather(outdoors, manifest, setting)
-    night = not (people_only or plain) and setting.random() < _NIGHT
+    night = eventful and setting.random() < _NIGHT
     for name, low, high in (
         ("azimuth", 0.0, 359.9),
         ("elevation", *((-18.0, -1.0) if night else (8.0, 72.0))),
@@ -176,7 +177,7 @@ def draw_scene(
     count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
     for person in rng.permutation(manifest.persons)[:count]:
         _draw_person(str(person), camera, assignment, manifest, rng, far=plain)
-    if not (people_only or plain):
+    if eventful:
         _draw_traffic(camera, assignment, manifest, rng)
     scene = apply(assignment | outdoors, asset)
     scene = replace(

@@ -73,7 +73,7 @@ def render(
         settings: `CyclesSettings.inputs`.
         movables: whether they are part of the picture.
     """
-    items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
+    items = _items(scene, movables=movables)
     _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
     return rained_on(made["pixels"], sky.drops, sky.haze, part, view.height)
@@ -92,7 +92,7 @@ def guided(
 
     Frames are composed of it to validate layers (docs/cycles.md); no product is made of it.
     """
-    items = draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
+    items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}
     _, made = _ask(blender, scene, view, items, settings=noisy, border=border, guides=True, movables=movables)
     return Guided(**made)
@@ -110,9 +110,13 @@ def object_index(
 
     Checks the truth pass in tests; no product is made of it.
     """
-    items = draw_items(scene, movable=False) + draw_items(scene, movable=True)
+    items = _items(scene, movables=True)
     _, made = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
     return made["index"].astype(np.int32), items
+
+
+def _items(scene: Scene, *, movables: bool) -> tuple[DrawItem, ...]:
+    return draw_items(scene, movable=False) + (draw_items(scene, movable=True) if movables else ())
 
 
 def _ask(

@@ -126,9 +126,9 @@ def test_shadows_fall_where_rays_to_the_sun_are_blocked(raster: RasterRenderer, 
     assert len(dark) > 500
     threshold = (np.median(dark) + np.median(lit)) / 2
     assert np.median(lit) > 2.5 * np.median(dark)
-    # A shadow's edge may go through the middle of a pixel.
-    assert (dark > threshold).mean() < 0.02
-    assert (lit < threshold).mean() < 0.02
+    # A plain pixel's shadow is the mean over its samples, which the ray through its middle is not: 29 of 2,707 here.
+    assert (dark > threshold).mean() < 0.011
+    assert (lit < threshold).mean() < 0.01
 
 
 def test_the_movables_shadow_falls_where_the_same_box_as_a_static_would_throw_it(raster: RasterRenderer) -> None:
