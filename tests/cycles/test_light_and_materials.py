@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
+from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
@@ -285,6 +286,19 @@ def test_a_lamp_in_candela_lights_the_ground_by_inverse_squares(cycles: CyclesRe
         middle = cycles.full(scene, VIEW).pixels[12:20, 20:28].astype(np.float64).mean(axis=(0, 1))
         expected = np.array(color) / (np.array(color) @ [0.2126, 0.7152, 0.0722]) * 0.5 * 2000.0 * LUX / height**2
         np.testing.assert_allclose(middle, expected, rtol=0.05)
+
+
+def test_a_dipped_beam_is_that_of_the_formula_and_of_the_raster_engine(
+    cycles: CyclesRenderer, raster: RasterRenderer
+) -> None:
+    # From 8 m down; above its cut-off is the upper half of the picture.
+    scene = under_a_lamp(Light(intensity=12_000.0, inner=1.0, outer=1.2, beam="dipped"), 8.0)
+    x, y = np.meshgrid((np.arange(48) - 23.5) / 48 * 36 / 50 * 6.0, (15.5 - np.arange(32)) / 48 * 36 / 50 * 6.0)
+    expected = 0.5 * 12_000.0 * LUX * DIPPED.share(x / 8.0, y / 8.0) * 8.0 / np.sqrt(x**2 + y**2 + 64.0) ** 3
+    clear = np.abs(y - DIPPED.rise * np.maximum(x, 0.0)) > 0.25
+    for engine in (cycles, raster):
+        pixels = engine.full(scene, VIEW).pixels.astype(np.float64).mean(axis=2)
+        np.testing.assert_allclose(pixels[clear], expected[clear], rtol=0.06, atol=0.005 * expected.max())
 
 
 def test_a_lens_glows_and_gives_no_light_beside_its_lamps(cycles: CyclesRenderer) -> None:

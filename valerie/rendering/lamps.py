@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.rendering.beams import DIPPED
 from valerie.rendering.scene_reading import lights
 from valerie.rendering.sky import LUX, Sky
 from valerie.scene.model import SWITCHES, Light, Material, Scene
@@ -27,13 +28,16 @@ _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722])
 class Lamp:
     """A lamp that is on, in the world.
 
-    A white Lambert surface that faces it from the distance d (metres) on its axis has the image value ``strength`` / d².
+    A white Lambert surface that faces it from the distance d (metres) where it is brightest has the image value
+    ``strength`` / d².
 
     Attributes:
         position: metres.
         direction: unit vector along its axis.
+        up: unit vector across it, which a dipped beam's cut-off is level against.
         strength: image value · m², linear RGB.
         inner, outer: radians from the axis, see `Light`.
+        dipped: whether its cone is filled as `beams.DIPPED` says.
         radius: metres, of the shining surface.
         reach: metres, beyond which it gives exactly nothing.
         movable: whether it hangs on something movable.
@@ -41,12 +45,27 @@ class Lamp:
 
     position: Vector
     direction: Vector
+    up: Vector
     strength: Vector
     inner: float
     outer: float
+    dipped: bool
     radius: float
     reach: float
     movable: bool
+
+    @property
+    def flux(self) -> Vector:
+        """All its light, as image value · m² · sr, linear RGB."""
+        if self.dipped:
+            steradian = DIPPED.flux()
+        elif self.outer >= math.pi:
+            steradian = 4.0 * math.pi
+        else:
+            inner, outer = math.cos(self.inner), math.cos(self.outer)
+            # The square of a straight line from 1 to 0 has a mean of a third.
+            steradian = 2.0 * math.pi * (1.0 - inner + (inner - outer) / 3.0)
+        return _vector(np.array(self.strength) * steradian)
 
 
 def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
@@ -62,11 +81,13 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
             continue
         strength = color / luminance * (light.intensity * LUX)
         axis = world[:3, 1] / np.linalg.norm(world[:3, 1])
+        right = np.cross(axis, world[:3, 2])
+        up = np.cross(right / np.linalg.norm(right), axis)
         reach = min(math.sqrt(light.intensity / _DARK_LUX), _FARTHEST)
         found.append(
             Lamp(
-                _vector(world[:3, 3]), _vector(axis), _vector(strength), light.inner, light.outer, light.radius, reach,
-                item.node.movable,
+                _vector(world[:3, 3]), _vector(axis), _vector(up), _vector(strength), light.inner, light.outer,
+                light.beam == "dipped", light.radius, reach, item.node.movable,
             )
         )  # fmt: skip
     return tuple(found)

@@ -172,12 +172,14 @@ class Light:
     """A lamp at its node's origin, shining along the node's +y: forwards, as a vehicle drives.
 
     Light falls with the square of the distance. Across, it is full within ``inner`` and nothing beyond ``outer``, with the
-    square of a straight line in the cosine between them (glTF's KHR_lights_punctual).
+    square of a straight line in the cosine between them (glTF's KHR_lights_punctual). A dipped beam fills this cone as a
+    vehicle's does: dark above a cut-off through the axis, level with the node's x (`valerie.rendering.beams`).
 
     Attributes:
         color: linear RGB, relative; its luminance is taken as 1.
-        intensity: candela along the axis.
+        intensity: candela along the axis; of a dipped beam, where it is brightest.
         inner, outer: radians from the axis; ``outer`` π shines everywhere.
+        beam: one of `BEAMS`.
         radius: metres, of the shining surface.
         switch: which switch of `Environment` turns it on, a key of `SWITCHES`; empty: always on.
         glowing: names of the materials that are seen to shine while it is on.
@@ -188,6 +190,7 @@ class Light:
     intensity: float = 100.0
     inner: float = 0.0
     outer: float = math.pi
+    beam: str = "cone"
     radius: float = 0.05
     switch: str = ""
     glowing: tuple[str, ...] = ()
@@ -285,6 +288,8 @@ class Sun:
     angular_diameter: float = math.radians(0.53)
 
 
+#: How a lamp fills its cone: evenly, or as the dipped beam of a vehicle does.
+BEAMS: Final = ("cone", "dipped")
 #: Lamps by the switch that they hang on, and the illuminance of the ground in lux below which ``auto`` turns them on. Street
 #: lamps: the usual twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
 SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})

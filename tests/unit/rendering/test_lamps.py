@@ -47,6 +47,17 @@ def test_a_candela_is_a_lux_at_one_metre_whatever_its_colour() -> None:
     assert pytest.approx(EXPOSURE) == 100_000.0 * LUX
 
 
+@pytest.mark.parametrize(("inner", "outer"), [(0.07, 0.52), (0.6, 1.3), (0.0, math.pi)])
+def test_the_flux_of_a_lamp_is_its_light_over_all_directions(inner: float, outer: float) -> None:
+    (lamp,) = lit(scene_with(Light(intensity=200.0, inner=inner, outer=outer)))
+    angle = (np.arange(100_000) + 0.5) / 100_000 * math.pi
+    share = np.clip((np.cos(angle) - math.cos(outer)) / (math.cos(inner) - math.cos(outer)), 0.0, 1.0) ** 2
+    if outer == math.pi:
+        share[:] = 1.0
+    lumen = 200.0 * float((share * np.sin(angle)).sum()) * 2.0 * math.pi * math.pi / 100_000
+    assert np.array(lamp.flux) @ LUMINANCE == pytest.approx(lumen * LUX, rel=1e-3)
+
+
 @pytest.mark.parametrize(("switch", "field"), [("street", "street_lamps"), ("car", "car_lamps")])
 def test_a_switch_turns_its_own_lamps_on_and_off_and_auto_waits_for_the_dark(switch: str, field: str) -> None:
     light = Light(switch=switch)

@@ -81,7 +81,9 @@ def with_lamp(light: Light) -> Scene:
     return replace(base, nodes=dict(base.nodes) | {lamp.path: lamp}, environment=Environment(street_lamps="off"))
 
 
-@pytest.mark.parametrize("light", [LAMP, Light(), replace(LAMP, outer=2.0, switch=""), replace(LAMP, inner=1.3)])
+@pytest.mark.parametrize(
+    "light", [LAMP, Light(), replace(LAMP, outer=2.0, switch=""), replace(LAMP, inner=1.3, beam="dipped")]
+)
 def test_lamps_and_switches_survive(tmp_path: Path, light: Light) -> None:
     scene = with_lamp(light)
     save_gltf(scene, tmp_path / "lamp.glb")
@@ -115,6 +117,8 @@ def test_a_lamp_of_another_program_shines_where_its_minus_z_points(tmp_path: Pat
     [
         ({"type": "area"}, "no such kind of light"),
         ({"intensity": -1.0}, "not a usable light"),
+        ({"extras": {"valerie": {"beam": "main"}}}, "no such beam"),
+        ({"extras": {"valerie": {"beam": "dipped", "outer": 3.0}}}, "a dipped beam needs a cone"),
         ({"spot": {"innerConeAngle": 1.0, "outerConeAngle": 0.5}, "extras": {}}, "inner ≤ outer"),
     ],
 )

@@ -425,6 +425,8 @@ class Studio:
                 # Blender fades from the rim inwards over a share of the cone.
                 light.spot_size = 2 * lamp["outer"]
                 light.spot_blend = 1 - math.tan(lamp["inner"] / 2) / math.tan(lamp["outer"] / 2)
+            if lamp["beam"] is not None:
+                _fill_dipped(light, lamp)
             thing = data.objects.new(f"lamp-{index}", light)
             away = -np.array(lamp["direction"])
             side = np.cross((0.0, 1.0, 0.0) if abs(away[2]) > 0.9 else (0.0, 0.0, 1.0), away)
@@ -621,6 +623,12 @@ class Nodes:
         self._feed(node, operands)
         return node.outputs[0]
 
+    def dot(self, vector: Any, direction: Any) -> Any:
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = "DOT_PRODUCT"
+        self._feed(node, (vector, tuple(direction)))
+        return node.outputs["Value"]
+
     def _vector(self, operation: str, *operands: Any) -> Any:
         node = self.add("ShaderNodeVectorMath")
         node.operation = operation
@@ -725,6 +733,31 @@ def _water_group(bpy: Any) -> Any:
     nodes.link(nodes.between(given["Specular IOR Level"], shining, film), result["Specular IOR Level"])
     nodes.link(nodes.between(1.0, 0.15, film), result["Relief"])
     return group
+
+
+def _fill_dipped(light: Any, lamp: dict[str, Any]) -> None:
+    """Give a spot light the emission of a dipped beam: `valerie.rendering.beams` has the formula."""
+    light.use_nodes = True
+    nodes, beam = Nodes(light.node_tree), lamp["beam"]
+    # From the lamp to what it lights, in the world.
+    way = nodes.add("ShaderNodeNewGeometry").outputs["Incoming"]
+    ahead = nodes.dot(way, lamp["direction"])
+    across = nodes.math("DIVIDE", nodes.dot(way, np.cross(lamp["direction"], lamp["up"]).tolist()), ahead)
+    up = nodes.math("DIVIDE", nodes.dot(way, lamp["up"]), ahead)
+    cut_off = nodes.math("MULTIPLY", nodes.math("MAXIMUM", across, 0.0), beam["rise"])
+    below = nodes.smoothstep(0.0, beam["edge"], nodes.math("SUBTRACT", cut_off, up))
+    cut = nodes.math("MULTIPLY_ADD", below, 1.0 - beam["stray"], beam["stray"])
+
+    def fall(tangent: Any, spread: float) -> Any:
+        off = nodes.math("MULTIPLY", tangent, 1.0 / spread)
+        return nodes.math("MULTIPLY_ADD", off, off, 1.0)
+
+    off_axis = nodes.math(
+        "POWER", nodes.math("MULTIPLY", fall(across, beam["spread"][0]), fall(up, beam["spread"][1])), 2.0
+    )
+    emission = nodes.add("ShaderNodeEmission")
+    nodes.link(nodes.math("DIVIDE", cut, off_axis), emission.inputs["Strength"])
+    nodes.link(emission.outputs[0], nodes.add("ShaderNodeOutputLight").inputs["Surface"])
 
 
 def _write_floats(scene: Any) -> None:

@@ -19,7 +19,7 @@ from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import lit_lamps
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, union
 from valerie.rendering.raster.camera_math import box_corners
-from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps, with_shadows
+from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.rendering.sky import sky_of
 from valerie.scene.model import Scene
@@ -64,8 +64,7 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
     """The lamps that shine, and of those that stand still the ones whose shadows are looked for: the raster engine's."""
-    lit = lit_lamps(scene, sky_of(scene))
-    return FrameLamps(lit, with_shadows(lit, camera_of(scene, view)))
+    return FrameLamps.seen_by(lit_lamps(scene, sky_of(scene)), camera_of(scene, view), view)
 
 
 def _bounds(item: DrawItem) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

@@ -38,7 +38,7 @@ class CyclesRenderer:
     """
 
     name: ClassVar[str] = "cycles"
-    revision: ClassVar[int] = 4
+    revision: ClassVar[int] = 5
 
     def __init__(self, settings: CyclesSettings | None = None, holder: BlenderHolder | None = None) -> None:
         self._settings = (settings or CyclesSettings()).inputs()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from valerie.rendering.base import Rectangle, View
+from valerie.rendering.beams import DIPPED
 from valerie.rendering.cycles.blender import BlenderProcess
 from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
@@ -306,11 +307,13 @@ def _lamp(lamp: Lamp) -> dict[str, Any]:
     return {
         "position": list(lamp.position),
         "direction": list(lamp.direction),
+        "up": list(lamp.up),
         "energy": 4 * math.pi**2 * peak,
         "color": (strength / peak).tolist(),
         "inner": lamp.inner,
         "outer": lamp.outer,
         "radius": lamp.radius,
+        "beam": asdict(DIPPED) if lamp.dipped else None,
     }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -18,14 +19,15 @@ from valerie.rendering.raster.camera_math import Points, light_axes
 from valerie.rendering.raster.tiles import Mask, TileGrid
 from valerie.scene.model import Camera, Matrix
 
-#: Lamps with shadow maps, and texels per side of each.
+#: Lamps with shadow maps: of those that stand still, and of those that hang on movables. Texels per side of each.
 LAMP_TILES: Final = 8
+MOVING_TILES: Final = 4
 LAMP_MAP: Final = 1024
 #: Texels of a map that its filter, and the offset along the normal, reach.
 FILTER_TEXELS: Final = 4.0
 #: Radians: a wider cone has no useful projection, so such a lamp throws no shadow.
 _WIDEST: Final = math.radians(80.0)
-#: Metres from a lamp to the nearest thing in its map.
+#: Metres from a lamp to the nearest thing in its map: its own housing throws no shadow.
 _NEAR: Final = 0.25
 #: Pixels that samples of neighbours reach.
 _FILTERS: Final = 4
@@ -66,30 +68,59 @@ class FrameLamps:
     """The lamps of a frame.
 
     Attributes:
-        lit: all that shine.
-        shadowed: those of them with shadow maps.
+        lit: all that shine, in the scene's order.
+        shadowed: those with shadow maps that stand still.
+        moving_shadowed: those with shadow maps that hang on movables.
     """
 
     lit: tuple[Lamp, ...]
     shadowed: tuple[LampView, ...]
+    moving_shadowed: tuple[LampView, ...]
+
+    @classmethod
+    def seen_by(cls, lit: tuple[Lamp, ...], camera: Camera, view: View) -> FrameLamps:
+        """The lamps of a frame; those with maps are picked by camera and view alone."""
+        return cls(lit, with_shadows(lit, camera), moving_with_shadows(lit, camera, view))
 
     @property
     def moving(self) -> bool:
         """Whether a movable carries a lamp that shines."""
         return any(lamp.movable for lamp in self.lit)
 
-    def in_order(self, *, movable: bool) -> tuple[Lamp, ...]:
-        """Those with maps first; without those of movables if told so."""
-        first = tuple(view.lamp for view in self.shadowed)
-        known = {id(lamp) for lamp in first}
-        return (*first, *(lamp for lamp in self.lit if id(lamp) not in known and (movable or not lamp.movable)))
+    @property
+    def still(self) -> tuple[Lamp, ...]:
+        """Those that stand still: all that a picture without movables has."""
+        return tuple(lamp for lamp in self.lit if not lamp.movable)
 
 
 def with_shadows(lamps: Sequence[Lamp], camera: Camera) -> tuple[LampView, ...]:
-    """Views of the lamps whose shadows are drawn: the nearest to the camera, in the order of their distance."""
+    """Views of the lamps that stand still and whose shadows are drawn: the nearest to the camera, by distance."""
     able = [lamp for lamp in lamps if not lamp.movable and lamp.outer <= _WIDEST]
-    able.sort(key=lambda lamp: float(np.linalg.norm(np.array(lamp.position) - camera.position)))
+    able.sort(key=lambda lamp: _distance(lamp, camera))
     return tuple(LampView.of(lamp) for lamp in able[:LAMP_TILES])
+
+
+def moving_with_shadows(lamps: Sequence[Lamp], camera: Camera, view: View) -> tuple[LampView, ...]:
+    """Views of the lamps of movables whose shadows are drawn, strongest first: of those whose light may reach the picture, the
+    ones that would light the camera most if they faced it. So a head lamp goes before a tail lamp, and near before far.
+    """
+    able = [lamp for lamp in lamps if lamp.movable and lamp.outer <= _WIDEST]
+    able.sort(key=lambda lamp: -sum(lamp.strength) / max(_distance(lamp, camera), 1.0) ** 2)
+    seen = (lamp for lamp in able if not covered_rectangle([light_hull(lamp)], camera, view).empty)
+    return tuple(LampView.of(lamp) for lamp in islice(seen, MOVING_TILES))
+
+
+def light_hull(lamp: Lamp) -> Points:
+    """(5, 3) points that span all that a lamp may light, with a cone of at most 80°: itself, and a square at its reach."""
+    rows = light_axes(-np.array(lamp.direction))
+    wide = math.tan(lamp.outer) * lamp.reach
+    square = np.array([(x, y, lamp.reach) for x in (-wide, wide) for y in (-wide, wide)])
+    hull: Points = np.array(lamp.position) + np.concatenate([np.zeros((1, 3)), square @ rows])
+    return hull
+
+
+def _distance(lamp: Lamp, camera: Camera) -> float:
+    return float(np.linalg.norm(np.array(lamp.position) - camera.position))
 
 
 def with_lamps(

@@ -1,13 +1,14 @@
 """Light of lamps in the raster engine: a table of them for the shader, and shadow maps of the nearest.
 
 Every lamp lights what its cone and reach hold, as far away as its light counts. The `LAMP_TILES` nearest of those that stand
-still throw shadows, of statics and of movables; a vehicle's own lamps, and those further away, throw none.
+still, and the `MOVING_TILES` strongest of those that hang on movables, throw shadows of statics and of movables; others throw
+none. The statics' maps are kept: of lamps that stand still for all frames of a camera, of the others while they do not move.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -18,26 +19,29 @@ from numpy.typing import NDArray
 from valerie.rendering.lamps import Lamp
 from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.drawing import SurfaceDrawer
-from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, LampView, within_reach
+from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES, FrameLamps, LampView, within_reach
 from valerie.rendering.raster.targets import Target
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Prepared, Statics
 
-#: Tiles of an atlas, across and down.
-ATLAS: Final = (4, 2)
+#: Tiles of an atlas across.
+LAMP_ACROSS: Final = 4
+#: Rows of tiles: of lamps that stand still, and of those that hang on movables.
+_STILL_ROWS: Final = LAMP_TILES // LAMP_ACROSS
+_MOVING_ROWS: Final = MOVING_TILES // LAMP_ACROSS
 #: Share of the lamps' light on the ground that comes back from it.
 _GROUND_ALBEDO: Final = 0.1
 #: RGBA texels per lamp.
-_TEXELS: Final = 4
+_TEXELS: Final = 5
 
 
 class LampMaps:
     """Depth seen from lamps, one tile of an atlas each."""
 
-    def __init__(self, gl: moderngl.Context) -> None:
-        self.target = Target(gl, (ATLAS[0] * LAMP_MAP, ATLAS[1] * LAMP_MAP), (), depth=True)
+    def __init__(self, gl: moderngl.Context, rows: int) -> None:
+        self.target = Target(gl, (LAMP_ACROSS * LAMP_MAP, rows * LAMP_MAP), (), depth=True)
 
     @property
     def texture(self) -> moderngl.Texture:
@@ -54,7 +58,7 @@ class LampMaps:
     def tile(self, index: int) -> None:
         """Draw into one tile from here on."""
         framebuffer = self.target.framebuffer
-        framebuffer.viewport = (index % ATLAS[0] * LAMP_MAP, index // ATLAS[0] * LAMP_MAP, LAMP_MAP, LAMP_MAP)
+        framebuffer.viewport = (index % LAMP_ACROSS * LAMP_MAP, index // LAMP_ACROSS * LAMP_MAP, LAMP_MAP, LAMP_MAP)
         framebuffer.use()
 
     def release(self) -> None:
@@ -71,20 +75,20 @@ class LampShadows:
         self._movable: LampMaps | None = None
 
     def static(self, statics: Statics, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
-        """The statics' maps."""
-        maps = LampMaps(self._context.gl)
+        """The statics' maps, in as many rows as they take."""
+        maps = LampMaps(self._context.gl, max(-(-len(views) // LAMP_ACROSS), 1))
         maps.begin()
         for index, view in enumerate(views):
             maps.tile(index)
             self._drawer.statics(statics, table, {"clip_from_world": view.clip_from_world})
         return maps
 
-    def movable(self, prepared: Prepared, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
-        """The movables' maps; valid until the next call."""
+    def movable(self, prepared: Prepared, lamps: FrameLamps, table: moderngl.Texture) -> LampMaps:
+        """The movables' maps, those of lamps that stand still first; valid until the next call."""
         if self._movable is None:
-            self._movable = LampMaps(self._context.gl)
+            self._movable = LampMaps(self._context.gl, _STILL_ROWS + _MOVING_ROWS)
         self._movable.begin()
-        for index, view in enumerate(views):
+        for index, view in tiles_of(lamps, movable=True).items():
             if any(within_reach(mesh.corners, view.lamp) for mesh in prepared.placed):
                 self._movable.tile(index)
                 values = {"clip_from_world": view.clip_from_world}
@@ -103,38 +107,54 @@ class LampLight:
     """All that the shader reads of lamps.
 
     Attributes:
-        lamps: those that shine; the ones of ``views`` come first, in their order.
-        views: of those with maps.
-        static, movable: the maps; None where there are no movables.
+        lamps: those that shine.
+        tiles: of those with maps, by tile.
+        static: the statics' maps as lamps that stand still see them.
+        moving: the statics' maps as lamps of movables see them; None where none of these has a map.
+        movable: the movables' maps, of both; None where there are no movables.
         bounce: (3,) radiance of the ground by lamps that stand still.
     """
 
     lamps: tuple[Lamp, ...]
-    views: tuple[LampView, ...]
+    tiles: Mapping[int, LampView]
     static: LampMaps
+    moving: LampMaps | None
     movable: LampMaps | None
     bounce: Points
 
+    @property
+    def dipped(self) -> bool:
+        """Whether a lamp has a dipped beam."""
+        return any(lamp.dipped for lamp in self.lamps)
+
     def table(self) -> NDArray[np.float32]:
-        """(N, 4, 4) float32, per lamp: position, 1 / reach² · axis, cosine of the outer angle · strength, 1 / (difference of the
-        cosines) · tile (−1: none), texel at one metre, 0, 0.
+        """(N, 5, 4) float32, per lamp: position, 1 / reach² · axis, cosine of the outer angle · strength, 1 / (difference of the
+        cosines) · tile (−1: none), texel at one metre, 0, 0 · up, 1 for a dipped beam.
         """
+        known = {view.lamp: (tile, view.texel) for tile, view in self.tiles.items()}
         rows = np.zeros((len(self.lamps), _TEXELS, 4), np.float32)
-        for index, (row, lamp) in enumerate(zip(rows, self.lamps, strict=True)):
+        for row, lamp in zip(rows, self.lamps, strict=True):
             outer, inner = math.cos(lamp.outer), math.cos(lamp.inner)
             everywhere = lamp.outer >= math.pi
             row[0] = (*lamp.position, 1.0 / lamp.reach**2)
             row[1] = (*lamp.direction, -2.0 if everywhere else outer)
             row[2] = (*lamp.strength, 1e3 if everywhere else 1.0 / max(inner - outer, 1e-3))
-            row[3, :2] = (index, self.views[index].texel) if index < len(self.views) else (-1.0, 0.0)
+            row[3, :2] = known.get(lamp, (-1.0, 0.0))
+            row[4] = (*lamp.up, float(lamp.dipped))
         return rows
 
     def matrices(self) -> NDArray[np.float32]:
-        """(LAMP_TILES, 4, 4) float32 world to clip space, column-major."""
-        matrices = np.zeros((LAMP_TILES, 4, 4), np.float32)
-        for index, view in enumerate(self.views):
-            matrices[index] = view.clip_from_world.T
+        """(LAMP_TILES + MOVING_TILES, 4, 4) float32 world to clip space, column-major."""
+        matrices = np.zeros((LAMP_TILES + MOVING_TILES, 4, 4), np.float32)
+        for tile, view in self.tiles.items():
+            matrices[tile] = view.clip_from_world.T
         return matrices
+
+
+def tiles_of(lamps: FrameLamps, *, movable: bool) -> dict[int, LampView]:
+    """Tile to lamp; without those of movables if told so."""
+    moving = lamps.moving_shadowed if movable else ()
+    return dict(enumerate(lamps.shadowed)) | dict(enumerate(moving, start=LAMP_TILES))
 
 
 def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
@@ -145,9 +165,7 @@ def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
         low, high: (3,) metres, corners of the street.
     """
     area = max(float(np.prod((high - low)[:2])), 1.0)
-    # The flux of a cone with a linear, squared fall-off is that of about a third of the way between its two angles.
     flux = np.zeros(3)
     for lamp in lamps:
-        angle = min(lamp.inner + (lamp.outer - lamp.inner) / 3.0, math.pi)
-        flux += np.array(lamp.strength) * 2.0 * math.pi * (1.0 - math.cos(angle))
+        flux += np.array(lamp.flux)
     return flux / area * _GROUND_ALBEDO

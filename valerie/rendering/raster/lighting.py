@@ -10,11 +10,12 @@ import moderngl
 import numpy as np
 
 from valerie.rendering.base import View
+from valerie.rendering.beams import DIPPED
 from valerie.rendering.raster.bounds import Reach
 from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.drawing import table_texture
-from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES
-from valerie.rendering.raster.lamplight import ATLAS, LampLight
+from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
+from valerie.rendering.raster.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
 from valerie.rendering.raster.targets import (
     SAMPLES,
@@ -35,7 +36,7 @@ _STREET_ALBEDO = np.array([0.26, 0.23, 0.20])
 
 
 #: What a frame may need of the shading pass beside sun and sky, and what is shaded: symbols of its shader.
-Need = Literal["LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
+Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 
 class Lighting:
@@ -74,7 +75,8 @@ class Lighting:
             defines: dict[str, int] = {"SKYLIGHT_CELL": SKYLIGHT_CELL}
             defines |= dict.fromkeys(key, 1)
             if "LAMPS" in kind:
-                defines |= {"LAMP_TILES": LAMP_TILES, "LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": ATLAS[0]}
+                defines |= {"LAMP_TILES": LAMP_TILES, "MOVING_TILES": MOVING_TILES}
+                defines |= {"LAMP_MAP": LAMP_MAP, "LAMP_ACROSS": LAMP_ACROSS}
             program = self._context.program("screen.vert", "lighting.frag", **defines)
             self._shading[key] = ScreenPass(self._gl, program)
         return self._shading[key]
@@ -163,15 +165,22 @@ class Lighting:
         owned = [sky_table]
         if lamps is not None:
             owned.append(table_texture(self._gl, lamps.table()))
-            moving = lamps.movable or lamps.static
             shade_textures |= {
                 "lamp_table": owned[-1],
                 "static_lamps": lamps.static.texture,
-                "movable_lamps": moving.texture,
+                "moving_lamps": (lamps.moving or lamps.static).texture,
+                "movable_lamps": (lamps.movable or lamps.static).texture,
             }
-            shade |= {"lamp_count": len(lamps.lamps), "lamp_clip": lamps.matrices()}
+            shade |= {
+                "lamp_count": len(lamps.lamps),
+                "lamp_clip": lamps.matrices(),
+                "dipped_spread": DIPPED.spread,
+                "dipped_cut_off": (DIPPED.rise, DIPPED.edge, DIPPED.stray),
+            }
         wanted: dict[Need, bool] = {
             "LAMPS": lamps is not None,
+            "DIPPED": lamps is not None and lamps.dipped,
+            "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
             "MOVABLES": movable_shadow is not None,
             "RAIN": sky.wetness > 0 or sky.drops > 0,
         }

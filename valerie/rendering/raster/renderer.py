@@ -21,8 +21,8 @@ from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSur
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
-from valerie.rendering.raster.lamp_reach import FrameLamps, lamp_shadowed_tiles, with_lamps, with_shadows
-from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced
+from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
+from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
 from valerie.rendering.raster.lighting import Lighting, LitFrame
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
@@ -56,7 +56,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 6
+    revision: ClassVar[int] = 7
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -79,6 +79,7 @@ class RasterRenderer:
         self._sky_maps: LeastRecentlyUsed[SkyMaps] = LeastRecentlyUsed(2)
         self._lamp_shadows = LampShadows(self._context)
         self._lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
+        self._moving_lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
         self._canvases: LeastRecentlyUsed[Canvas] = LeastRecentlyUsed(2)
 
     @property
@@ -161,7 +162,7 @@ class RasterRenderer:
     def _forget(self) -> None:
         for cache in (
             self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps,
-            self._lamp_maps,
+            self._lamp_maps, self._moving_lamp_maps,
         ):  # fmt: skip
             cache.clear()
         for canvas in self._canvases:
@@ -175,12 +176,11 @@ class RasterRenderer:
         with self._context.current() as gl:
             prepared = self._context.scenes.prepare(scene, movables=movables)
             statics, sun = prepared.statics, scene.sun_direction()
-            still = tuple(lamp for lamp in lamps if not lamp.movable)
-            shadowed = with_shadows(still, camera)
+            frame_lamps = FrameLamps.seen_by(lamps, camera, view)
             canvas = self._canvases.get((view.width, view.height), lambda: Canvas(gl, view))
             table = table_texture(gl, prepared.table())
             seen: Hashable = (statics.key, *camera_key(camera, view))
-            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials, still)
+            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials, frame_lamps.still)
             try:
                 surfaces = self._static_surfaces.get(
                     seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
@@ -192,17 +192,10 @@ class RasterRenderer:
                     (statics.shape_key, light.key), lambda: self._shadows.static(statics, light, table)
                 )
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
-                lamp_key = (statics.key, tuple(one.lamp for one in shadowed))
-                lamp_maps = (
-                    self._lamp_maps.get(lamp_key, lambda: self._lamp_shadows.static(statics, shadowed, table))
-                    if lamps
-                    else None
-                )
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
                 canvas.take(seen, lit)
                 yield _Frame(
-                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky,
-                    FrameLamps(lamps, shadowed), lamp_maps,
+                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky, frame_lamps,
                 )  # fmt: skip
             except BaseException:
                 canvas.forget()
@@ -235,17 +228,20 @@ class RasterRenderer:
 
     def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
         """The lamps that shine; a picture of the statics alone has none of the movables'."""
-        maps, shadowed = frame.lamp_maps, frame.lamps.shadowed
-        lamps = frame.lamps.in_order(movable=movables)
-        if maps is None or not lamps:
+        lamps, prepared = frame.lamps, frame.prepared
+        lit = lamps.lit if movables else lamps.still
+        if not lit:
             return None
-        moving = None
-        if movables and frame.prepared.placed:
-            moving = self._lamp_shadows.movable(frame.prepared, shadowed, frame.table)
-        geometry = frame.prepared.statics.geometry
-        still = [lamp for lamp in lamps if not lamp.movable]
-        bounce = bounced(still, geometry.core_low, geometry.core_high)
-        return LampLight(lamps, shadowed, maps, moving, bounce)
+
+        def maps(kept: LeastRecentlyUsed[LampMaps], views: Sequence[LampView]) -> LampMaps:
+            key = (prepared.statics.key, tuple(one.lamp for one in views))
+            return kept.get(key, lambda: self._lamp_shadows.static(prepared.statics, views, frame.table))
+
+        static = maps(self._lamp_maps, lamps.shadowed)
+        moving = maps(self._moving_lamp_maps, lamps.moving_shadowed) if movables and lamps.moving_shadowed else None
+        casters = self._lamp_shadows.movable(prepared, lamps, frame.table) if movables and prepared.placed else None
+        bounce = bounced(lamps.still, prepared.statics.geometry.core_low, prepared.statics.geometry.core_high)
+        return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
 
     def _learn(self, frame: _Frame, wanted: Mask) -> None:
         """Make those tiles of the statics' picture that are not known yet."""
@@ -402,7 +398,6 @@ class _Frame:
     sky_maps: SkyMaps
     sky: Sky
     lamps: FrameLamps
-    lamp_maps: LampMaps | None
 
 
 def _common(one: Area, other: Area) -> Area:

@@ -1,7 +1,7 @@
 """Lamps as KHR_lights_punctual writes them: point and spot lights in candela.
 
 A light of glTF shines along its node's −z, which is the node's +y here (`common`), so nodes need no further turn. The
-extension has no switches, no size and no materials that glow: those are in ``extras``.
+extension has no switches, no size, no dipped beams and no materials that glow: those are in ``extras``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import EXTRAS_KEY, own_extras
-from valerie.scene.model import SWITCHES, Light
+from valerie.scene.model import BEAMS, SWITCHES, Light
 
 #: Largest angle that a spot light of glTF may have.
 _WIDEST_SPOT: Final = math.pi / 2
@@ -37,6 +37,7 @@ def read_light(given: Mapping[str, Any], path: str) -> Light:
         intensity=float(given.get("intensity", 1.0)),
         inner=float(own.get("inner", 0.0 if everywhere else spot.get("innerConeAngle", 0.0))),
         outer=float(own.get("outer", math.pi if everywhere else spot.get("outerConeAngle", math.pi / 4))),
+        beam=str(own.get("beam", _DEFAULT.beam)),
         radius=float(own.get("radius", _DEFAULT.radius)),
         switch=str(own.get("switch", "")),
         glowing=tuple(str(name) for name in own.get("glowing", ())),
@@ -47,6 +48,12 @@ def read_light(given: Mapping[str, Any], path: str) -> Light:
         raise InvalidInput("not a usable light", field=path, value=dict(given), limit="numbers from 0 on")
     if not light.inner <= light.outer <= math.pi:
         raise InvalidInput("a cone is inner ≤ outer ≤ π", field=path, value=(light.inner, light.outer))
+    if light.beam not in BEAMS:
+        raise InvalidInput("no such beam", field=path, value=light.beam, limit=", ".join(BEAMS))
+    if light.beam == "dipped" and light.outer >= _WIDEST_SPOT:
+        raise InvalidInput(
+            "a dipped beam needs a cone", field=path, value=light.outer, limit="an outer angle below π/2"
+        )
     if light.switch and light.switch not in SWITCHES:
         raise InvalidInput("no such switch", field=path, value=light.switch, limit=", ".join(SWITCHES))
     return light

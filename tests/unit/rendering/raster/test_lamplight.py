@@ -5,14 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
+from scene_rays import Triangles, near_edges, pixel_rays, trace, triangles_of
 
 from valerie.rendering.base import View
+from valerie.rendering.beams import DIPPED
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.lamps import lit_lamps
-from valerie.rendering.raster.lamp_reach import LampView, shadow_hull
+from valerie.rendering.raster.lamp_reach import MOVING_TILES, LampView, moving_with_shadows, shadow_hull
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import LUX, sky_of
 from valerie.scene.model import Camera, Light, Material, Node, Scene, Sun
@@ -76,9 +77,36 @@ def test_the_lamps_colour_is_that_of_what_it_lights(raster: RasterRenderer) -> N
     np.testing.assert_allclose(middle / middle[0], (1.0, 0.5, 0.25), rtol=0.03)
 
 
-def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer, truth_pass: TruthPass) -> None:
-    wide = hung("scene.pole-1", replace(STREET, inner=1.1), (-3, 4, 6))
-    scene, view = at_night({"scene.person-1.pos.y": 7.0}, wide), View("camera-1", 320, 180)
+def test_a_dipped_beam_lights_what_its_formula_says_and_leaves_dark_what_lies_above(raster: RasterRenderer) -> None:
+    # The lamp looks down, so that what is above its cut-off lies in the upper half of the image, to the world's +y.
+    light = Light(intensity=8000.0, inner=1.0, outer=1.2, beam="dipped")
+    image = raster.full(floor_below(light, 6.0), View("camera-1", 120, 120)).pixels[..., 1].astype(np.float64)
+    steps = (np.arange(120) + 0.5) / 120 * 8.0 - 4.0  # 36 mm on 36 mm, from 8 m
+    x, y = np.meshgrid(steps, -steps)
+    expected = 0.5 * 8000.0 * LUX * DIPPED.share(x / 6.0, y / 6.0) * 6.0 / np.sqrt(x**2 + y**2 + 36.0) ** 3
+    # Pixels beside the cut-off show both sides of it; night sky and street around add a little everywhere.
+    clear = np.abs(y - DIPPED.rise * np.maximum(x, 0.0)) > 0.15
+    np.testing.assert_allclose(image[clear], expected[clear], rtol=0.03, atol=0.002 * expected.max())
+
+
+def moving(
+    name: str, place: tuple[float, float, float], light: Light, heading: float = 0.0, pitch: float = 0.0
+) -> Node:
+    """A lamp of something that moves."""
+    return Node(f"scene.{name}", Pose(place, (pitch, 0.0, heading)).matrix(), light=light, movable=True)
+
+
+WIDE = Light(intensity=12_000.0, inner=1.1, outer=1.2)
+CASTING = {
+    "a post": hung("scene.pole-1", replace(STREET, inner=1.1), (-3, 4, 6)),
+    "a movable on the left": moving("car-2", (-2.5, 1.0, 1.0), WIDE, 345.0, 350.0),
+    "the same movable elsewhere": moving("car-2", (3.6, 3.5, 0.8), WIDE, 30.0, 350.0),
+}
+
+
+@pytest.mark.parametrize("hung_on", CASTING)
+def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer, hung_on: str) -> None:
+    scene, view = at_night({"scene.person-1.pos.y": 7.0}, CASTING[hung_on]), View("camera-1", 320, 180)
     plain = {name: replace(m, base_color_texture=None, specular=0.0) for name, m in scene.materials.items()}
     scene = replace(scene, materials=plain)
     image = raster.full(scene, view).pixels.astype(np.float64).sum(axis=2)
@@ -87,14 +115,12 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
     ground = (classes == 7) & (depth < 14)
     points = camera.position + pixel_rays(camera, view)[ground] * depth[ground][:, None]
     (lamp,) = lit_lamps(scene, sky_of(scene))
-    way = np.array(lamp.position) - points
+    way = points - np.array(lamp.position)
     distance = np.linalg.norm(way, axis=1)
-    # Nothing stands behind the lamp as seen from there.
-    hidden = blocked(triangles, points + np.array([0, 0, 0.01]), way / distance[:, None])
-    in_cone = way[:, 2] / distance > math.cos(1.0)
+    in_cone = way @ np.array(lamp.direction) / distance > math.cos(1.0)
     state = np.zeros(classes.shape, np.uint8)
-    state[ground] = np.where(in_cone, 1 + hidden, 0)
-    image[ground] /= way[:, 2] / distance**3  # what a lamp without shadows gives
+    state[ground] = np.where(in_cone, 1 + hidden(triangles, lamp.position, points), 0)
+    image[ground] /= -way[:, 2] / distance**3  # what a lamp without shadows gives
     inside = ~near_edges(near_edges(state).astype(np.uint8))
     dark, lit = image[inside & (state == 2)], image[inside & (state == 1)]
     assert len(dark) > 100
@@ -104,17 +130,73 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
     assert (lit < threshold).mean() < 0.03
 
 
+def hidden(triangles: Triangles, place: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
+    """Whether something stands between a place and each of (N, 3) points of surfaces."""
+    way = points - np.array(place)
+    distance = np.linalg.norm(way, axis=1)
+    starts = np.broadcast_to(np.array(place), points.shape)
+    hits, rays, _ = triangles.intersector.intersects_location(starts, way / distance[:, None], multiple_hits=False)
+    nearest = np.full(len(points), np.inf)
+    nearest[rays] = np.linalg.norm(hits - np.array(place), axis=1)
+    return nearest < distance - 0.02
+
+
+def test_the_housing_around_a_lamp_keeps_nothing_of_its_light(raster: RasterRenderer) -> None:
+    view = View("camera-1", 96, 54)
+    bare = at_night({}, moving("car-2", (-1.5, 2.0, 0.8), WIDE, pitch=350.0))
+    lens = Node("scene.car-3", np.eye(4), (box_mesh((-1.6, 2.1, 0.7), (-1.4, 2.12, 0.9), "paint"),), 26, movable=True)
+    housed = replace(bare, nodes={**bare.nodes, lens.path: lens})
+    ahead = np.s_[36:, 20:76]  # the ground before it
+    pictures = [raster.full(scene, view).pixels[ahead].astype(np.float64) for scene in (bare, housed)]
+    # Less than the plate itself covers changes; in its shadow all of this would lie.
+    assert (np.abs(pictures[0] - pictures[1]).max(axis=2) > 0.01 * pictures[0].max()).mean() < 0.15
+
+
+def test_the_strongest_lamps_of_movables_that_reach_the_picture_have_shadow_maps() -> None:
+    head, tail = Light(intensity=12_000.0, outer=0.6), Light(intensity=8.0, outer=1.3)
+    behind = moving(
+        "car-2", (0, -6, 0.6), replace(head, intensity=50_000.0), heading=180.0
+    )  # shines away from what is seen
+    bulb = moving("car-3", (0, 5, 1.0), Light(intensity=1000.0))  # everywhere: no map could hold it
+    heads = [moving(f"car-{4 + i}", (i - 2.0, 8.0 + 6 * i, 0.6), head, heading=180.0) for i in range(MOVING_TILES)]
+    tails = [moving(f"car-{20 + i}", (i - 2.0, 6.0, 0.6), tail) for i in range(2)]
+    view = View("camera-1", 160, 90)
+
+    def picked(*lamps: Node) -> list[tuple[float, ...]]:
+        scene = at_night({}, *lamps)
+        found = moving_with_shadows(lit_lamps(scene, sky_of(scene)), scene.cameras["camera-1"], view)
+        return [one.lamp.position for one in found]
+
+    places = {node.path: tuple(node.transform[:3, 3]) for node in (*heads, *tails)}
+    assert picked(behind, bulb, *tails, *heads[::-1]) == [places[node.path] for node in heads]
+    assert picked(behind, bulb, *tails, heads[3])[0] == places[heads[3].path]
+    assert set(picked(behind, bulb, *tails)) == {places[node.path] for node in tails}
+    assert picked(hung("scene.pole-1", STREET, (-3, 4, 6))) == []
+
+
+HEAD = Light(intensity=12_000.0, inner=0.45, outer=0.7, beam="dipped")
+CARRIED = {
+    "nothing": (),
+    "a torch": (moving("person-1.torch", (0, 0.5, 1.2), Light(intensity=400.0, inner=0.1, outer=0.6)),),
+    "head lamps": (
+        moving("person-1.lamp-1", (-0.6, 0.5, 0.65), HEAD),
+        moving("person-1.lamp-2", (0.6, 0.5, 0.65), HEAD),
+    ),
+}
+
+
+@example(x=-2.0, y=4.0, heading=340.0, second="red-coat", elevation=-18.0, carried="head lamps")
 @given(
     x=st.floats(-6, 6),
     y=st.floats(1, 30),
     heading=st.floats(0, 359),
     second=st.sampled_from(["absent", "red-coat"]),
     elevation=st.sampled_from([-18.0, -3.0, 1.5]),
-    torch=st.booleans(),
+    carried=st.sampled_from(sorted(CARRIED)),
 )
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_the_layer_over_the_background_is_the_frame_bit_for_bit_under_lamps(
-    raster: RasterRenderer, x: float, y: float, heading: float, second: str, elevation: float, torch: bool
+    raster: RasterRenderer, x: float, y: float, heading: float, second: str, elevation: float, carried: str
 ) -> None:
     values = {
         "scene.person-1.pos.x": x,
@@ -123,9 +205,7 @@ def test_the_layer_over_the_background_is_the_frame_bit_for_bit_under_lamps(
         "scene.person-2.character": second,
         "scene.sun-1.azimuth": 10.0 * heading % 360,
     }
-    light = Light(intensity=400.0, inner=0.1, outer=0.6)
-    carried = Node("scene.person-1.torch", Pose((0, 0.5, 1.2), (0, 0, 0)).matrix(), light=light, movable=True)
-    scene = at_night(values, *LAMPS, *((carried,) if torch else ()), elevation=math.radians(elevation))
+    scene = at_night(values, *LAMPS, *CARRIED[carried], elevation=math.radians(elevation))
     view = View("camera-1", 168, 96)
     layer = raster.layer(scene, view)
     assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
@@ -135,9 +215,7 @@ def test_a_layer_by_night_is_no_whole_frame_and_the_background_has_no_light_of_m
     raster: RasterRenderer,
 ) -> None:
     view = View("camera-1", 320, 180)
-    light = Light(intensity=400.0, inner=0.1, outer=0.6)
-    carried = Node("scene.person-1.torch", Pose((0, 0.5, 1.2), (0, 0, 0)).matrix(), light=light, movable=True)
-    without, with_torch = at_night({}, *LAMPS), at_night({}, *LAMPS, carried)
+    without, with_torch = at_night({}, *LAMPS), at_night({}, *LAMPS, *CARRIED["a torch"])
     rectangle = raster.layer(without, view).rectangle
     assert 0 < rectangle.width * rectangle.height < 0.3 * 320 * 180
     assert_same(raster.background(without, view), raster.background(with_torch, view))

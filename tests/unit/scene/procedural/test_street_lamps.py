@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
+from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from valerie.scene.procedural.street.build import build_street
 from valerie.scene.procedural.street.furniture import LANTERN, LANTERN_PLACE, lamp_post
@@ -59,6 +61,25 @@ def test_headlamps_look_ahead_and_tail_lamps_back_from_the_ends_of_the_vehicle(k
         assert 0.2 < z < height
         assert lamp.light.switch == "car"
     assert all(0.0 > lamp.transform[2, 1] > -math.sin(math.radians(3.0)) for lamp in heads)  # dipped
+
+
+@pytest.mark.parametrize("kind", ["hatchback", "sedan", "van", "truck", "bus", "motorcycle", "bicycle"])
+def test_headlamps_are_dipped_and_nothing_of_the_vehicle_stands_in_their_beam(kind: str) -> None:
+    vehicle = build_vehicle(kind)
+    corners = [
+        (mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3])[mesh.faces]
+        for part in vehicle.parts
+        for mesh in part.meshes
+    ]
+    soup = np.concatenate(corners).reshape(-1, 3)
+    body = RayMeshIntersector(trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False))
+    heads = [lamp for lamp in vehicle_lamps(vehicle, lambda name: name) if WHITE in lamp.light.glowing]
+    for lamp in heads:
+        assert lamp.light.beam == "dipped"
+        across, up = (part.ravel() for part in np.meshgrid(np.linspace(-0.7, 0.7, 41), np.linspace(-0.5, 0.3, 41)))
+        right, ahead, above, place = lamp.transform[:3, :4].T
+        rays = across[:, None] * right + ahead + up[:, None] * above
+        assert not body.intersects_any(np.broadcast_to(place, rays.shape), rays).any()
 
 
 def test_the_lenses_that_glow_are_materials_that_vehicles_have() -> None:

@@ -1,12 +1,32 @@
-// Light of lamps: inverse squares within cones, windowed to end at a lamp's reach, with shadow maps for the first of them.
+// Light of lamps: inverse squares within cones, windowed to end at a lamp's reach, with shadow maps for some of them.
 uniform sampler2D lamp_table;       // rows: see LampLight.table
 uniform int lamp_count;
 uniform sampler2D static_lamps;     // LAMP_ACROSS × … tiles of LAMP_MAP texels a side
-#ifdef MOVABLES
-uniform sampler2D movable_lamps;
+#ifdef MOVING_LAMPS
+uniform sampler2D moving_lamps;     // as lamps of movables see the statics: the tiles from LAMP_TILES on
+const int STILL_TEXELS = LAMP_TILES / LAMP_ACROSS * LAMP_MAP;
 #endif
-uniform mat4 lamp_clip[LAMP_TILES];
+#ifdef MOVABLES
+uniform sampler2D movable_lamps;    // all tiles
+#endif
+uniform mat4 lamp_clip[LAMP_TILES + MOVING_TILES];
 const int LAMP_TAPS = 6;
+
+#ifdef DIPPED
+uniform vec2 dipped_spread;
+uniform vec3 dipped_cut_off;        // rise, edge, stray
+
+// Share of a dipped beam's light that goes away from the lamp; see beams.py.
+float dipped(vec3 away, vec3 axis, vec3 up) {
+    vec2 tangents = vec2(dot(away, cross(axis, up)), dot(away, up)) / max(dot(away, axis), 1e-3);
+    float below = dipped_cut_off.x * max(tangents.x, 0.0) - tangents.y;
+    float cut = mix(dipped_cut_off.z, 1.0, smoothstep(0.0, dipped_cut_off.y, below));
+    vec2 off = tangents / dipped_spread;
+    vec2 fall = 1.0 + off * off;
+    float both = fall.x * fall.y;
+    return cut / (both * both);
+}
+#endif
 
 // Share of a lamp's light that reaches a place. No taps where none is wanted: see shadow.glsl.
 float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
@@ -25,7 +45,13 @@ float lamp_seen(vec3 p, vec3 face, int tile, float texel, float turn) {
         vec2 o = way * (1.5 * sqrt((float(i) + 0.5) / float(LAMP_TAPS)));
         way = GOLDEN * way;
         ivec2 s = corner + clamp(ivec2(place + o), ivec2(0), ivec2(LAMP_MAP - 1));
+#ifdef MOVING_LAMPS
+        float still = texelFetch(static_lamps, ivec2(s.x, min(s.y, textureSize(static_lamps, 0).y - 1)), 0).r;
+        float moving = texelFetch(moving_lamps, ivec2(s.x, max(s.y - STILL_TEXELS, 0)), 0).r;
+        float nearest = tile < LAMP_TILES ? still : moving;
+#else
         float nearest = texelFetch(static_lamps, s, 0).r;
+#endif
 #ifdef MOVABLES
         nearest = min(nearest, texelFetch(movable_lamps, s, 0).r);
 #endif
@@ -55,6 +81,10 @@ vec3 lamplight(vec3 p, vec3 normal, vec3 face, vec3 view, vec3 diffuse, vec3 f0,
             vec4 strength = texelFetch(lamp_table, ivec2(2, k), 0), shadow = texelFetch(lamp_table, ivec2(3, k), 0);
             float spot = min(along * strength.w, 1.0), ends = 1.0 - window * window;
             float seen = lamp_seen(p, face, int(shadow.x), shadow.y, turn);
+#ifdef DIPPED
+            vec4 up = texelFetch(lamp_table, ivec2(4, k), 0);
+            spot *= up.w > 0.0 ? sqrt(dipped(-l, axis.xyz, up.xyz)) : 1.0;
+#endif
             vec3 light = strength.rgb * (spot * spot * ends * ends * seen / max(squared, 0.01));
             vec3 h = normalize(view + l);
             float nh = max(dot(normal, h), 0.0), lobe = nh * nh * (alpha * alpha - 1.0) + 1.0;

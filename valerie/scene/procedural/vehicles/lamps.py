@@ -21,9 +21,10 @@ GLOWING: Final = frozenset({WHITE, RED})
 
 #: Metres between a lens and the light before it.
 _BEFORE: Final = 0.06
-#: A dipped beam: UN Regulation 112 asks for 10,100 cd or more towards the road 75 m ahead.
+#: A dipped beam: UN Regulation 112 asks for 10,100 cd or more towards the road 75 m ahead, and for 625 cd or less above the
+#: cut-off.
 _HEAD: Final = Light(
-    color=(1.0, 0.90, 0.76), intensity=12_000.0, inner=math.radians(4.0), outer=math.radians(30.0), radius=0.05,
+    color=(1.0, 0.90, 0.76), intensity=12_000.0, inner=math.radians(25.0), outer=math.radians(40.0), beam="dipped", radius=0.05,
     switch="car", luminance=300_000.0,
 )  # fmt: skip
 #: A rear position lamp: UN Regulation 7 allows 4 … 17 cd.
@@ -32,7 +33,8 @@ _TAIL: Final = Light(
 )
 #: Lamps of a bicycle: 10 lx ten metres ahead (German StVZO, § 67), and a dim red one.
 _BICYCLE: Final = {WHITE: 1_000.0, RED: 2.0}
-_DOWN_DEG: Final = 1.5
+#: The cut-off falls by 1 % of the distance (UN Regulation 48).
+_DOWN_DEG: Final = math.degrees(math.atan(0.01))
 
 
 class VehicleLamp(NamedTuple):
