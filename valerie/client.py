@@ -19,7 +19,7 @@ class ServerProblemError(ValerieError):
 
     Attributes:
         status: HTTP status.
-        title: kind of error, e.g. ``UnknownName``.
+        title: kind of error, e.g. ``Unknown name``.
         detail: what the server said, field, value and limit included.
     """
 
@@ -305,5 +305,5 @@ def _validated(model: type[Model], document: object) -> Model:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         raise ServerProblemError(
-            502, "UnexpectedAnswer", f"the server's answer is not understood: {place}: {first['msg']}"
+            502, "Unexpected answer", f"the server's answer is not understood: {place}: {first['msg']}"
         ) from None

@@ -7,10 +7,12 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import PackageNotFoundError, version
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.responses import RedirectResponse
 
 from services.api import openapi, problems
+from services.api.dependencies import only_declared_queries
+from services.api.head import HeadAsGet
 from services.api.pages import DashboardFiles
 from services.api.protection import Protection
 from services.api.routers import catalog, frames, functions, health, results, runs
@@ -71,11 +73,14 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         redoc_url=None,
     )
     problems.install(app)
-    routers = [module.router for module in (runs, frames, results, functions, catalog, health)]
-    openapi.install(app, routers)
+    routers = [module.router for module in (runs, frames, results, functions, catalog)]
+    openapi.install(app, [*routers, health.router])
     app.add_middleware(Protection, settings=settings)
+    app.add_middleware(HeadAsGet)
     for router in routers:
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(only_declared_queries)])
+    # Machines that watch may add what they like.
+    app.include_router(health.router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")
 
     @app.get("/", include_in_schema=False)

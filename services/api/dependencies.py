@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import base64
 import binascii
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from typing import Annotated, Any
 
 import orjson
 from fastapi import Depends, Path, Query, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
 
 from services.api import examples
-from valerie.errors import InvalidInput
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.context import Context
 
 
@@ -26,6 +28,26 @@ def wake_control(request: Request) -> None:
     loop = request.app.state.control
     if loop is not None:
         loop.wake()
+
+
+def only_declared_queries(request: Request) -> None:
+    """Refuse a query parameter that the endpoint does not have: a filter with a slip in its name would select everything.
+
+    Raises:
+        InvalidInputs: with an `UnknownName` for each.
+    """
+    route: APIRoute = request.scope["route"]
+    known = frozenset(_declared(route.dependant))
+    unknown = [name for name in request.query_params if name not in known]
+    if unknown:
+        raise InvalidInputs([UnknownName("query parameter", name, known, field=name) for name in unknown])
+
+
+def _declared(dependant: Dependant) -> Iterator[str]:
+    """Names of query parameters, those of dependencies included."""
+    yield from (field.alias for field in dependant.query_params)
+    for inner in dependant.dependencies:
+        yield from _declared(inner)
 
 
 ContextDependency = Annotated[Context, Depends(_context)]

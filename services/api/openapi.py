@@ -11,7 +11,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
 from services.api import schemas
-from services.api.problems import MEDIA_TYPE, Problem
+from services.api.problems import INVALID_INPUT, MEDIA_TYPE, Problem
 
 #: Status to what it means here and an example of its detail.
 _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
@@ -21,32 +21,32 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
         "Forbidden",
         "requests of another site's pages are refused",
     ),
-    404: ("There is no such thing (any more)", "NotFound", "there is no run r1ng219w3v1ks"),
+    404: ("There is no such thing (any more)", "Not found", "there is no run r1ng219w3v1ks"),
     409: (
         "Its state does not allow this",
         "Conflict",
         "run r1ng219w3v1ks is completed; this is possible when it is running",
     ),
-    413: ("The body is too long", "InvalidInput", "the request body is too large: 10000000 bytes; limit: 2000000"),
+    413: ("The body is too long", INVALID_INPUT, "the request body is too large: 10000000 bytes; limit: 2000000"),
     416: (
         "The range begins beyond the end",
-        "InvalidInput",
+        INVALID_INPUT,
         "range: it begins beyond the end; limit: 2190 bytes",
     ),
-    422: ("Something that was given is wrong: field, value and limit", "InvalidInput", "step: must be above 0; got 0"),
+    422: ("Something that was given is wrong: field, value and limit", INVALID_INPUT, "step: must be above 0; got 0"),
     501: (
         "This needs a library that is not installed where the server runs",
-        "MissingDependency",
+        "Missing library",
         "converting a checkpoint needs torch, which is not installed here",
     ),
     503: (
         "Database, broker or artifact store do not answer; try again",
-        "TransientError",
+        "Temporarily unavailable",
         "the broker does not answer",
     ),
     507: (
         "No space is left for artifacts or database",
-        "StorageFull",
+        "No space left",
         "no space left for artifact runs/r1/report.html",
     ),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from http import HTTPStatus
-from typing import Any
+from typing import Any, Final
 
 import structlog
 from fastapi import FastAPI, Request
@@ -16,29 +16,39 @@ from starlette.exceptions import HTTPException
 
 from valerie.errors import (
     Conflict,
+    CorruptArtifact,
+    InferenceError,
     InvalidInput,
     InvalidInputs,
     MissingDependency,
     NotFound,
+    RenderingError,
     StorageFull,
     TransientError,
+    UnknownName,
     ValerieError,
 )
 from valerie.pipeline.stages import MissingInput
 
 log = structlog.get_logger()
 
-#: The first class that fits decides.
-_STATUS: tuple[tuple[type[ValerieError], HTTPStatus], ...] = (
-    (InvalidInput, HTTPStatus.UNPROCESSABLE_ENTITY),
-    (NotFound, HTTPStatus.NOT_FOUND),
-    (MissingInput, HTTPStatus.NOT_FOUND),
-    (Conflict, HTTPStatus.CONFLICT),
-    (StorageFull, HTTPStatus.INSUFFICIENT_STORAGE),
-    (TransientError, HTTPStatus.SERVICE_UNAVAILABLE),
-    (MissingDependency, HTTPStatus.NOT_IMPLEMENTED),
+INVALID_INPUT: Final = "Invalid input"
+#: Class of error to status and title; the first that fits decides.
+_KINDS: Final[tuple[tuple[type[ValerieError], HTTPStatus, str], ...]] = (
+    (UnknownName, HTTPStatus.UNPROCESSABLE_ENTITY, "Unknown name"),
+    (InvalidInput, HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT),
+    (NotFound, HTTPStatus.NOT_FOUND, "Not found"),
+    (MissingInput, HTTPStatus.NOT_FOUND, "Not found"),
+    (Conflict, HTTPStatus.CONFLICT, "Conflict"),
+    (StorageFull, HTTPStatus.INSUFFICIENT_STORAGE, "No space left"),
+    (TransientError, HTTPStatus.SERVICE_UNAVAILABLE, "Temporarily unavailable"),
+    (MissingDependency, HTTPStatus.NOT_IMPLEMENTED, "Missing library"),
+    (CorruptArtifact, HTTPStatus.INTERNAL_SERVER_ERROR, "Broken artifact"),
+    (RenderingError, HTTPStatus.INTERNAL_SERVER_ERROR, "Rendering failed"),
+    (InferenceError, HTTPStatus.INTERNAL_SERVER_ERROR, "Inference failed"),
+    (ValerieError, HTTPStatus.INTERNAL_SERVER_ERROR, "Failed"),
 )
-MEDIA_TYPE = "application/problem+json"
+MEDIA_TYPE: Final = "application/problem+json"
 
 
 class FieldProblem(BaseModel):
@@ -54,7 +64,7 @@ class Problem(BaseModel):
     """A problem document (RFC 9457)."""
 
     type: str = Field("about:blank", description="always about:blank: title and status say what it is")
-    title: str = Field(description="kind of error, e.g. UnknownName")
+    title: str = Field(description="kind of error in words, e.g. Unknown name")
     status: int
     detail: str = Field(description="what went wrong, in words for people")
     errors: list[FieldProblem] | None = Field(None, description="field by field, where something given was wrong")
@@ -83,13 +93,14 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(ValerieError)
     async def ours(_: Request, error: ValerieError) -> JSONResponse:
-        status = next((code for kind, code in _STATUS if isinstance(error, kind)), HTTPStatus.INTERNAL_SERVER_ERROR)
         members: dict[str, Any] = {}
-        if isinstance(error, InvalidInputs):
-            members["errors"] = [_members(one) for one in error.problems]
-        elif isinstance(error, InvalidInput):
-            members["errors"] = [_members(error)]
-        return problem(status, type(error).__name__, str(error), **members)
+        deciding: ValerieError = error
+        if isinstance(error, InvalidInput):
+            problems = error.problems if isinstance(error, InvalidInputs) else (error,)
+            members["errors"] = [_members(one) for one in problems]
+            deciding = problems[0] if len(problems) == 1 else error
+        status, title = next((status, title) for kind, status, title in _KINDS if isinstance(deciding, kind))
+        return problem(status, title, str(error), **members)
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -103,11 +114,11 @@ def install(app: FastAPI) -> None:
             for one in error.errors()
         ]
         detail = "; ".join(f"{one['field']}: {one['message']}" for one in errors)
-        return problem(HTTPStatus.UNPROCESSABLE_ENTITY, "InvalidInput", detail, errors=errors)
+        return problem(HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT, detail, errors=errors)
 
     @app.exception_handler(HTTPException)
     async def http(_: Request, error: HTTPException) -> JSONResponse:
-        response = problem(error.status_code, HTTPStatus(error.status_code).phrase, str(error.detail))
+        response = problem(error.status_code, HTTPStatus(error.status_code).phrase.capitalize(), str(error.detail))
         response.headers.update(error.headers or {})
         return response
 
@@ -115,17 +126,15 @@ def install(app: FastAPI) -> None:
     async def defect(request: Request, error: Exception) -> JSONResponse:
         log.error("api.defect", path=request.url.path, exc_info=error)
         return problem(
-            HTTPStatus.INTERNAL_SERVER_ERROR, "InternalError", "a defect of the server; its log holds the details"
+            HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error", "a defect of the server; its log holds the details"
         )
 
 
 def _members(error: InvalidInput) -> dict[str, Any]:
-    return {
-        "field": error.field,
-        "message": error.message,
-        "value": _plain(error.value),
-        "limit": _plain(error.limit),
-    }
+    value, limit = error.value, error.limit
+    if isinstance(error, UnknownName):
+        value, limit = error.name, limit or ", ".join(error.known)
+    return {"field": error.field, "message": error.message, "value": _plain(value), "limit": _plain(limit)}
 
 
 #: Bounds of pydantic as people write them.

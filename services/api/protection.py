@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from services.api.problems import problem
+from services.api.problems import INVALID_INPUT, problem
 from valerie.settings import Settings
 
 #: Answered without a token: what a load balancer asks. The dashboard's files hold no data; its page asks for the token.
@@ -157,7 +157,7 @@ def _counted(receive: Receive, limit: int) -> Receive:
 def _too_large(value: str, limit: int) -> Response:
     return problem(
         HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-        "InvalidInput",
+        INVALID_INPUT,
         f"the request body is too large: {value} bytes; limit: {limit}",
         errors=[{"field": "body", "message": "too large", "value": value, "limit": limit}],
     )

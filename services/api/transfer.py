@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from fastapi import Depends, Header, Response, status
 
 from services.api import examples
-from services.api.problems import problem
+from services.api.problems import INVALID_INPUT, problem
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
 #: Must be asked again each time, which costs a 304 and no picture; never kept by anybody in between.
@@ -90,7 +90,7 @@ def send(
     if length == 0:
         refusal = problem(
             HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
-            "InvalidInput",
+            INVALID_INPUT,
             f"range: it begins beyond the end; limit: {whole} bytes",
             errors=[
                 {"field": "range", "message": "it begins beyond the end", "value": conditions.range, "limit": whole}

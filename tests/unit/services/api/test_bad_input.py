@@ -180,6 +180,38 @@ def test_a_cursor_of_another_list_or_out_of_bounds_is_refused(api: httpx.Client,
         assert document["errors"][0]["field"] == "cursor"
 
 
+@pytest.mark.parametrize(
+    ("path", "field", "near", "allowed"),
+    [
+        ("/v1/runs?stat=failed", "stat", "did you mean state?", "cursor, limit, state"),
+        ("/v1/runs/RUN/evaluations?filtre=pacc:gt:0", "filtre", "did you mean filter?", "cursor, filter, format, limit, sort"),
+        ("/v1/runs/RUN?limit=3", "limit", "known: none", ""),
+        ("/v1/frames/RUN.0.0.0/image?kind=truth&zoom=2", "zoom", "known: function, kind, sensor", "function, kind, sensor"),
+        ("/v1/frames/RUN.0.0.0/image?Kind=truth", "Kind", "did you mean kind?", "function, kind, sensor"),
+    ],
+)  # fmt: skip
+def test_an_unknown_query_parameter_is_refused_with_near_matches_and_the_allowed_ones(
+    api: httpx.Client, sketch: Sketch, path: str, field: str, near: str, allowed: str
+) -> None:
+    document = problem(api.get(path.replace("RUN", sketch.finished)), 422)
+    assert near in document["detail"]
+    assert [(one["field"], one["value"], one["limit"]) for one in document["errors"]] == [(field, field, allowed)]
+
+
+def test_an_unknown_query_parameter_of_a_change_is_refused_and_nothing_changes(
+    api: httpx.Client, sketch: Sketch
+) -> None:
+    before = api.get("/v1/runs").json()
+    assert problem(api.post("/v1/runs?limit=1", json=spec("asked")), 422)["errors"][0]["field"] == "limit"
+    assert problem(api.delete(f"/v1/runs/{sketch.finished}?force=1"), 422)["errors"][0]["field"] == "force"
+    assert api.get("/v1/runs").json() == before
+
+
+def test_pages_and_probes_take_any_query(api: httpx.Client) -> None:
+    for path in ("/dashboard/", "/openapi.json", "/healthz", "/metrics"):
+        assert api.get(path, params={"at": "now"}).status_code == 200, path
+
+
 def test_an_impossible_method_names_the_possible_ones(api: httpx.Client) -> None:
     answer = api.put("/v1/runs")
     problem(answer, 405)

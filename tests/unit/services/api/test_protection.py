@@ -51,6 +51,7 @@ def test_without_the_token_everything_is_refused(guarded: httpx.Client, given: s
         assert answer.headers["WWW-Authenticate"] == "Bearer"
         assert answer.headers["Content-Type"] == "application/problem+json"
         assert TOKEN not in answer.text
+        assert guarded.head(path, headers=headers).status_code == 401, path
 
 
 def test_the_token_opens_everything(guarded: httpx.Client) -> None:

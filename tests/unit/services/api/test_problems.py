@@ -1,0 +1,83 @@
+"""What a problem document calls each kind of error: words for people, not names of classes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from sketch.serving import served
+
+from services.api import problems
+from valerie.errors import (
+    Conflict,
+    CorruptArtifact,
+    InferenceError,
+    InvalidInput,
+    InvalidInputs,
+    MissingDependency,
+    NotFound,
+    RenderingError,
+    StorageFull,
+    StorageUnavailable,
+    TransientError,
+    UnknownName,
+    ValerieError,
+)
+
+UNKNOWN: Final = UnknownName("engine", "rastr", ["raster"], field="renderer")
+WRONG: Final = InvalidInput("must be above 0", field="step", value=0)
+
+ERRORS: Final[list[tuple[Exception, int, str]]] = [
+    (WRONG, 422, "Invalid input"),
+    (UNKNOWN, 422, "Unknown name"),
+    (InvalidInputs([UNKNOWN]), 422, "Unknown name"),
+    (InvalidInputs([WRONG]), 422, "Invalid input"),
+    (InvalidInputs([UNKNOWN, WRONG]), 422, "Invalid input"),
+    (NotFound("run", "r1"), 404, "Not found"),
+    (Conflict("it is completed"), 409, "Conflict"),
+    (MissingDependency("torch is not installed"), 501, "Missing library"),
+    (StorageFull("no space left"), 507, "No space left"),
+    (StorageUnavailable("no bucket"), 503, "Temporarily unavailable"),
+    (TransientError("the broker does not answer"), 503, "Temporarily unavailable"),
+    (CorruptArtifact("a digest differs"), 500, "Broken artifact"),
+    (RenderingError("a black image"), 500, "Rendering failed"),
+    (InferenceError("no class map"), 500, "Inference failed"),
+    (ValerieError("something else"), 500, "Failed"),
+]
+
+
+@pytest.fixture(scope="module")
+def failing() -> Iterator[httpx.Client]:
+    app = FastAPI()
+    problems.install(app)
+
+    @app.get("/{number}")
+    def fail(number: int) -> None:
+        raise ERRORS[number][0]
+
+    with served(app) as client:
+        yield client
+
+
+@pytest.mark.parametrize("number", range(len(ERRORS)))
+def test_an_error_of_ours_has_a_title_in_words_and_the_stable_type(failing: httpx.Client, number: int) -> None:
+    error, status, title = ERRORS[number]
+    document = failing.get(f"/{number}").json()
+    assert (document["type"], document["title"], document["status"]) == ("about:blank", title, status)
+    assert document["detail"] == str(error)
+
+
+def test_malformed_input_is_called_like_other_wrong_input(failing: httpx.Client) -> None:
+    assert failing.get("/x").json()["title"] == "Invalid input"
+
+
+def test_an_address_of_nothing_is_called_like_a_missing_thing(failing: httpx.Client) -> None:
+    assert failing.get("/a/b").json()["title"] == "Not found"
+
+
+def test_an_unknown_name_shows_what_was_given_and_what_there_is(failing: httpx.Client) -> None:
+    (problem,) = failing.get("/1").json()["errors"]
+    assert (problem["field"], problem["value"], problem["limit"]) == ("renderer", "rastr", "raster")
