@@ -102,10 +102,10 @@ def console(*, stderr: bool = False) -> Console:
     """A console for people; plain text when it is no terminal or NO_COLOR is set."""
     from rich.console import Console
 
+    from valerie.cli.piped import PipedConsole
+
     stream = sys.stderr if stderr else sys.stdout
-    # What goes into a file or a pipe is not cut to a screen that nobody looks at.
-    width = None if stream.isatty() else 160
-    return Console(stderr=stderr, highlight=False, markup=False, width=width)
+    return Console(stderr=stderr, highlight=False, markup=False) if stream.isatty() else PipedConsole(stderr=stderr)
 
 
 def say(text: str = "") -> None:
