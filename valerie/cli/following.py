@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ from valerie.client import Client, Progress, ServerUnavailableError
 from valerie.errors import StorageUnavailable
 from valerie.runs.states import RunState
 from valerie.settings import Settings
+from valerie.spelling import plain_name
 
 _POLL_SECONDS: Final = 0.5
 #: A server that is started again after a crash is back within this.
@@ -96,7 +96,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
 
 def report_path(settings: Settings, name: str, run_id: str) -> Path:
     """Where a run's report goes by itself: ``reports/<name>-<run>.html`` beside the data folder."""
-    plain = re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-").lower()[:60] or "run"
+    plain = plain_name(name, longest=60).lower() or "run"
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
 
 

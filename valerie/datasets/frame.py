@@ -6,17 +6,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, VOID
+from valerie.spelling import plain_name
 
 #: A part of a name: underscores separate the parts.
 _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*")
-_NOT_A_PART: Final = re.compile(r"[^A-Za-z0-9]+")
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -44,7 +44,7 @@ class FrameName:
     @classmethod
     def of(cls, city: str, sequence: int, frame: int) -> Self:
         """A name from numbers; the city is spelled with letters, digits and hyphens."""
-        return cls(_NOT_A_PART.sub("-", city).strip("-") or "valerie", f"{sequence:06}", f"{frame:06}")
+        return cls(plain_name(city) or "valerie", f"{sequence:06}", f"{frame:06}")
 
     @classmethod
     def parse(cls, stem: str) -> Self:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from valerie.loading import load_document
 from valerie.perception.documents import PAYLOADS, FunctionDocument, Payload, parse_function
 from valerie.perception.onnx_files import check_onnx
 from valerie.settings import Settings
+from valerie.spelling import plain_name
 
 #: Programs of torch: taken where an operator allows it, and turned into ONNX.
 _PROGRAMS: Final = {".pt2": "an exported program of torch", ".torchscript": "a TorchScript archive"}
@@ -154,7 +154,7 @@ def _entries(brought: Brought) -> dict[str, Any]:
     if not isinstance(entries.get("provenance", {}), dict):
         raise InvalidInput("not a mapping", field="provenance", value=entries["provenance"])
     if "name" not in entries and brought.filename:
-        entries["name"] = re.sub(r"[^a-z0-9_.-]+", "-", Path(brought.filename).stem.lower()).strip("-._")[:64]
+        entries["name"] = plain_name(Path(brought.filename).stem.lower(), also="_.", longest=64)
     return entries
 
 

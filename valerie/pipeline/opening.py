@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +18,7 @@ from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_source import FunctionSource
 from valerie.pipeline.functions import SHORT
+from valerie.spelling import plain_name
 
 _SUFFIX: Final = ".safetensors"
 
@@ -61,7 +61,7 @@ def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tu
 
 def display_name(reference: str) -> str:
     """What results call it."""
-    return re.sub(r"[^a-z0-9_.-]+", "-", Path(reference).stem.lower()).strip("-.") if is_file(reference) else reference
+    return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
 def open_reference(reference: str, *, context: Context, threads: int = 1) -> PerceptionFunction:

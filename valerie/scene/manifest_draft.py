@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +20,7 @@ from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.manifest import parse_manifest
 from valerie.scene.model import Scene
 from valerie.scene.naming import ROOT, object_labels
+from valerie.spelling import plain_name
 
 #: Classes that nobody can stand in.
 _SOLID: Final = frozenset(
@@ -80,8 +80,8 @@ def manifest_draft(folder: Path) -> dict[str, Any]:
             own.append(file)
         else:
             placed.append({"file": file, "node": _free_name(file, placed)})
-    name = re.sub(r"[^a-z0-9_-]+", "-", folder.resolve().name.lower()).strip("-_") or "asset"
-    document: dict[str, Any] = {"name": name[:64], "title": folder.resolve().name}
+    name = plain_name(folder.resolve().name.lower(), also="_", longest=64) or "asset"
+    document: dict[str, Any] = {"name": name, "title": folder.resolve().name}
     document |= ({"files": own} if own else {}) | ({"placed_files": placed} if placed else {})
     cameras = sorted({camera for file in own for camera in parts[file].cameras})
     known = {"extent": [-1, -1, 1, 1], "cameras": cameras or ["none"]}

@@ -121,7 +121,7 @@ def test_many_kinds_of_failure_are_cut_with_a_count() -> None:
 def test_a_report_gets_a_plain_name_beside_the_data_folder(tmp_path: Path) -> None:
     settings = load_settings(data_dir=tmp_path / "var" / "valerie")
     path = report_path(settings, "First run: 2/3 ../ Straße", "r1")
-    assert path == tmp_path / "var" / "reports" / "first-run-2-3-stra-e-r1.html"
+    assert path == tmp_path / "var" / "reports" / "first-run-2-3-strasse-r1.html"
     assert report_path(settings, "…", "r1").name == "run-r1.html"
 
 

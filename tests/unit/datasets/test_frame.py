@@ -31,3 +31,9 @@ def test_label_ids_that_cityscapes_lacks_are_refused_by_name() -> None:
     require_label_ids(np.array([[0, 33, 255]], np.uint8), field="x")
     with pytest.raises(InvalidInput, match=r"a\.png.*34"):
         require_label_ids(np.array([[0, 34]], np.uint8), field="a.png")
+
+
+def test_runs_whose_names_differ_in_letters_of_other_scripts_have_cities_of_their_own() -> None:
+    cities = {FrameName.of(f"{name}-camera-1", 0, 0).city for name in ("Köln", "Kln", "東京", "京都")}
+    assert len(cities) == 4
+    assert "Koeln-camera-1" in cities
