@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import class_counts, iou, miou, pacc, pixel_accuracy, precision
+from valerie.metrics.scores import class_counts, miou, pixel_accuracy
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,6 @@ def all_classes(function: str, sensor: str, matrix: ConfusionMatrix, frame_mious
     for label in TRAIN_LABELS:
         counts = class_counts(matrix, label.train_id)
         if pixels := counts.tp + counts.fn:
-            rates = (pacc(counts.tp, counts.fn), precision(counts.tp, counts.fp), iou(counts.tp, counts.fp, counts.fn))
-            shown.append(PooledClass(label.name, pixels, *rates))
+            shown.append(PooledClass(label.name, pixels, counts.pacc, counts.precision, counts.iou))
     frames = frame_mious.defined + frame_mious.undefined
     return AllClasses(function, sensor, frames, frame_mious.mean, miou(matrix), pixel_accuracy(matrix), tuple(shown))

@@ -17,7 +17,7 @@ import orjson
 
 from valerie.analysis import sections
 from valerie.analysis.examples import choose_examples
-from valerie.analysis.frames import characters, settings
+from valerie.analysis.frames import characters, setting_labels, settings
 from valerie.analysis.html import Html, data_url, join, tag
 from valerie.analysis.panels import COMBINED_COLOR, Panel, make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
@@ -144,13 +144,11 @@ def _has(source: ReportInput, axis: Axis) -> bool:
 
 
 def _trend_section(source: ReportInput, axis: Axis, figures: list[dict[str, Any]]) -> Html:
-    several = len(source.table.codes("sensor").names) > 1
     cells = []
-    for function, sensor in settings(source.table):
+    for (function, sensor), title in setting_labels(settings(source.table)).items():
         panel = make_panel(source.table, source.trends, axis.column, function, sensor, seed=source.trends.seed)
         if not panel.total:
             continue
-        title = function + (f" · sensor {sensor}" if several else "")
         trends = source.trends.of(axis.column, function, sensor)
         cells.append(
             tag(

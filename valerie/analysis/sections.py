@@ -10,7 +10,7 @@ import yaml
 from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.examples import Example
 from valerie.analysis.findings import Findings
-from valerie.analysis.frames import ALL
+from valerie.analysis.frames import ALL, setting_labels
 from valerie.analysis.html import Html, data_url, join, tag
 from valerie.analysis.intervals import Interval
 from valerie.analysis.regression import Curve
@@ -30,7 +30,6 @@ def percent(value: float | None, digits: int = 1) -> str:
 
 def summary_table(summary: Summary) -> Html:
     """The table of section 6.2: a block of lines per function, one line per pedestrian."""
-    several = len({row.sensor for row in summary.rows}) > 1
     threshold = f"{summary.threshold:g}"
     head = tag(
         "thead",
@@ -58,8 +57,7 @@ def summary_table(summary: Summary) -> Html:
         ),
     )  # fmt: skip
     blocks = []
-    for function, sensor in dict.fromkeys((row.function, row.sensor) for row in summary.rows):
-        label = function + (f" · sensor {sensor}" if several else "")
+    for (function, sensor), label in setting_labels((row.function, row.sensor) for row in summary.rows).items():
         lines = [tag("tr", tag("th", label, colspan=14, scope="rowgroup"), class_="block")]
         rows = [row for row in summary.rows if (row.function, row.sensor) == (function, sensor)]
         lines += [_summary_line(row) for row in rows]
@@ -141,7 +139,6 @@ def classes_table(classes: Sequence[AllClasses]) -> Html:
     """IoU of every class from pooled counts, a column per function and sensor setting, the means in the last two lines."""
     if not classes:
         return Html("")
-    several = len({one.sensor for one in classes}) > 1
     pixels = {c.name: c.pixels for one in classes for c in one.classes}
     whole = max(sum(pixels.values()), 1)
     ious = [{c.name: c.iou for c in one.classes} for one in classes]
@@ -152,7 +149,7 @@ def classes_table(classes: Sequence[AllClasses]) -> Html:
     ]
     rows.append(("mean of these", "", *(percent(one.miou_pooled) for one in classes)))
     rows.append(("mean of the frames' means", "", *(percent(one.miou_mean) for one in classes)))
-    names = [one.function + (f" · sensor {one.sensor}" if several else "") for one in classes]
+    names = setting_labels((one.function, one.sensor) for one in classes).values()
     heads = ("Class", "Share of the pixels, %", *(f"IoU of {name}, %" for name in names))
     return join(tag("h3", "All classes"), table(heads, rows, numbers=range(1, len(heads))))
 
@@ -280,10 +277,12 @@ def accounting(
         ("evaluated by at least one function", f"{summary.frames:,}", ""),
         ("without any evaluation", f"{lost:,}", "failed or cancelled: see failures" if lost else ""),
     ]
+    labels = setting_labels((row.function, row.sensor) for row in summary.rows)
     for row in summary.rows:
         if row.character == ALL or not any(r.character == ALL for r in summary.rows):
             reasons = "; ".join(f"{count:,} × {reason}" for reason, count in row.undefined.items())
-            rows.append((f"{row.function} · {row.sensor}: pACC undefined", f"{sum(row.undefined.values()):,}", reasons))
+            what = f"{labels[row.function, row.sensor]}: pACC undefined"
+            rows.append((what, f"{sum(row.undefined.values()):,}", reasons))
     parts = [table(("", "Number", "Why"), rows, numbers=(1,))]
     if failures:
         heads = ("Stage", "Error", "Products", "Attempts", "For example")

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from valerie.analysis.findings import Findings
-from valerie.analysis.frames import ALL
+from valerie.analysis.frames import ALL, setting_labels
 from valerie.analysis.intervals import Interval
 from valerie.analysis.summary import OCCLUDED, Summary, SummaryRow
 
@@ -70,7 +70,7 @@ class _Rows:
     def _table(self, columns: Mapping[str, str]) -> Table:
         """``columns`` of all rows, functions one below the other."""
         summary = self._summary
-        several = len({row.sensor for row in summary.rows}) > 1
+        labels = setting_labels((row.function, row.sensor) for row in summary.rows)
         table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
         table.add_column("pedestrian")
         for name, title in columns.items():
@@ -80,7 +80,7 @@ class _Rows:
             )
         previous = None
         for row in summary.rows:
-            who = row.function + (f" · {row.sensor}" if several else "")
+            who = labels[row.function, row.sensor]
             if previous != who:
                 if previous is not None:
                     table.add_section()
@@ -123,9 +123,9 @@ def _notes(summary: Summary) -> list[str]:
         for e in summary.empty
     ]
     if summary.classes:
-        several = len({one.sensor for one in summary.classes}) > 1
+        labels = setting_labels((one.function, one.sensor) for one in summary.classes)
         mious = [
-            f"{one.function}{f' · {one.sensor}' if several else ''} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
+            f"{labels[one.function, one.sensor]} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
             for one in summary.classes
         ]
         lines.append(f"Mean IoU of all classes, frame mean / pooled: {', '.join(mious)}.")

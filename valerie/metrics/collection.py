@@ -15,17 +15,7 @@ import numpy as np
 from valerie.labels import PERSON, TRAIN_LABELS, Label
 from valerie.metrics.aggregate import FrameMean, frame_mean, pooled
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import (
-    ClassCounts,
-    class_counts,
-    fwiou,
-    iou,
-    macc,
-    miou,
-    pacc,
-    pixel_accuracy,
-    precision,
-)
+from valerie.metrics.scores import ClassCounts, class_counts, fwiou, macc, miou, pixel_accuracy
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,13 +124,13 @@ def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: Conf
     return ClassScores(
         label,
         summed,
-        pacc=both(lambda c: pacc(c.tp, c.fn)),
-        precision=both(lambda c: precision(c.tp, c.fp)),
-        iou=both(lambda c: iou(c.tp, c.fp, c.fn)),
+        pacc=both(lambda c: c.pacc),
+        precision=both(lambda c: c.precision),
+        iou=both(lambda c: c.iou),
     )
 
 
 def _miou_cityscapes(matrix: ConfusionMatrix) -> float | None:
-    counts = [class_counts(matrix, label.train_id) for label in TRAIN_LABELS]
-    values = [value for c in counts if (value := iou(c.tp, c.fp, c.fn)) is not None]
+    ious = (class_counts(matrix, label.train_id).iou for label in TRAIN_LABELS)
+    values = [value for value in ious if value is not None]
     return float(np.mean(values)) if values else None

@@ -45,6 +45,21 @@ class ClassCounts:
     fn: int
     tn: int
 
+    @property
+    def pacc(self) -> float | None:
+        """Its recall, `pacc`."""
+        return pacc(self.tp, self.fn)
+
+    @property
+    def precision(self) -> float | None:
+        """Its `precision`."""
+        return precision(self.tp, self.fp)
+
+    @property
+    def iou(self) -> float | None:
+        """Its `iou`."""
+        return iou(self.tp, self.fp, self.fn)
+
 
 def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> ClassCounts:
     """The four counts of one class.
@@ -130,9 +145,9 @@ def frame_scores(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> Fr
     """Derive every score from the counts of one frame (or, for pooled scores, from the sum over frames)."""
     counts = class_counts(matrix, train_id)
     values = {
-        "pacc": pacc(counts.tp, counts.fn),
-        "precision": precision(counts.tp, counts.fp),
-        "iou": iou(counts.tp, counts.fp, counts.fn),
+        "pacc": counts.pacc,
+        "precision": counts.precision,
+        "iou": counts.iou,
         "pixel_accuracy": pixel_accuracy(matrix),
         "macc": macc(matrix),
         "miou": miou(matrix),

@@ -11,6 +11,7 @@ from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import FrameMean, frame_mean
+from valerie.metrics.collection import collection_scores
 
 ROAD, SKY = 0, 10
 
@@ -43,6 +44,14 @@ def test_a_class_that_is_only_predicted_is_not_among_them() -> None:
 def test_without_a_labelled_pixel_all_is_undefined() -> None:
     found = all_classes("net", "default", np.zeros((19, 20), np.int64), FrameMean(None, None, None, 0, 2))
     assert (found.frames, found.miou_pooled, found.miou_mean, found.classes) == (2, None, None, ())
+
+
+def test_figures_equal_those_of_a_collection_of_the_same_frames_to_the_last_digit() -> None:
+    matrices = list(np.random.default_rng(3).integers(0, 999, (4, 19, 20)))
+    found = all_classes("net", "default", sum(matrices), frame_mean([]))
+    for one, other in zip(found.classes, collection_scores(matrices).classes, strict=True):
+        assert (one.name, one.pixels) == (other.label.name, other.counts.tp + other.counts.fn)
+        assert (one.pacc, one.precision, one.iou) == (other.pacc.pooled, other.precision.pooled, other.iou.pooled)
 
 
 def test_the_text_names_both_averages(found: AllClasses) -> None:

@@ -108,6 +108,13 @@ def test_a_void_prediction_on_a_person_is_a_miss() -> None:
     assert result.iou == pytest.approx(3 / 4)
 
 
+def test_counts_of_a_class_give_the_rates_of_the_definitions() -> None:
+    counts = scores.ClassCounts(tp=7, fp=3, fn=14, tn=100)
+    assert (counts.pacc, counts.precision, counts.iou) == (7 / 21, 7 / 10, 7 / 24)
+    nothing = scores.ClassCounts(tp=0, fp=0, fn=0, tn=5)
+    assert (nothing.pacc, nothing.precision, nothing.iou) == (None, None, None)
+
+
 def test_painting_everything_person_has_full_pacc_and_poor_precision() -> None:
     result = scores.frame_scores(matrix_of({(PERSON, PERSON): 10, (0, PERSON): 990}))
     assert result.pacc == 1.0
