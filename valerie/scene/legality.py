@@ -1,8 +1,8 @@
-"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset, and no car does.
+"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset, no car and no camera does.
 
 Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
 radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in
-`valerie.scene.mover_legality`.
+`valerie.scene.mover_legality`, what looks in `valerie.scene.camera_legality`.
 """
 
 from __future__ import annotations
@@ -10,25 +10,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
 
 from valerie.parameters.definitions import Value
 from valerie.scene.attributes import ABSENT
+from valerie.scene.camera_legality import CameraRules
 from valerie.scene.manifest import Manifest
 from valerie.scene.mover_legality import MoverRules
 from valerie.scene.movers import Mover, sort_obstacles
 from valerie.scene.naming import ROOT
 from valerie.scene.obstacles import ObstacleMap
 
-#: A camera needs less room than a person.
-_CAMERA_RADIUS_M: Final = 0.05
-
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
     """Why a variant cannot be, in words (``person-1 stands inside building-3``); None if it can.
 
-    A person is judged if its position varies, a camera if all three of its coordinates do, a vehicle that is shown if the
-    variant says anything of its place, heading, kind or visibility: others stay where the asset's author put them.
+    A person is judged if its position varies, a vehicle that is shown if the variant says anything of its place, heading, kind or
+    visibility, and a camera if all three of its coordinates vary: against everything where the variant says one of them, else
+    against those vehicles. Others stay where the asset's author put them.
 
     Args:
         assignment: path to value, valid for the manifest; what is missing takes its default.
@@ -57,9 +55,7 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         return overlap
     if reason := prepared.mover_rules.reason(assignment):
         return reason
-    if not prepared.camera_paths.isdisjoint(assignment):
-        return _camera_reason(assignment, manifest, prepared)
-    return None
+    return prepared.cameras.reason(assignment)
 
 
 def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str | None:
@@ -67,18 +63,6 @@ def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str |
         for other, other_x, other_y in standing[:index]:
             if (x - other_x) ** 2 + (y - other_y) ** 2 < distance * distance:
                 return f"{other} and {name} overlap"
-    return None
-
-
-def _camera_reason(assignment: Mapping[str, Value], manifest: Manifest, prepared: _Prepared) -> str | None:
-    for camera in manifest.cameras:
-        paths = [f"{ROOT}.{camera}.pos.{axis}" for axis in "xyz"]
-        if not any(path in assignment for path in paths) or not all(path in manifest.by_path for path in paths):
-            continue
-        x, y, z = (float(assignment.get(path, manifest.by_path[path].default)) for path in paths)
-        obstacle = prepared.around_cameras.at(x, y, z)
-        if obstacle:
-            return f"{camera} is {obstacle.text}"
     return None
 
 
@@ -100,11 +84,10 @@ class _Person:
 @dataclass(frozen=True, slots=True)
 class _Prepared:
     persons: tuple[_Person, ...]
-    camera_paths: frozenset[str]
     around_persons: ObstacleMap
     movers: tuple[Mover, ...]
     mover_rules: MoverRules
-    around_cameras: ObstacleMap
+    cameras: CameraRules
 
 
 @lru_cache(maxsize=16)
@@ -112,11 +95,10 @@ def _prepare(manifest: Manifest) -> _Prepared:
     resting, movers = sort_obstacles(manifest, manifest.person_radius_m)
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
-        camera_paths=frozenset(f"{ROOT}.{camera}.pos.{axis}" for camera in manifest.cameras for axis in "xyz"),
         around_persons=ObstacleMap(resting, manifest.person_radius_m),
         movers=movers,
         mover_rules=MoverRules(manifest, resting, movers),
-        around_cameras=ObstacleMap(resting, _CAMERA_RADIUS_M),
+        cameras=CameraRules(manifest),
     )
 
 

@@ -33,7 +33,7 @@ class MoverRules:
         self._extent = manifest.extent
         self._resting = Outlines(resting)
         self._rules = tuple(_rule(manifest, mover, self._resting) for mover in movers)
-        self._spoken_of = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.paths)
+        self._spoken_of = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
         own = [rule.own for rule in self._rules]
         self._together = frozenset(
             (i, j) for j, one in enumerate(own) for i, other in enumerate(own[:j]) if _overlap(one, other)
@@ -45,7 +45,7 @@ class MoverRules:
             return None
         shown: list[tuple[int, bool, _Polygons]] = []
         for number, rule in enumerate(self._rules):
-            varied = not rule.paths.isdisjoint(assignment)
+            varied = not rule.mover.paths.isdisjoint(assignment)
             judged = varied and rule.mover.has_place
             polygons = rule.mover.polygons(assignment) if varied else rule.own
             if judged and (reason := self._alone(rule, polygons, assignment)):
@@ -74,7 +74,6 @@ class _Rule:
     """What one mover is judged by.
 
     Attributes:
-        paths: of its pose, as far as they are declared.
         own: its outlines where the author put it; none if it is hidden there.
         keeps_within: whether its middle has to be within the asset's extent: not if its own place is outside.
         grounds: it stands on one of these; empty if that is not judged: it is lifted by a parameter, or stands uneven on its own
@@ -83,7 +82,6 @@ class _Rule:
     """
 
     mover: Mover
-    paths: frozenset[str]
     own: _Polygons
     keeps_within: bool
     grounds: tuple[shapely.Geometry, ...]
@@ -94,7 +92,6 @@ def _rule(manifest: Manifest, mover: Mover, resting: Outlines) -> _Rule:
     own, grounds = mover.polygons({}), _grounds(manifest, mover)
     return _Rule(
         mover,
-        frozenset(mover.keys[name] for name in mover.defaults),
         own,
         _within(own, manifest.extent),
         grounds if _stand_on(mover.polygons({}, standing=True), grounds) else (),

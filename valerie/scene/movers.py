@@ -34,7 +34,7 @@ class Outline:
     Attributes:
         footprint: at the default pose.
         kind: the vehicle that it is of, where the mover is one of several; empty if it always counts.
-        widened: by the room that a person needs, at the default pose.
+        widened: by the room that somebody needs, at the default pose.
         corners: (N, 2) metres from the node's default place, at the default pose; pulled in by what may touch.
         standing: the same of the part that stands on the ground.
     """
@@ -55,13 +55,15 @@ class Mover:
         outlines: as the manifest lists them.
         keys: attribute of a pose (``pos.x`` …) to its path.
         defaults: attribute to default; those that are declared.
-        reach: farthest that a person who stands in an outline can be from the node's place, metres.
+        paths: of its pose, as far as they are declared.
+        reach: farthest that somebody who stands in an outline can be from the node's place, metres.
     """
 
     path: str
     outlines: tuple[Outline, ...]
     keys: Mapping[str, str]
     defaults: Mapping[str, Value]
+    paths: frozenset[str]
     reach: float
 
     @property
@@ -83,8 +85,8 @@ class Mover:
             return ()
         return tuple(outline for outline in self.outlines if not outline.kind or outline.kind == kind)
 
-    def holds(self, x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
-        """The footprint that a person at (x, y) in metres would stand in: the point is taken back to the default pose."""
+    def holds(self, x: float, y: float, assignment: Mapping[str, Value], z: float = 0.0) -> Footprint | None:
+        """The footprint that holds (x, y) and reaches above z, metres: the point is taken back to the default pose."""
         u = x - float(self._value("pos.x", assignment))
         v = y - float(self._value("pos.y", assignment))
         if u * u + v * v > self.reach * self.reach:
@@ -92,7 +94,8 @@ class Mover:
         cos, sin = self._turn(assignment)
         back = self._place("pos.x") + cos * u + sin * v, self._place("pos.y") - sin * u + cos * v
         outlines = self.shown(assignment)
-        return next((one.footprint for one in outlines if shapely.contains_xy(one.widened, *back)), None)
+        inside = (one.footprint for one in outlines if shapely.contains_xy(one.widened, *back))
+        return next((one for one in inside if one.height_m is None or z < one.height_m), None)
 
     def polygons(self, assignment: Mapping[str, Value], *, standing: bool = False) -> tuple[shapely.Polygon, ...]:
         """The outlines that count where they are, or the parts of them that stand on the ground; metres in the world."""
@@ -126,7 +129,7 @@ def sort_obstacles(manifest: Manifest, radius: float) -> tuple[tuple[Footprint, 
 
     Args:
         manifest: tells both.
-        radius: metres that a person needs around its place.
+        radius: metres that somebody needs around its place.
     """
     resting: list[Footprint] = []
     moving: dict[str, list[Footprint]] = {}
@@ -157,7 +160,8 @@ def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: f
         )
     reach = max(float(np.linalg.norm(np.asarray(footprint.polygon) - place, axis=1).max()) for footprint in footprints)
     keys = {name: f"{path}.{name}" for name in _POSE}
-    return Mover(path, tuple(outlines), keys, declared, reach + radius)
+    paths = frozenset(keys[name] for name in declared)
+    return Mover(path, tuple(outlines), keys, declared, paths, reach + radius)
 
 
 def _pulled_in(footprint: Footprint) -> shapely.Polygon:
