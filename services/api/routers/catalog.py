@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1", tags=["catalog"])
 Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", examples=["urban-street"])]
 
 
-@router.get("/assets", responses={**problems(), **example(examples.ASSETS)}, summary="Assets that a spec may name")
+@router.get("/assets", responses={**problems(422), **example(examples.ASSETS)}, summary="Assets that a spec may name")
 def assets(context: ContextDependency) -> list[AssetEntry]:
     return [AssetEntry.model_validate(one) for one in catalog.assets(context.settings)]
 
@@ -37,7 +37,7 @@ def asset(name: Name, context: ContextDependency) -> AssetRead:
 
 @router.get(
     "/renderers",
-    responses={**problems(), **example(examples.RENDERERS)},
+    responses={**problems(422), **example(examples.RENDERERS)},
     summary="Render engines, and the numeric classes in which living workers offer them",
 )
 def renderers(context: ContextDependency) -> list[RendererRead]:
@@ -46,7 +46,7 @@ def renderers(context: ContextDependency) -> list[RendererRead]:
 
 @router.get(
     "/labels",
-    responses={**problems(), **example(examples.LABELS)},
+    responses={**problems(422), **example(examples.LABELS)},
     summary="Classes of ground truth and predictions, with the colours of their pictures",
 )
 def labels() -> list[LabelRead]:
@@ -54,7 +54,7 @@ def labels() -> list[LabelRead]:
 
 
 @router.get(
-    "/workers", responses={**problems(), **example(examples.WORKERS)}, summary="Worker processes that are alive"
+    "/workers", responses={**problems(422), **example(examples.WORKERS)}, summary="Worker processes that are alive"
 )
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
@@ -63,7 +63,7 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
 
 @router.get(
     "/queues",
-    responses={**problems(), **example(examples.QUEUES)},
+    responses={**problems(422), **example(examples.QUEUES)},
     summary="What waits for which workers: products in the database, messages in the broker",
 )
 def queues(context: ContextDependency) -> list[QueueRead]:

@@ -99,7 +99,7 @@ def register(form: FormDependency, request: Request, response: Response, context
 
 @router.get(
     "/functions",
-    responses={**problems(), **example(examples.FUNCTIONS)},
+    responses={**problems(422), **example(examples.FUNCTIONS)},
     summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
 )
 def list_functions(context: ContextDependency) -> list[FunctionRead]:
