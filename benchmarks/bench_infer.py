@@ -47,7 +47,9 @@ def main() -> None:
     parser.add_argument("--folder", type=Path)
     arguments = parser.parse_args()
     if arguments.row:
-        print(json.dumps(measure(*arguments.row, arguments.folder, arguments.threads, arguments.frames)))
+        network, engine, precision = arguments.row
+        row = measure(network, engine, precision, arguments.folder, arguments.threads, arguments.frames)
+        print(json.dumps(row))
         return
     figures: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "threads": arguments.threads, "processor": processor()}
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as name:
@@ -89,7 +91,8 @@ def render(folder: Path) -> None:
     from valerie.rendering.base import View
     from valerie.scene.asset import load_asset
     from valerie.scene.variation import apply
-    from valerie.sensing.sensor import SensorSetting, develop
+    from valerie.sensing.sensor import develop
+    from valerie.sensing.settings import SensorSetting
 
     asset, view = load_asset("urban-street"), View("camera-1", WIDTH, HEIGHT)
     renderer = plugins.create_renderer("raster")

@@ -16,6 +16,7 @@ import argparse
 import json
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,7 +39,7 @@ from valerie.scene.variation import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs
-from valerie.storage.annotations import encode_annotation
+from valerie.storage.annotations import Annotation, encode_annotation
 
 RESOLUTIONS = ((960, 540), (1920, 1080))
 SUNS_DEG = (150.0, 210.0, 240.0)
@@ -130,7 +131,7 @@ def measure_annotations(samples: Samples) -> None:
             scene = apply({"scene.person-1.pos.y": y}, asset)
             statics, part = truth_pass.parts(scene, view)
             truth, layer = part.over(statics), engine.layer(scene, view)
-            makers = {
+            makers: dict[AnnotationKind, Callable[[], Annotation]] = {
                 AnnotationKind.NORMALS: lambda: truth_pass.normals(scene, view),  # noqa: B023  # called at once
                 AnnotationKind.BOXES: lambda: measure_boxes(scene, view, truth),  # noqa: B023
                 AnnotationKind.JOINTS: lambda: measure_joints(scene, view, truth),  # noqa: B023

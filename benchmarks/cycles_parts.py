@@ -66,7 +66,7 @@ class Parts:
 
     def add(self, key: str, arrays: Arrays, **figures: Any) -> None:
         """Keep a part for good."""
-        np.savez(self._file(key), **arrays)
+        np.savez(self._file(key), **dict[str, Any](arrays))
         record = {"key": key, **figures}
         append_line(self._lines, record)
         self._records[key] = record

@@ -6,9 +6,10 @@ without Blender.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,8 @@ LEVEL: Final = 0.9
 Picture = NDArray[np.uint8]
 
 
-class Estimate(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Estimate:
     """A mean with Student's interval of `LEVEL`; the interval is empty (None) for fewer than two values."""
 
     count: int
@@ -50,7 +52,7 @@ class Estimate(NamedTuple):
     largest: float
 
     def document(self) -> dict[str, Any]:
-        return {name: round(value, 3) if isinstance(value, float) else value for name, value in self._asdict().items()}
+        return {name: round(value, 3) if isinstance(value, float) else value for name, value in asdict(self).items()}
 
 
 def estimate(values: Sequence[float]) -> Estimate | None:
@@ -150,11 +152,9 @@ class Scores:
     def names(self) -> tuple[str, ...]:
         return tuple(self._functions)
 
-    def of(
-        self, planned: Planned, names: Iterable[str], make: Callable[[], dict[str, Picture]]
-    ) -> dict[str, list[float]]:
-        """Function to the pACC of each named picture; ``make`` is asked only for what is not known."""
-        wanted, made = list(names), dict[str, Picture]()
+    def of(self, planned: Planned, names: Iterable[str], shown: Mapping[str, Picture]) -> dict[str, list[float]]:
+        """Function to the pACC of each named picture; functions look only at what is not known."""
+        wanted = list(names)
         mask = self._parts.arrays(f"{planned.index}/person")["mask"]
         found: dict[str, list[float]] = {}
         for name, function in self._functions.items():
@@ -162,8 +162,7 @@ class Scores:
             for picture in wanted:
                 key = (planned.index, picture, identity)
                 if key not in self._known:
-                    made = made or make()
-                    self._known[key] = 100 * float((function.predict(made[picture])[mask] == PERSON.train_id).mean())
+                    self._known[key] = 100 * float((function.predict(shown[picture])[mask] == PERSON.train_id).mean())
                     record = {"frame": planned.index, "picture": picture, "function": identity, "name": name}
                     append_line(self._lines, {**record, "pacc": self._known[key]})
             found[name] = [self._known[planned.index, picture, identity] for picture in wanted]
@@ -180,7 +179,7 @@ def of_layers(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[s
         shown = pictures(parts, planned)
         row = {"frame": planned.index, **_person(parts, planned), **_differences(planned, shown)}
         if row["pixels"]:
-            for name, (layered, other, same) in scores.of(planned, names, lambda shown=shown: shown).items():  # type: ignore[misc]
+            for name, (layered, other, same) in scores.of(planned, names, shown).items():
                 row[name] = {
                     "full": other,
                     "layer": layered - other,
@@ -218,9 +217,7 @@ def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[
         where = region(planned.window, shown["reference"].shape)
         for name in names:
             errors[name].append(rms(shown[name], shown["reference"], where))
-        for function, (reference, *each) in scores.of(
-            planned, ("reference", *names), lambda shown=shown: shown
-        ).items():  # type: ignore[misc]
+        for function, (reference, *each) in scores.of(planned, ("reference", *names), shown).items():
             for name, pacc in zip(names, each, strict=True):
                 changes[name][function].append(pacc - reference)
     rows = {
