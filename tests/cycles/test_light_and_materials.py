@@ -301,6 +301,29 @@ def test_a_dipped_beam_is_that_of_the_formula_and_of_the_raster_engine(
         np.testing.assert_allclose(pixels[clear], expected[clear], rtol=0.06, atol=0.005 * expected.max())
 
 
+def test_what_stands_before_a_vehicle_throws_the_same_shadow_in_the_raster_engine(
+    cycles: CyclesRenderer, raster: RasterRenderer
+) -> None:
+    grey = Material("ground", (0.5, 0.5, 0.5), roughness=1.0, specular=0.0)
+    light = Light(intensity=12_000.0, inner=0.4, outer=0.7, beam="dipped")
+    pose, body = Pose((-0.4, -2.2, 0.65), (352.0, 0.0, 0.0)), box_mesh((-0.1, -0.4, -0.1), (0.1, -0.1, 0.1), "ground")
+    lamp = Node("scene.car-2", pose.matrix(), (body,), light=light, movable=True)
+    posts = tuple(
+        Node(f"scene.pole-{i}", place(x, -0.8), (box_mesh((-0.1, -0.1, 0), (0.1, 0.1, 0.4), "ground"),), movable=i == 1)
+        for i, x in enumerate((-0.7, 0.3))
+    )
+    night = Sun(0.0, math.radians(-18))
+    shadows = []
+    for engine in (cycles, raster):
+        bare, behind = (
+            engine.full(ground(grey, sun=night, extra=extra), VIEW).pixels[:20].astype(np.float64).mean(axis=2)
+            for extra in ((lamp,), (lamp, *posts))  # the posts stand below these rows
+        )
+        shadows.append((behind < 0.4 * bare) & (bare > 0.05 * bare.max()))
+    assert shadows[1].mean() > 0.05
+    assert (shadows[0] != shadows[1]).mean() < 0.15 * shadows[1].mean()
+
+
 def test_a_lens_glows_and_gives_no_light_beside_its_lamps(cycles: CyclesRenderer) -> None:
     light = Light((1.0, 1.0, 1.0), 1000.0, inner=1.1, outer=1.2, glowing=("lens",), luminance=50_000.0)
     bare, with_lens = (cycles.full(under_a_lamp(light, 4.0, lens=lens), VIEW).pixels for lens in (False, True))
