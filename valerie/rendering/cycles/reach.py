@@ -41,6 +41,9 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     """
     camera = camera_of(scene, view)
     boxes = [bounds for item in draw_items(scene, movable=True) if (bounds := _bounds(item)) is not None]
+    lamps = _frame_lamps(scene, view)
+    if lamps.moving:
+        return Rectangle(0, 0, view.width, view.height)
     if not boxes:
         return Rectangle(0, 0, 0, 0)
     statics = [bounds for item in draw_items(scene, movable=False) if (bounds := _bounds(item)) is not None]
@@ -51,7 +54,6 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
     # Half of the sun's disc, over the longest way from a movable to where its shadow falls.
     penumbra = math.tan(scene.sun.angular_diameter / 2) * (highest - lowest) / max(float(toward_sun[2]), 1e-2)
     exact = changed_rectangle(corners, camera, view, toward_sun, lowest, Reach(0.0, _FILTER, penumbra, _FILTER))
-    lamps = _frame_lamps(scene, view)
     exact = with_lamps(exact, corners, camera, view, lowest, lamps)
     near, wet = [], wetness(scene.environment.rain) > 0.0
     for low, high in boxes:

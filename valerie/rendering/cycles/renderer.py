@@ -20,7 +20,6 @@ from valerie.rendering.cycles.blender import BlenderHolder, process_blender
 from valerie.rendering.cycles.reach import MARGIN, reached_rectangle
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.raster.bounds import grown
-from valerie.rendering.scene_reading import draw_items
 from valerie.scene.model import Scene
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
@@ -81,7 +80,7 @@ class CyclesRenderer:
         """Blender stays with the process, which other instances share; it ends with the process."""
 
     def _whole(self, scene: Scene, view: View, *, movables: bool) -> NDArray[np.float16]:
-        pixels = self._render(scene, view, None, movables=movables and bool(draw_items(scene, movable=True)))
+        pixels = self._render(scene, view, None, movables=movables)
         require_image(pixels, engine=self.name)
         return pixels
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valerie.rendering.base import View
+from valerie.rendering.base import Rectangle, View
 from valerie.rendering.cycles.reach import reached_rectangle
 from valerie.rendering.raster.camera_math import project
-from valerie.scene.model import Environment, Scene
+from valerie.scene.model import Environment, Light, Node, Scene
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 320, 180)
@@ -28,6 +28,15 @@ def test_on_a_wet_road_the_rectangle_holds_the_mirror_image_of_the_head() -> Non
     ((x, y),) = project(np.array([[0.0, 10.0, -1.8]]), in_rain(5.0).cameras["camera-1"], 320, 180)[:, :2]
     assert wet.x <= x <= wet.x + wet.width
     assert wet.y <= y <= wet.y + wet.height
+
+
+def test_a_lamp_that_moves_reaches_the_whole_picture_whatever_it_hangs_on() -> None:
+    scene = in_rain(0.0)
+    lamp = Node("scene.car-2", np.eye(4), light=Light(), movable=True)
+    statics = {p: n for p, n in scene.nodes.items() if not n.movable}
+    for nodes in (scene.nodes, statics):
+        lit = replace(scene, nodes={**nodes, lamp.path: lamp})
+        assert reached_rectangle(lit, VIEW) == Rectangle(0, 0, VIEW.width, VIEW.height)
 
 
 @pytest.mark.parametrize("rain", [0.0, 5.0])

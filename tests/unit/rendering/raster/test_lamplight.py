@@ -211,6 +211,14 @@ def test_the_layer_over_the_background_is_the_frame_bit_for_bit_under_lamps(
     assert_same(layer.over(raster.background(scene, view)), raster.full(scene, view))
 
 
+def test_a_lamp_that_moves_lights_the_street_even_where_nothing_else_moves(raster: RasterRenderer) -> None:
+    absent = {f"scene.person-{i}.character": "absent" for i in (1, 2)}
+    scene, view = at_night(absent, *LAMPS, moving("car-2", (-1.0, 2.0, 0.65), HEAD)), View("camera-1", 96, 54)
+    background, full = raster.background(scene, view), raster.full(scene, view)
+    assert full.pixels.astype(np.float64).sum() > 1.05 * background.pixels.astype(np.float64).sum()
+    assert_same(raster.layer(scene, view).over(background), full)
+
+
 def test_a_layer_by_night_is_no_whole_frame_and_the_background_has_no_light_of_movables(
     raster: RasterRenderer,
 ) -> None:
