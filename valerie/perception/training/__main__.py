@@ -173,6 +173,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
         ("longest_side", int, "PIXELS", "to which the function reduces longer frames"),
         ("class_balance", float, "EXPONENT", "0 weighs all pixels alike, 1 all classes"),
         ("person_weight", float, "WEIGHT", "by which that of person pixels is multiplied"),
+        ("void_weight", float, "WEIGHT", "of void pixels, for not being called persons"),
         ("precision", str, "bf16|fp32", "of the passes; weights are always fp32"),
         ("device", str, "auto|cpu|cuda", "auto is cuda where there is one"),
         ("loader_threads", int, "N", "that cut samples; the result does not depend on it"),

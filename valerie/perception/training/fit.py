@@ -13,13 +13,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from valerie.errors import InvalidInput
-from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
+from valerie.labels import PERSON
 from valerie.perception.function_file import compact, function_file_bytes
 from valerie.perception.labelling import in_channels_last, normalised
 from valerie.perception.loaders import load_network
 from valerie.perception.networks.architectures import Network, build_network
 from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
 from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.loss import pixel_loss
 from valerie.perception.training.samples import batches
 from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import channel_statistics, class_weights, spread
@@ -157,6 +158,7 @@ def train(
                 torch.from_numpy(labels).to(device),
                 weights,
                 optimiser,
+                void_weight=settings.void_weight,
                 autocast=settings.precision == "bf16",
             )
             step += 1
@@ -220,6 +222,7 @@ def _step(
     weights: Tensor,
     optimiser: torch.optim.Optimizer,
     *,
+    void_weight: float,
     autocast: bool,
 ) -> float:
     """One optimiser step; returns the loss."""
@@ -229,10 +232,7 @@ def _step(
             logits, size=labels.shape[-2:], mode="bilinear", align_corners=network.align_corners
         )
     # In fp32: a sum over a million pixels needs the mantissa.
-    sums = functional.cross_entropy(full.float(), labels.long(), weights, ignore_index=VOID, reduction="sum")
-    weight = (torch.bincount(labels.flatten(), minlength=VOID + 1)[:NUM_TRAIN_CLASSES] * weights).sum()
-    # Not reduction="mean", which is NaN for a batch that is void throughout.
-    loss = sums / weight.clamp(min=1.0)
+    loss = pixel_loss(full.float(), labels.long(), weights, void_weight=void_weight)
     optimiser.zero_grad(set_to_none=True)
     torch.autograd.backward(loss)
     optimiser.step()

@@ -60,6 +60,8 @@ class TrainingSettings(BaseModel):
         class_balance: exponent b of the classes' weights in the cross-entropy, which go with their share of all pixels to the
             power of −b: 0 weighs all alike, 1 gives every class the same weight in all.
         person_weight: by which the weight of person pixels is further multiplied.
+        void_weight: of void pixels, whose class is unknown but which are no persons: each costs −log(1 − p(person)) times this. 0
+            leaves them out, as the metrics do; a network that never hears of waste bins is free to call them persons.
         learning_rate: highest; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
         keep_norm_statistics: batch normalisation works with the means and variances that it has, in training as in use, and they
@@ -82,6 +84,7 @@ class TrainingSettings(BaseModel):
     longest_side: Annotated[int, Field(ge=ALIGNMENT)] | None = None
     class_balance: _Fraction = 0.0
     person_weight: _Positive = 3.0
+    void_weight: Annotated[float, Field(ge=0.0)] = 0.0
     learning_rate: _Positive = 2e-3
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-2
     warmup_steps: Annotated[int, Field(ge=0)] = 100

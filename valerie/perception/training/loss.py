@@ -1,0 +1,37 @@
+"""What a step of training minimises."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
+
+
+def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_weight: float = 0.0) -> Tensor:
+    """Weighted mean over pixels: of a labelled one the cross-entropy, of a void one −log(1 − p(person)).
+
+    What is void in our frames (a waste bin, a bench) has no class to be trained towards, but it is no person: the second
+    term is the negative log-likelihood of that complementary label (negative learning: Kim et al., NLNL, ICCV 2019).
+
+    Args:
+        logits: (B, 19, H, W) fp32.
+        labels: (B, H, W) int64 train ids, 0…18 or 255.
+        class_weights: (19,) weight of a pixel by its class.
+        void_weight: weight of a void pixel; 0 leaves them out.
+
+    Returns:
+        Scalar; 0 where nothing has weight.
+    """
+    sums = functional.cross_entropy(logits, labels, class_weights, ignore_index=VOID, reduction="sum")
+    counts = torch.bincount(labels.flatten(), minlength=VOID + 1)
+    weight = (counts[:NUM_TRAIN_CLASSES] * class_weights).sum()
+    if void_weight > 0.0:
+        void = logits.permute(0, 2, 3, 1)[labels == VOID]
+        others = torch.cat((void[:, : PERSON.train_id], void[:, PERSON.train_id + 1 :]), dim=1)
+        # As a difference of logarithms: 1 − p would be 0 in fp32 where the network is sure.
+        sums = sums + void_weight * (void.logsumexp(dim=1) - others.logsumexp(dim=1)).sum()
+        weight = weight + void_weight * counts[VOID]
+    # Not reduction="mean", which is NaN for a batch that is void throughout.
+    return sums / weight.clamp(min=1.0)
