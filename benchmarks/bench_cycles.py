@@ -27,6 +27,7 @@ from benchmarks.cycles_parts import Parts
 from benchmarks.cycles_render import Studio
 from valerie import plugins
 from valerie.errors import ValerieError
+from valerie.perception.catalog import FUNCTIONS
 from valerie.rendering.base import View
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
@@ -128,7 +129,7 @@ def main() -> None:
     parser.add_argument("--height", type=int, default=108)
     parser.add_argument("--frames", type=int, default=3, help="how many pedestrians")
     parser.add_argument("--presets", type=int, default=1, help="how many of them at every quality")
-    parser.add_argument("--functions", nargs="*", default=["deeplabv3plus-small", "semantic-fpn-small"])
+    parser.add_argument("--functions", nargs="*", default=list(FUNCTIONS))
     parser.add_argument("--folder", type=Path, help="of the parts; var/bench/cycles-WIDTHxHEIGHT if not given")
     given = parser.parse_args()
     steps = given.steps or list(STEPS)

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks import results
+from valerie.perception.catalog import FUNCTIONS
 
 LARGE = ("deeplabv3plus-r101", "semantic-fpn-r101")
-SMALL = ("deeplabv3plus-small", "semantic-fpn-small")
 MODES = (
     ("eager", "fp32"),
     ("torch", "fp32"),
@@ -56,7 +56,7 @@ def main() -> None:
         folder = Path(name)
         in_own_process("render", folder)
         in_own_process("write", folder)
-        for network in (*LARGE, *SMALL):
+        for network in (*LARGE, *FUNCTIONS):
             rows = figures[network] = {}
             for engine, precision in MODES:
                 options = ["--row", network, engine, precision, f"--folder={folder}"]

@@ -23,6 +23,7 @@ from benchmarks import results
 from tests.acceptance.system import System
 from valerie import plugins
 from valerie.parameters.definitions import Value
+from valerie.perception.catalog import FUNCTIONS
 from valerie.rendering.base import View
 from valerie.scene.asset import load_asset
 from valerie.scene.variation import apply
@@ -44,7 +45,6 @@ def main() -> None:
         results.write("memory_rendering", rendering_only(frames))
         return
     side = math.ceil(math.sqrt(frames))
-    functions = ["deeplabv3plus-small", "semantic-fpn-small"]
     document = {
         "name": f"memory over {frames} frames",
         "asset": "urban-street",
@@ -53,11 +53,11 @@ def main() -> None:
         "vary": [["person-1.pos.x", "UNIFORM", 1.4, 3.6], ["person-1.pos.y", "UNIFORM", 5.0, 60.0]],
         "cameras": ["camera-1"],
         "resolution": {"width": 320, "height": 180},
-        "functions": functions,
+        "functions": list(FUNCTIONS),
     }
     samples: dict[str, list[tuple[int, float]]] = {"render": [], "infer": [], "eval": [], "api": []}
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as folder:
-        settings = {"render_engines": "raster", "infer_functions": ",".join(functions)}
+        settings = {"render_engines": "raster", "infer_functions": ",".join(FUNCTIONS)}
         slow = {"lease_seconds": 60.0, "heartbeat_seconds": 5.0, "visibility_timeout_seconds": 600}
         with System(Path(folder) / "data", Path(folder) / "assets", **settings, **slow) as system:
             run = system.submit(document)

@@ -27,7 +27,7 @@ from valerie.errors import MissingDependency
 from valerie.labels import to_train_ids
 from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
-from valerie.perception.catalog import load_function
+from valerie.perception.catalog import FUNCTIONS, load_function
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -50,7 +50,6 @@ STATICS: Final = "statics"
 PLACES_M = (8.0, 12.0, 16.0, 20.0, 30.0)
 #: Cycles, with minutes a picture, is measured by `benchmarks.bench_cycles`; its entries stay.
 ENGINES = ("raster", "pyrender")
-NETWORKS = ("deeplabv3plus-small", "semantic-fpn-small")
 TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "costs.json"
 
 #: (kind, maker) to resolution to (CPU seconds, bytes) of each product.
@@ -155,7 +154,7 @@ def measure_functions(samples: Samples) -> None:
         scenes = (apply({"scene.person-1.pos.y": y}, asset) for y in PLACES_M)
         pictures[width, height] = [engine.full(scene, View("camera-1", width, height)) for scene in scenes]
     engine.close()
-    for name in NETWORKS:
+    for name in FUNCTIONS:
         function = load_function(name)
         for (width, height), images in pictures.items():
             for image in images:

@@ -30,8 +30,9 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
     if void_weight > 0.0:
         void = logits.permute(0, 2, 3, 1)[labels == VOID]
         others = torch.cat((void[:, : PERSON.train_id], void[:, PERSON.train_id + 1 :]), dim=1)
-        # As a difference of logarithms: 1 − p would be 0 in fp32 where the network is sure.
-        sums = sums + void_weight * (void.logsumexp(dim=1) - others.logsumexp(dim=1)).sum()
+        # −log(1 − p) by the margin of the person's logit: 1 − p itself would be 0 in fp32 where the network is sure.
+        margin = void[:, PERSON.train_id] - others.logsumexp(dim=1)
+        sums = sums + void_weight * functional.softplus(margin).sum()
         weight = weight + void_weight * counts[VOID]
     # Not reduction="mean", which is NaN for a batch that is void throughout.
     return sums / weight.clamp(min=1.0)
