@@ -59,13 +59,17 @@ format: setup-dev ## Format the code
 	$(VENV)/bin/ruff check --fix-only --quiet .
 	$(VENV)/bin/ruff format .
 
+# Tests of whole systems one after the other on one worker, the others on the second (tests/conftest.py); in the order of the folders,
+# so that the long ones begin at once.
+TEST_WORKERS = --numprocesses 2 --dist loadscope --no-loadscope-reorder
+
 .PHONY: test
 test: setup-dev ## The tests (at most 20 minutes on two cores)
-	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(PYTEST_OPTIONS)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest -m "not slow" $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
 .PHONY: test-all
 test-all: setup-dev ## Every test but the containers
-	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(PYTEST_OPTIONS)
+	$(TEST_ENVIRONMENT) $(PYTHON_BIN) -m pytest $(TEST_WORKERS) $(PYTEST_OPTIONS)
 
 .PHONY: test-cycles
 test-cycles: setup-dev cycles ## The tests of the engine Cycles with a real Blender (small images)
