@@ -4,7 +4,9 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,13 @@ def _nothing_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path / "path"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+
+
+@pytest.fixture
+def runtime_dir() -> Iterator[str]:
+    """A folder for XDG_RUNTIME_DIR with a short path: a socket's may have 107 bytes, which pytest's own folders may exceed."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        yield folder
 
 
 def test_the_setting_comes_first(tmp_path: Path) -> None:
@@ -60,9 +69,9 @@ def test_without_any_server_the_error_says_how_to_get_one() -> None:
 
 
 def test_the_socket_of_a_data_folder_is_always_the_same_private_and_short(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, runtime_dir: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime_dir)
     deep = tmp_path / ("long" * 50)
     path = redis_server.socket_path(deep)
     assert path == redis_server.socket_path(deep)
@@ -71,15 +80,19 @@ def test_the_socket_of_a_data_folder_is_always_the_same_private_and_short(
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
 
 
-def test_a_socket_folder_that_others_can_enter_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_a_socket_folder_that_others_can_enter_is_refused(
+    tmp_path: Path, runtime_dir: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime_dir)
     redis_server.socket_path(tmp_path).parent.chmod(0o755)
     with pytest.raises(StorageUnavailable, match="not a folder of this user alone"):
         redis_server.socket_path(tmp_path)
 
 
-def test_a_link_in_place_of_the_socket_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_a_link_in_place_of_the_socket_folder_is_refused(
+    tmp_path: Path, runtime_dir: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime_dir)
     folder = redis_server.socket_path(tmp_path).parent
     folder.rmdir()
     (tmp_path / "elsewhere").mkdir(mode=0o700)
@@ -103,10 +116,10 @@ def test_a_server_that_never_answers_is_a_transient_fault(tmp_path: Path) -> Non
 
 @pytest.mark.processes
 def test_the_server_listens_on_its_socket_only_and_keeps_messages_through_kill_9(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, runtime_dir: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.undo()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime_dir)
     folder = tmp_path / "a folder with spaces"
     path = redis_server.socket_path(folder)
     redis_server.clear(folder, path)
