@@ -18,6 +18,7 @@ from tools.contact_sheet import captioned, contact_sheet
 from valerie import plugins
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
+from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.sensors import focal_length_mm
 from valerie.scene.asset import load_asset
 from valerie.scene.variation import apply
@@ -33,6 +34,8 @@ VARIANT: Final = {
     "scene.sun-1.azimuth": 150.0,
     "scene.sun-1.elevation": 35.0,
 }
+#: How fast the camera turns to the side where the shutter shows: a car in a bend.
+YAW_DEG_PER_S: Final = 40.0
 WIDTH, HEIGHT = 960, 540
 COLUMNS: Final = 4
 #: Of all tiles that name no other.
@@ -44,18 +47,26 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
     ("curve srgb: highlights are cut", {"curve": "srgb"}, False),
     ("curve blender-filmic, gamma 1.5, 0.5 EV", {"curve": "blender-filmic", "gamma": 1.5, "exposure_ev": 0.5}, False),
+    ("auto exposure", {"exposure_ev": 0.0, "auto_exposure": True}, False),
     ("white balance 3800 K", {"white_balance": {"temperature_k": 3800}}, False),
     ("white balance 11,000 K", {"white_balance": {"temperature_k": 11000}}, False),
     ("tint -12", {"white_balance": {"tint": -12}}, False),
     ("vignetting 3", {"lens": {"vignetting": 3}}, False),
+    ("rolling shutter 60 us per row, turning", {"shutter": {"line_time_us": 60}}, False),
     ("distortion k1 -0.9 (barrel)", {"distortion": {"k1": -0.9}}, False),
     ("distortion k1 0.9 (pincushion)", {"distortion": {"k1": 0.9}}, False),
     ("dirt 0.15", {"soiling": {"dirt": 0.15}}, False),
     ("drops 0.15", {"soiling": {"drops": 0.15}}, False),
     ("filmic · detail", {}, True),
     ("f/0.7 focused on the person · detail", {"lens": {"f_number": 0.7, "focus_distance_m": 18}}, True),
+    ("shutter open for 10 ms, turning · detail", {"shutter": {"exposure_ms": 10}}, True),
     ("chromatic aberration 0.008 · detail", {"lens": {"chromatic_aberration": 0.008}}, True),
     ("full well 1,000 e, shot noise · detail", {"noise": {"shot": True, "full_well_electrons": 1000}}, True),
+    (
+        "read noise 40 e, full well 4,000 e · detail",
+        {"noise": {"read_electrons": 40, "full_well_electrons": 4000}},
+        True,
+    ),
     (
         "night gain 24 dB at -4 EV · detail",
         {"exposure_ev": EXPOSURE_EV - 4, "gain_db": 24, "noise": {"shot": True, "read_electrons": 4}},
@@ -73,10 +84,12 @@ def frame() -> tuple[NDArray[np.float16], Shot]:
     scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
     engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
     linear = engine.full(scene, view).pixels
-    depth = truth_pass.truth(scene, view).depth
+    truth = truth_pass.truth(scene, view)
+    after = apply(VARIANT | {f"scene.{CAMERA}.yaw": YAW_DEG_PER_S * VELOCITY_SPAN_S}, asset)
+    velocity = truth_pass.velocity(scene, after, view, truth, VELOCITY_SPAN_S).vectors
     truth_pass.close()
     engine.close()
-    return linear, Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), depth, 0, ("strip",))
+    return linear, Shot(focal_length_mm(asset.manifest, CAMERA, VARIANT), truth.depth, velocity, 0, ("strip",))
 
 
 def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
