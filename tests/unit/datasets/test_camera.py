@@ -2,6 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from cityscapesscripts.helpers import box3dImageTransform
+from pyquaternion import Quaternion
 
 from valerie.datasets.camera import camera_document
 from valerie.scene.model import Camera
@@ -34,6 +36,27 @@ def test_a_point_of_the_world_is_projected_to_the_same_pixel(angles: tuple[float
     ahead, left, up = rotation.T @ (vehicle - [out["x"], out["y"], out["z"]])
     found = (inner["u0"] - inner["fx"] * left / ahead, inner["v0"] - inner["fy"] * up / ahead)
     assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_cityscapes_scripts_project_a_point_of_the_vehicle_to_the_pixel_of_the_scene() -> None:
+    width, height = 960, 540
+    camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 20.0, -7.0, 5.0), 50.0, 36.0)
+    point = np.array([-6.0, 20.0, 0.9])
+    local = np.linalg.inv(camera.transform) @ [*point, 1.0]
+    focal = 50.0 / 36.0 * width
+    expected = (width / 2 - focal * local[0] / local[2] - 0.5, height / 2 + focal * local[1] / local[2] - 0.5)
+    document = camera_document(camera, width, height)
+    out = document["extrinsic"]
+    turns = [((0, 0, 1), out["yaw"]), ((0, 1, 0), out["pitch"]), ((1, 0, 0), out["roll"])]
+    yaw, pitch, roll = (Quaternion(axis=axis, angle=angle) for axis, angle in turns)
+    to_camera = (yaw * pitch * roll).rotation_matrix.T
+    place = -to_camera @ [out["x"], out["y"], out["z"]]
+    theirs = box3dImageTransform.Camera(**document["intrinsic"], sensor_T_ISO_8855=np.c_[to_camera, place])
+    box = box3dImageTransform.Box3dImageTransform(theirs)
+    box.initialize_box((0, 0, 0), Quaternion(), (point[1], -point[0], point[2]))  # a box without extent is a point
+    assert 0 < expected[0] < width
+    assert 0 < expected[1] < height
+    assert box.get_vertices_2d()["BLB"] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_camera_that_looks_down_has_a_positive_pitch() -> None:

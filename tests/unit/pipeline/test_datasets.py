@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from cityscapesscripts.evaluation.evalPanopticSemanticLabeling import pq_compute_single_core
+from cityscapesscripts.preparation.createPanopticImgs import convert2panoptic
 
 from tests.unit.pipeline.harness import Pipeline, completed_run
 from valerie.analysis.table import EvaluationTable
@@ -79,6 +81,28 @@ def test_coco_documents_name_files_that_are_there(run: tuple[Pipeline, str], tmp
     assert len({a["id"] for a in instances["annotations"]}) == len(instances["annotations"]) == 24
     assert all({"a_segm", "occlusion_rate", "distance_m"} <= a.keys() for a in instances["annotations"])
     assert not (tmp_path / "set/gtFine").exists()
+
+
+def test_cityscapes_scripts_find_every_segment_of_the_panoptic_pictures_where_the_labels_have_it(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    out = tmp_path / "set"
+    export_run(pipeline.context, run_id, out, ExportSettings(formats=("cityscapes", "coco")))
+    convert2panoptic(str(out / "gtFine"), str(tmp_path), setNames=["val"])
+    theirs = json.loads((tmp_path / "cityscapes_panoptic_val.json").read_text())
+    ours = json.loads((out / "coco/panoptic_val.json").read_text())
+    images = {image["id"]: image["file_name"] for image in ours["images"]}
+    named = {images[one["image_id"]]: one for one in ours["annotations"]}
+    truth = {f"{one['image_id'].split('_')[0]}/{one['image_id']}_leftImg8bit.png": one for one in theirs["annotations"]}
+    assert truth.keys() == named.keys()
+    categories = {category["id"]: category for category in theirs["categories"]}
+    pairs = [(truth[file], named[file]) for file in truth]
+    folders = (str(tmp_path / "cityscapes_panoptic_val"), str(out / "coco/panoptic_val"))
+    stat = pq_compute_single_core(0, pairs, *folders, categories)
+    everything, _ = stat.pq_average(categories, isthing=None)
+    assert everything["pq"] == everything["sq"] == everything["rq"] == 1.0
+    assert (stat[24].tp, stat[24].fp, stat[24].fn) == (24, 0, 0)
 
 
 def test_an_expression_chooses_frames_by_metadata_parameters_and_scores(
