@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, console, context_of, say, settings_of
+from valerie.cli.shell import DataDir, Json, command_name, console, context_of, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def train(
         raise InvalidInput("is there already; a version is never written over", field="--out", value=str(out))
     from valerie.pipeline.functions import require_free
     from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain, training_folder
-    from valerie.pipeline.weakness import find_weakness
+    from valerie.pipeline.weakness import find_weakness, functions_of
 
     settings = RetrainSettings(
         frames=frames,
@@ -97,6 +98,8 @@ def train(
         held_out_frames=held_out_frames,
     )
     with context_of(data_dir) as deployment:
+        if function is None and len(choices := functions_of(deployment, run)) > 1:
+            raise InvalidInput(_one_of(context, choices), field="--function")
         weakness = find_weakness(deployment, run, where, function)
         called = name or weakness.next_name
         require_free(called)
@@ -165,6 +168,19 @@ def compare(
         draw_comparison(comparison, picture, title=f"run {run}")
         say(f"wrote {picture}")
     _show(comparison, as_json=as_json)
+
+
+def _one_of(context: typer.Context, functions: tuple[str, ...]) -> str:
+    """Says that one function is to be chosen, with a command line for each: this one, as it was given, and the function."""
+    given = [command_name(), "train"]
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        value = context.params[parameter.name or ""]
+        given += [parameter.opts[0]] if value is True else [parameter.opts[0], str(value)]
+    lines = (f"  {shlex.join([*given, '--function', name])}" for name in functions)
+    return "the run has several functions, and one is trained at a time; choose:\n" + "\n".join(lines)
 
 
 def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: Path | None) -> Comparison:

@@ -22,12 +22,13 @@ from valerie.perception.catalog import file_document
 from valerie.perception.documents import FunctionDocument, parse_function
 from valerie.perception.function_file import read_header
 from valerie.perception.training.beginning import beginning
-from valerie.perception.training.frames import FrameFolder, Shard
+from valerie.perception.training.frames import SEEDS, FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.training_set import TrainingSet
 from valerie.pipeline.context import Context
 from valerie.pipeline.functions import Registered, register
-from valerie.pipeline.training_frames import SEEDS, FrameSettings, render_frames
+from valerie.pipeline.training_frames import FrameSettings, render_frames
 from valerie.pipeline.weakness import Weakness
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def retrain(
         threads=threads,
     )
     drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
-    provenance = training_provenance(frames, held_out, start)
+    provenance = training_provenance(TrainingSet([frames]), held_out, start)
     provenance |= {
         "started-from": _digest(weakness.document),
         "retrained-from-function": weakness.function,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from valerie.analysis.region import Region
 from valerie.errors import InvalidInput, RenderingError
 from valerie.labels import to_train_ids
-from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
+from valerie.perception.training.frames import SEEDS, FrameFolder, Shard, Split, TrainingFrame, write_index, write_shard
 from valerie.pipeline import training_scenes
 from valerie.pipeline.training_scenes import AS_MADE, crowd_asset, draw_scene, street_arguments
 from valerie.pipeline.training_targets import Target
@@ -29,10 +29,6 @@ from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor
 from valerie.sensing.sensor import Shot, develop
 
-Split = Literal["train", "held-out"]
-
-#: Street seeds of each split.
-SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 #: Frames of a street that share camera, light and weather, and so their background.
 _TAKES: Final = 2
 _TRIES: Final = 10

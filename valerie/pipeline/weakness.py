@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,12 +13,13 @@ from valerie.db.engine import reading
 from valerie.errors import InvalidInput
 from valerie.perception.catalog import FUNCTIONS
 from valerie.perception.documents import FunctionDocument
+from valerie.perception.training.frames import SEEDS
+from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.context import Context
 from valerie.pipeline.functions import SHORT
 from valerie.pipeline.opening import pinned_network
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import evaluated_rows, function_index, run_where
-from valerie.pipeline.training_frames import SEEDS
 from valerie.pipeline.training_targets import quantities, run_values
 from valerie.runs.spec import ResolvedRun
 
@@ -54,8 +54,7 @@ class Weakness:
 
     def first_seed(self) -> int:
         """The first street seed that neither the function's training nor the run has shown."""
-        seen = [int(n) for n in re.findall(r"\d+", self.document.provenance.get("frames-street-seeds", ""))]
-        first = max(seen, default=_UNSEEN_SEED - 1) + 1
+        first = max((seeds[-1] for seeds in streets_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
         return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
 
     @property
@@ -116,6 +115,15 @@ def selected_region(context: Context, run_id: str, where: str, function: str) ->
     """
     resolved = _resolved(context, run_id)
     return _region(context, run_id, resolved, where, function)[0] if function in resolved.spec.functions else None
+
+
+def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
+    """The functions of a run, as its spec names them.
+
+    Raises:
+        NotFound: no such run.
+    """
+    return tuple(_resolved(context, run_id).spec.functions)
 
 
 def _resolved(context: Context, run_id: str) -> ResolvedRun:

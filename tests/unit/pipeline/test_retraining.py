@@ -13,12 +13,11 @@ from sketch.runs import open_sketch, settings_of, spec, work
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.catalog import file_document, function_path
 from valerie.perception.function_file import read_header
-from valerie.perception.training.frames import FrameFolder
+from valerie.perception.training.frames import SEEDS, FrameFolder
 from valerie.pipeline import functions
 from valerie.pipeline.context import Context
 from valerie.pipeline.opening import open_reference, pinned_network
 from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain, training_folder
-from valerie.pipeline.training_frames import SEEDS
 from valerie.pipeline.weakness import find_weakness, selected_region
 from valerie.testing.functions import small_onnx
 

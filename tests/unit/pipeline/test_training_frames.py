@@ -5,7 +5,8 @@ import pytest
 
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
-from valerie.pipeline.training_frames import SEEDS, FrameSettings, frames_of, render_frames
+from valerie.perception.training.frames import SEEDS
+from valerie.pipeline.training_frames import FrameSettings, frames_of, render_frames
 from valerie.testing.assets import simple_asset
 
 

@@ -17,6 +17,7 @@ from valerie.errors import InvalidInput, InvalidInputs, ValerieError
 from valerie.perception.training.frames import FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import CropSettings, TrainingSettings
+from valerie.perception.training.training_set import open_training_set
 from valerie.validation import problem_of
 
 #: Settings whose option is not called as they are.
@@ -25,6 +26,7 @@ _OPTIONS: Final = {
     "architecture": "ARCHITECTURE",
     "width": "--size",
     "height": "--size",
+    "folder": "DIR",
 }
 
 
@@ -46,14 +48,19 @@ def execute(arguments: list[str] | None = None, *, program: str = "python -m val
         ValerieError: what went wrong.
         SystemExit: help was asked for, or an option is unknown or missing.
     """
-    options = _parser(program).parse_args(arguments)
+    options = command_parser(program).parse_args(arguments)
     try:
         if options.command == "frames":
             _frames(options)
         else:
-            _fit(options)
+            _fit(options, program)
     except ValidationError as error:
         raise InvalidInputs([problem_of(detail, _option(str(detail["loc"][0]))) for detail in error.errors()]) from None
+    except InvalidInput as error:
+        if type(error) is InvalidInput and error.field in vars(options):
+            option = _option(error.field)
+            raise InvalidInput(error.message, field=option, value=error.value, limit=error.limit) from None
+        raise
 
 
 def _option(setting: str) -> str:
@@ -71,6 +78,7 @@ def _frames(options: argparse.Namespace) -> None:
         width=options.size[0],
         height=options.size[1],
         asset=options.asset,
+        first_seed=options.first_seed,
     )
     started, done = time.monotonic(), 0
 
@@ -84,7 +92,7 @@ def _frames(options: argparse.Namespace) -> None:
     _say(f"{len(folder)} frames in {options.folder}, digest {folder.digest}")
 
 
-def _fit(options: argparse.Namespace) -> None:
+def _fit(options: argparse.Namespace, program: str) -> None:
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import TrainingProgress, train
 
@@ -94,7 +102,7 @@ def _fit(options: argparse.Namespace) -> None:
     if options.scales is not None:
         given["crops"] = CropSettings(scales=options.scales)
     settings = TrainingSettings.model_validate(given)
-    frames, held_out = FrameFolder(options.frames), FrameFolder(options.held_out)
+    frames, held_out = open_training_set(options.frames), FrameFolder(options.held_out)
     curve_file = options.out.with_suffix(".curve.json")
     if options.checkpoint is None or not options.checkpoint.exists():
         curve_file.unlink(missing_ok=True)
@@ -117,7 +125,7 @@ def _fit(options: argparse.Namespace) -> None:
         threads=options.threads,
     )
     provenance = training_provenance(frames, held_out, options.start_from)
-    provenance["trained-by"] = "python -m valerie.perception.training fit"
+    provenance["trained-by"] = f"{program} fit"
     if options.weaknesses:
         provenance["known-weaknesses"] = options.weaknesses
     data = model.to_bytes(provenance)
@@ -129,7 +137,8 @@ def _fit(options: argparse.Namespace) -> None:
     _say(f"curve: {curve.finish(model.steps, model.figures, title=f'{options.out.stem}, {len(frames)} frames')}")
 
 
-def _parser(program: str) -> argparse.ArgumentParser:
+def command_parser(program: str) -> argparse.ArgumentParser:
+    """The options of ``program`` frames and ``program`` fit."""
     parser = argparse.ArgumentParser(prog=program, description="Render a training set, or train a network from one.")
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -138,6 +147,9 @@ def _parser(program: str) -> argparse.ArgumentParser:
     frames.add_argument("folder", type=Path, metavar="DIR", help="empty folder to render into")
     frames.add_argument(
         "--split", choices=("train", "held-out"), default="train", help="which streets (default: train)"
+    )
+    frames.add_argument(
+        "--first-seed", type=int, metavar="N", help="where the street seeds begin (default: with the split)"
     )
     frames.add_argument("--streets", type=int, default=100, metavar="N", help="how many streets (default: 100)")
     frames.add_argument("--per-street", type=int, default=30, metavar="N", help="frames of each street (default: 30)")
@@ -152,10 +164,17 @@ def _parser(program: str) -> argparse.ArgumentParser:
         help="generated asset that takes a seed (default: urban-street)",
     )
 
-    about = "Train one network from a folder of frames and write it as a function file."
-    fit = commands.add_parser("fit", help="train one network from a folder of frames", description=about)
+    about = "Train one network from folders of frames and write it as a function file."
+    fit = commands.add_parser("fit", help="train one network from folders of frames", description=about)
     fit.add_argument("architecture", metavar="ARCHITECTURE", help="semantic-fpn-small, deeplabv3plus-small, …")
-    fit.add_argument("--frames", type=Path, required=True, metavar="DIR", help="folder to train from")
+    fit.add_argument(
+        "--frames",
+        type=Path,
+        required=True,
+        action="append",
+        metavar="DIR",
+        help="folder to train from; may be given several times, and a folder given twice counts twice",
+    )
     fit.add_argument("--held-out", type=Path, required=True, metavar="DIR", help="folder to validate on")
     fit.add_argument("--out", type=Path, required=True, metavar="FILE", help="function file to write (….safetensors)")
     fit.add_argument("--start-from", type=Path, metavar="FILE", help="function file whose weights are the beginning")

@@ -13,7 +13,7 @@ from valerie.perception.documents import FunctionDocument
 from valerie.perception.function_file import CLASS_NAMES, function_file_bytes, read_tensors
 
 #: What a later version says of the one it began with.
-_CARRIED: Final = ("steps", "steps-before", "licence")
+_CARRIED: Final = ("steps", "steps-before", "frames-street-seeds", "street-seeds-before", "licence")
 
 
 def beginning(document: FunctionDocument, payload: Path) -> bytes:

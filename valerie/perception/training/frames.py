@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, overload
+from typing import Any, Final, Literal, overload
 
 import numpy as np
 import zstandard
@@ -23,6 +23,10 @@ from safetensors.numpy import save_file
 
 from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 
+Split = Literal["train", "held-out"]
+
+#: Street seeds of each split; what runs use by default, seed 0, is in neither.
+SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 INDEX_NAME: Final = "frames.json"
 FORMAT: Final = "valerie-training-frames/1"
 _LEVEL: Final = 3

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 from valerie.perception.function_file import read_header
 from valerie.perception.training.frames import FrameFolder
+from valerie.perception.training.training_set import SEPARATOR, TrainingSet
+
+_SEEDS: Final = "frames-street-seeds"
+_SEEDS_BEFORE: Final = "street-seeds-before"
 
 
-def training_provenance(frames: FrameFolder, held_out: FrameFolder | None, start_from: Path | None) -> dict[str, str]:
+def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start_from: Path | None) -> dict[str, str]:
     """Header entries: the frames it learned from and was checked on, and the file that it began with.
 
     Raises:
         NotFound, InvalidInput: ``start_from`` is missing or damaged.
     """
-    provenance = {f"frames-{name}": text for name, text in frames.listing.provenance.items()}
+    provenance = {f"frames-{name}": text for name, text in frames.provenance().items()}
     provenance |= {"frames": str(len(frames)), "frames-digest": frames.digest, "licence": "Apache-2.0"}
     if held_out is not None:
         provenance["held-out-digest"] = held_out.digest
@@ -26,4 +33,13 @@ def training_provenance(frames: FrameFolder, held_out: FrameFolder | None, start
         provenance["steps-before"] = str(
             int(before.provenance.get("steps", "0")) + int(before.provenance.get("steps-before", "0"))
         )
+        if seen := streets_seen(before.provenance):
+            provenance[_SEEDS_BEFORE] = SEPARATOR.join(f"{seeds[0]}-{seeds[-1]}" for seeds in seen)
     return provenance
+
+
+def streets_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
+    """Seeds of the streets that a network learned from, and those of the network that it began with; none if nothing is said."""
+    said = SEPARATOR.join(provenance.get(name, "") for name in (_SEEDS, _SEEDS_BEFORE))
+    pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", said)})
+    return tuple(range(first, last + 1) for first, last in pairs)

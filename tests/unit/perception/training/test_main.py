@@ -1,3 +1,4 @@
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -75,6 +76,46 @@ def test_the_help_names_the_command_that_was_called_and_explains_every_option(co
     assert text.startswith(f"usage: valerie train {command} ")
     described = re.findall(r"^  (?:-h, )?--[a-z-]+(?: [^ ]+)?(?:  +|\n {20,})\S", text, re.MULTILINE)
     assert len(described) == len(re.findall(r"^  (?:-h, )?--[a-z-]+", text, re.MULTILINE)) > 5
+
+
+def test_several_folders_are_learned_from_as_one_and_the_card_says_which(
+    folders: tuple[Path, Path], tmp_path: Path, make_frames
+) -> None:
+    wide = tmp_path / "wide"
+    wide.mkdir()
+    shard = write_shard(wide, 1030, make_frames(3, street_seed=1030, height=96, width=160))
+    write_index(wide, [shard], {"street-seeds": "1030-1030", "asset": "boxes"})
+    begun = tmp_path / "begun.safetensors"
+    fit = ["--held-out", str(folders[1]), "--batch", "2", "--precision", "fp32", "--device", "cpu", "--steps", "2"]
+    assert main(["fit", "semantic-fpn-small", "--frames", str(folders[0]), *fit, "--out", str(begun)]) == 0
+    several = ["--frames", str(folders[0]), "--frames", str(wide), "--frames", str(wide), "--start-from", str(begun)]
+    outs = [tmp_path / "once" / "semantic-fpn-small.safetensors", tmp_path / "again" / "semantic-fpn-small.safetensors"]
+    for out in outs:
+        execute(["fit", "semantic-fpn-small", *several, *fit, "--out", str(out)], program="valerie train")
+    assert outs[0].read_bytes() == outs[1].read_bytes(), "the same command gives the same file"
+    provenance = read_header(outs[0]).provenance
+    assert provenance["frames"] == "8"
+    assert provenance["frames-asset"] == "boxes"
+    assert provenance["frames-street-seeds"] == "1000-1000; 1030-1030"
+    assert provenance["frames-of-each-folder"] == "2; 3"
+    assert provenance["frames-times-each-counts"] == "1; 2"
+    digests = [hashlib.sha256((folder / "frames.json").read_bytes()).hexdigest() for folder in (folders[0], wide)]
+    assert provenance["frames-digest-of-each-folder"] == "; ".join(digests)
+    assert provenance["street-seeds-before"] == "1000-1000"
+    assert provenance["trained-by"] == "valerie train fit"
+
+
+def test_frames_that_are_kept_apart_from_training_are_refused_by_their_option(
+    folders: tuple[Path, Path], tmp_path: Path, capsys
+) -> None:
+    fit = ["fit", "semantic-fpn-small", "--out", str(tmp_path / "x.safetensors"), "--held-out", str(folders[1])]
+    assert main([*fit, "--frames", str(folders[0]), "--frames", str(folders[1])]) == 2
+    assert capsys.readouterr().err == (
+        "--frames: streets that are kept apart from training, for runs and for held-out frames; got [900]; "
+        "limit: street seeds 1000…99999\n"
+    )
+    assert main(["frames", str(tmp_path / "new"), "--first-seed", "0"]) == 2
+    assert capsys.readouterr().err == "--first-seed: no seed of train; got 0; limit: 1000…99999\n"
 
 
 def test_frames_into_a_full_folder_is_wrong_input(folders: tuple[Path, Path], capsys) -> None:
