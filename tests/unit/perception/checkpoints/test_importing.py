@@ -2,7 +2,7 @@ import json
 import pickle
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ CITYSCAPES = CLASS_LISTS["cityscapes"]
 
 
 @pytest.fixture(scope="module")
-def made(recipe: SimpleNamespace) -> Callable[..., dict[str, np.ndarray]]:
+def made(recipe: ModuleType) -> Callable[..., dict[str, np.ndarray]]:
     """Tensors of an architecture by the names of a layout."""
 
     def make(layout: str, architecture: str, count: int = 19) -> dict[str, np.ndarray]:

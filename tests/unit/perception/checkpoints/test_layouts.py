@@ -1,13 +1,15 @@
 """Our networks against the origins' own code: the same tensors, the same logits.
 
-The references were made without our modules; each file says from which code, at which commit, with which settings.
+The references were made without our modules, by the scripts in ``tools/references``; each file says from which code, at which
+commit, with which settings.
 """
 
-import hashlib
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from types import SimpleNamespace
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from valerie.perception.checkpoints.stored import StoredCheckpoint
 from valerie.perception.loaders import filled_network, tensor_shapes
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 
-Shapes = Mapping[str, tuple[int, ...]]
+ROOT = Path(__file__).parents[4]
 
 #: References that hold the whole list of names and shapes, each with those that have the same tensors.
 WHOLE = {
@@ -46,13 +48,8 @@ def layout_of(reference: Mapping[str, Any]) -> Layout:
     return next(layout for layout in LAYOUTS if layout.name == reference["layout"])
 
 
-def digest(shapes: Shapes) -> str:
-    lines = (f"{name} {'x'.join(map(str, shape))}\n" for name, shape in sorted(shapes.items()))
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
 @pytest.fixture(scope="module")
-def imported(recipe: SimpleNamespace, reference: Callable[[str], dict[str, Any]]) -> Callable[[str], ImportedNetwork]:
+def imported(recipe: ModuleType, reference: Callable[[str], dict[str, Any]]) -> Callable[[str], ImportedNetwork]:
     """The checkpoint of a reference, converted; the last one is kept, because others have the same tensors."""
 
     @lru_cache(maxsize=1)
@@ -96,7 +93,7 @@ def test_logits_are_those_of_the_original_code(imported, reference, recipe, weig
 
 
 @pytest.mark.parametrize("name", WHOLE)
-def test_every_tensor_of_the_original_is_taken_or_known_to_be_of_no_use(reference, name: str) -> None:
+def test_every_tensor_of_the_original_is_taken_or_known_to_be_of_no_use(reference, recipe, name: str) -> None:
     told = reference(name)
     layout = layout_of(told)
     ours = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
@@ -106,17 +103,17 @@ def test_every_tensor_of_the_original_is_taken_or_known_to_be_of_no_use(referenc
         if not key.startswith(layout.ignored) and not key.endswith("num_batches_tracked")
     }
     assert ours == theirs
-    assert digest({key: tuple(shape) for key, shape in told["keys"].items()}) == told["keys_sha256"]
+    assert recipe.digest({key: tuple(shape) for key, shape in told["keys"].items()}) == told["keys_sha256"]
 
 
 @pytest.mark.parametrize(
     "name", sorted(set(OTHERS) | {each for more in [*WHOLE.values(), *OTHERS.values()] for each in more})
 )
-def test_the_list_of_tensors_has_the_digest_of_the_original_list(reference, name: str) -> None:
+def test_the_list_of_tensors_has_the_digest_of_the_original_list(reference, recipe, name: str) -> None:
     told = reference(name)
     layout = layout_of(told)
     ours = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
-    assert digest(ours) == told["weights_sha256"]
+    assert recipe.digest(ours) == told["weights_sha256"]
 
 
 def test_every_architecture_of_every_layout_has_a_reference(reference) -> None:
@@ -137,4 +134,7 @@ def test_another_architecture_with_the_same_tensors_gives_other_logits(imported,
 def test_a_reference_says_where_it_comes_from(reference) -> None:
     for _, name in PAIRS:
         told = reference(name)
-        assert all(told[entry] for entry in ("source", "commit", "file", "made", "settings"))
+        assert all(told[entry] for entry in ("source", "file", "made", "settings"))
+        assert re.fullmatch("[0-9a-f]{40}", told["commit"])
+        assert (ROOT / told["script"]).is_file()
+        assert told["packages"]["torch"]
