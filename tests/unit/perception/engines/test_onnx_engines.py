@@ -87,7 +87,6 @@ def random_function_file(architecture: str) -> bytes:
         {},
         {"multiple_of": 32},
         {"size": [96, 64], "mode": "tile", "overlap": 10},
-        {"size": [150, 90], "mode": "resize"},
         {"size": [160, 96]},
     ],
 )
