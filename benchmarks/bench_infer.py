@@ -1,8 +1,9 @@
-"""CPU seconds per full-HD frame of both ResNet-101 networks, in eager fp32 and in every engine and precision, side by side.
+"""CPU seconds per full-HD frame of the paper's two networks, in eager fp32 and in every engine and precision, side by side.
 
-``python -m benchmarks.bench_infer [--threads 1] [--frames 2]``. Every row is a process of its own that opens the function as a
-worker does. The large networks have random weights, which changes no cost. How well labels agree is measured with the
-trained small networks on rendered frames, against eager fp32: the network as torch makes it, without VALERIE's engine.
+``python -m benchmarks.bench_infer [--threads 1] [--frames 2] [--networks NAME …] [--size 1920x1080]``. Every row is a process of
+its own that opens the function as a worker does. The large networks are mmsegmentation's deeplabv3plus_r101-d8 and fpn_r101 with
+random weights, which changes no cost. How well labels agree is measured with the trained small networks on rendered frames,
+against eager fp32: the network as torch makes it, without VALERIE's engine, on what every engine is given of the frame.
 """
 
 from __future__ import annotations
@@ -15,16 +16,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks import results
 from valerie.perception.catalog import FUNCTIONS
 
-LARGE = ("deeplabv3plus-r101", "semantic-fpn-r101")
+#: The paper's pair, at output strides 8 and 32.
+LARGE = ("deeplabv3plus-r101c-os8", "semantic-fpn-r101c")
+NETWORKS = (*LARGE, *FUNCTIONS)
 MODES = (
     ("eager", "fp32"),
     ("torch", "fp32"),
@@ -42,6 +47,10 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--frames", type=int, default=2, help="timed frames of the large networks")
     parser.add_argument(
+        "--networks", nargs="+", choices=NETWORKS, default=NETWORKS, metavar="NAME", help="all when left out"
+    )
+    parser.add_argument("--size", default=f"{WIDTH}x{HEIGHT}", help="of the frames; default %(default)s")
+    parser.add_argument(
         "--row", nargs=3, metavar=("NETWORK", "ENGINE", "PRECISION"), help="one row, in this process, as JSON"
     )
     parser.add_argument("--folder", type=Path)
@@ -51,12 +60,14 @@ def main() -> None:
         row = measure(network, engine, precision, arguments.folder, arguments.threads, arguments.frames)
         print(json.dumps(row))
         return
-    figures: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "threads": arguments.threads, "processor": processor()}
+    networks = arguments.networks
+    width, height = (int(side) for side in arguments.size.split("x"))
+    figures: dict[str, Any] = {"width": width, "height": height, "threads": arguments.threads, "processor": processor()}
     with tempfile.TemporaryDirectory(prefix="valerie-bench-") as name:
         folder = Path(name)
-        in_own_process("render", folder)
-        in_own_process("write", folder)
-        for network in (*LARGE, *FUNCTIONS):
+        in_own_process("render", folder, width, height)
+        in_own_process("write", folder, *networks)
+        for network in networks:
             rows = figures[network] = {}
             for engine, precision in MODES:
                 options = ["--row", network, engine, precision, f"--folder={folder}"]
@@ -66,8 +77,10 @@ def main() -> None:
                 if "cpu_s_per_frame" in row:
                     row["speed_up"] = round(rows["eager fp32"]["cpu_s_per_frame"] / row["cpu_s_per_frame"], 2)
                 show(network, engine, precision, row)
+    print("", *table({name: figures[name] for name in networks}), "", sep="\n")
     summarise(figures)
-    results.write("infer", figures)
+    whole = networks == NETWORKS and (width, height) == (WIDTH, HEIGHT)
+    results.write("infer" if whole else "infer-part", figures)
 
 
 def run(arguments: list[str]) -> dict[str, Any]:
@@ -80,12 +93,13 @@ def run(arguments: list[str]) -> dict[str, Any]:
     return row
 
 
-def in_own_process(task: str, folder: Path) -> None:
-    program = f"from pathlib import Path; from benchmarks.bench_infer import {task}; {task}(Path({str(folder)!r}))"
+def in_own_process(task: str, folder: Path, *arguments: object) -> None:
+    call = f"{task}(Path({str(folder)!r}), *{arguments!r})"
+    program = f"from pathlib import Path; from benchmarks.bench_infer import {task}; {call}"
     subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "LP_NUM_THREADS": "0"})
 
 
-def render(folder: Path) -> None:
+def render(folder: Path, width: int, height: int) -> None:
     """Frames of the street with the pedestrian near and far, under two suns."""
     from valerie import plugins
     from valerie.rendering.base import View
@@ -94,7 +108,7 @@ def render(folder: Path) -> None:
     from valerie.sensing.sensor import develop
     from valerie.sensing.settings import SensorSetting
 
-    asset, view = load_asset("urban-street"), View("camera-1", WIDTH, HEIGHT)
+    asset, view = load_asset("urban-street"), View("camera-1", width, height)
     renderer = plugins.create_renderer("raster")
     places = ((150.0, 9.0), (150.0, 22.0), (240.0, 14.0))
     pictures = []
@@ -104,15 +118,15 @@ def render(folder: Path) -> None:
     np.save(folder / "pictures.npy", np.stack(pictures))
 
 
-def write(folder: Path) -> None:
-    """Files of the large networks, with random weights."""
+def write(folder: Path, *networks: str) -> None:
+    """Files of the large ones among these networks, with random weights."""
     import torch
 
     from valerie.perception.function_file import function_file_bytes
     from valerie.perception.networks.architectures import build_network
 
     torch.manual_seed(0)
-    for name in LARGE:
+    for name in (name for name in networks if name in LARGE):
         state = build_network(name).state_dict()
         tensors = {key: value.numpy() for key, value in state.items() if not key.endswith("num_batches_tracked")}
         made = function_file_bytes(
@@ -124,16 +138,19 @@ def write(folder: Path) -> None:
 def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
     """In this process: seconds per frame after a first one, and the labels into the folder."""
     from valerie.errors import MissingDependency
+    from valerie.perception.adaptation import plan
     from valerie.perception.catalog import file_document, function_path
     from valerie.perception.functions import open_function
 
     pictures = np.load(folder / "pictures.npy")
     path = folder / f"{network}.safetensors" if network in LARGE else function_path(network)
+    document = file_document(network, path)
+    piece = plan(document.input, *pictures.shape[1:3]).piece
     started = time.process_time()
     if engine == "eager":
         predict, numeric_class = eager(path, threads), "eager"
     else:
-        document = file_document(network, path).model_copy(update={"engine": engine, "precision": precision})
+        document = document.model_copy(update={"engine": engine, "precision": precision})
         try:
             function = open_function(document, path, threads=threads, device="cpu")
         except MissingDependency as error:
@@ -152,33 +169,45 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
         labels.append(predict(picture))
         seconds.append(time.process_time() - begun)
     np.save(folder / f"{network} {engine} {precision}.npy", np.stack(labels))
+    from valerie.perception.networks.architectures import (
+        ARCHITECTURES,
+    )  # brings torch along: not before the clock stopped
+
     return {
         "cpu_s_per_frame": round(median(seconds), 3),
         "open_and_first_frame_cpu_s": round(opened - started, 2),
         "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         "numeric_class": numeric_class,
+        "output_stride": ARCHITECTURES[network].backbone.output_stride,
+        "given": [piece.width, piece.height],
     }
 
 
-def eager(path: Path, threads: int) -> Any:
-    """The network as anyone would run it in torch: no special memory order, all in fp32, one operation after the other."""
+def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.uint8]]:
+    """The network as anyone would run it in torch: no special memory order, all in fp32, one operation after the other.
+
+    Frames are reduced and padded as the file's document says, with what every engine is given.
+    """
     import torch
     from torch.nn import functional
 
+    from valerie.perception.adaptation import plan
+    from valerie.perception.catalog import file_document
     from valerie.perception.loaders import load_network
 
     torch.set_num_threads(threads)
+    taken = file_document(path.stem, path).input
     network, header = load_network(path)
     mean, std = torch.tensor(header.mean).view(1, 3, 1, 1), torch.tensor(header.std).view(1, 3, 1, 1)
 
-    def predict(picture: np.ndarray) -> np.ndarray:
+    def predict(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        steps = plan(taken, *picture.shape[:2])
+        (piece,) = steps.pieces(picture)
         with torch.inference_mode():
-            values = torch.from_numpy(picture.copy()).permute(2, 0, 1)[None].contiguous().float().div(255)
-            values = functional.pad((values - mean) / std, (0, -WIDTH % 32, 0, -HEIGHT % 32), mode="replicate")
-            logits = functional.interpolate(
-                network(values), size=values.shape[-2:], mode="bilinear", align_corners=False
-            )
-            return logits[:, :, :HEIGHT, :WIDTH].argmax(1)[0].to(torch.uint8).numpy()
+            values = torch.from_numpy(piece.copy()).permute(2, 0, 1)[None].contiguous().float().div(255)
+            logits = network((values - mean) / std)
+            full = functional.interpolate(logits, size=tuple(steps.labels), mode="bilinear", align_corners=False)
+            return steps.joined([full.argmax(1)[0].to(torch.uint8).numpy()])
 
     return predict
 
@@ -192,18 +221,38 @@ def agreement(folder: Path, network: str, engine: str, precision: str) -> float 
 
 def show(network: str, engine: str, precision: str, row: dict[str, Any]) -> None:
     if "not_here" in row:
-        print(f"{network:20} {engine:12} {precision}   {row['not_here']}", flush=True)
+        print(f"{network:22} {engine:12} {precision}   {row['not_here']}", flush=True)
         return
+    if engine == "eager":
+        print("{}: output stride {}, given {} × {}".format(network, row["output_stride"], *row["given"]))
     random = "  (random weights)" if network in LARGE else ""
     print(
-        f"{network:20} {engine:12} {precision} {row['cpu_s_per_frame']:8.2f} CPU s {row['speed_up']:6.2f} × "
+        f"{network:22} {engine:12} {precision} {row['cpu_s_per_frame']:8.2f} CPU s {row['speed_up']:6.2f} × "
         f"{row['peak_mb']:6} MB   labels as eager fp32 {100 * row['agreement']:8.4f} %{random}",
         flush=True,
     )
 
 
+def table(figures: dict[str, Any]) -> list[str]:
+    """CPU seconds per frame of all networks side by side, as Markdown; speed-ups where there is an aim."""
+    heads, rows = [], []
+    for network, modes in figures.items():
+        facts = modes["eager fp32"]
+        heads.append("`{}`, output stride {}, given {} × {}".format(network, facts["output_stride"], *facts["given"]))
+    for mode in (f"{engine} {precision}" for engine, precision in MODES):
+        cells = []
+        for network, modes in figures.items():
+            row = modes[mode]
+            cell = "–" if "not_here" in row else "{:.3g}".format(row["cpu_s_per_frame"])
+            ratio = network in LARGE and "speed_up" in row and mode != "eager fp32"
+            cells.append(f"{cell} ({row['speed_up']:.2f} ×)" if ratio else cell)
+        rows.append([mode, *cells])
+    lines = [["CPU seconds per frame", *heads], ["---"] * (1 + len(heads)), *rows]
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
 def summarise(figures: dict[str, Any]) -> None:
-    for network in LARGE:
+    for network in (name for name in LARGE if name in figures):
         rows = {mode: row for mode, row in figures[network].items() if "speed_up" in row and mode != "eager fp32"}
         fastest = max(rows, key=lambda mode: rows[mode]["speed_up"])
         single = max((mode for mode in rows if mode.endswith("fp32")), key=lambda mode: rows[mode]["speed_up"])

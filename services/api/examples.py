@@ -307,7 +307,21 @@ ASSET: Final[dict[str, Any]] = {
     ],
 }
 RENDERERS: Final[list[dict[str, Any]]] = [{"name": "raster", "numeric_classes": [_CLASSES["engine"]]}]
-_INSTALLED: Final = dict.fromkeys(("reference", "kind", "version", "classes", "unmapped", "created_at"))
+_CARD: Final = [
+    ["digest", "3f1d0c5b7a9e42861c0d9e8f7a6b5c4d"],
+    ["kind", "onnx"],
+    ["classes", "3: road, person, everything else → void"],
+    ["answers", "logits"],
+    ["input size", "the frame's own, padded to multiples of 32"],
+    ["normalisation", "x / 255"],
+    ["channel order", "RGB"],
+    ["engine", "openvino"],
+    ["precision", "fp32"],
+    ["file", "onnx, 16.0 MB"],
+    ["opset", "17"],
+    ["producer", "pytorch 2.13.0"],
+    ["source", "street-net.onnx"],
+]
 _REGISTERED: Final[dict[str, Any]] = {
     "name": "street-net",
     "digest": "3f1d0c5b7a9e42861c0d9e8f7a6b5c4d",
@@ -322,6 +336,7 @@ _REGISTERED: Final[dict[str, Any]] = {
     "version": 1,
     "classes": ["road", "person"],
     "unmapped": ["everything else"],
+    "card": _CARD,
     "created_at": "2026-11-21T06:40:00Z",
 }
 FUNCTIONS: Final[list[dict[str, Any]]] = [
@@ -334,7 +349,13 @@ FUNCTIONS: Final[list[dict[str, Any]]] = [
         "provenance": {"licence": "Apache-2.0"},
         "numeric_classes": [_CLASSES["infer"]],
         "problem": None,
-        **_INSTALLED,
+        "reference": None,
+        "kind": "network",
+        "version": None,
+        "classes": ["road", "person"],
+        "unmapped": [],
+        "card": [["digest", "d" * 64], ["kind", "network"], ["architecture", "deeplabv3plus-small"]],
+        "created_at": None,
     },
     _REGISTERED,
 ]

@@ -328,10 +328,13 @@ class FunctionRead(Read):
     numeric_classes: list[str] = Field(description="in which living workers offer it")
     problem: str | None = Field(None, description="why it cannot be used; the rest is empty then")
     reference: str | None = Field(None, description="what a spec writes to mean this version; None: installed")
-    kind: str | None = Field(None, description="network, onnx, huggingface, http or predictions; None: installed")
+    kind: str | None = Field(
+        None, description="network, onnx, huggingface, http or predictions; None: a class of an installed package"
+    )
     version: int | None = Field(None, description="counts the versions of a registered name")
     classes: list[str] | None = Field(None, description="Cityscapes classes that it can predict")
     unmapped: list[str] | None = Field(None, description="its own classes that count as void")
+    card: list[tuple[str, str]] = Field(description="title and text of each row of its card, for people to read")
     created_at: Moment | None = None
 
 

@@ -11,6 +11,7 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from valerie.perception.cards import card_rows
 from valerie.pipeline import functions
 from valerie.testing.functions import small_onnx
 
@@ -26,6 +27,9 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
 ]
+
+#: What the newest version of a registered function says of itself.
+SECOND = {"source": "<b>second</b>.onnx", "checked": "opened and run"}
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
 
@@ -45,8 +49,8 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
     work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
     work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
-    for source in ("first.onnx", "<b>second</b>.onnx"):
-        functions.register(context, *small_onnx(folder, provenance={"source": source, "checked": "opened and run"}))
+    for provenance in ({**SECOND, "source": "first.onnx"}, SECOND):
+        functions.register(context, *small_onnx(folder, provenance=provenance))
     with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
         yield str(client.base_url).rstrip("/")
     structlog.reset_defaults()
@@ -192,7 +196,7 @@ def test_what_failed_is_shown_with_its_error(page: Page) -> None:
     assert page.locator("button:has-text('Retry failures')").is_visible()
 
 
-def test_functions_show_their_cards_and_every_version(page: Page) -> None:
+def test_functions_show_their_cards_and_every_version(page: Page, tmp_path: Path) -> None:
     page.click("nav >> text=Functions")
     page.wait_for_selector("h1:has-text('Functions under test')")
     cards = {card.locator("h2").inner_text(): card for card in page.locator(".function").all()}
@@ -203,7 +207,13 @@ def test_functions_show_their_cards_and_every_version(page: Page) -> None:
     assert "version 2" in own.inner_text()
     assert "<b>second</b>.onnx" in own.locator(".facts").first.inner_text(), "text stays text"
     assert "opened and run when it was imported" in own.inner_text()
-    assert "openvino fp32" in own.inner_text()
+    own.locator("summary", has_text="The whole card").click()
+    facts = [
+        (row.locator("dt").inner_text(), row.locator("dd").inner_text())
+        for row in own.locator("details .facts > div").all()
+    ]
+    document, _ = small_onnx(tmp_path, provenance=SECOND)
+    assert facts == card_rows(document.card(), document)
     own.locator("summary", has_text="2 versions").click()
     rows = own.locator("tbody tr")
     assert [row.locator("th").inner_text() for row in rows.all()] == ["2", "1"]

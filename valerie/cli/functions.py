@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol
 
 import typer
 
@@ -17,6 +17,9 @@ from valerie.errors import InvalidInput, NotFound
 if TYPE_CHECKING:
     from valerie.client import Client
     from valerie.pipeline.context import Context
+
+#: Characters of a digest that are enough behind a name's @; `valerie.pipeline.functions` shows as many.
+_SHORT: Final = 12
 
 app = typer.Typer(no_args_is_help=True, help="Register, list, show and remove functions under test.")
 
@@ -86,16 +89,16 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("name", "version", "kind", "architecture", "engine", "offered"):
-        table.add_column(column, no_wrap=column in ("name", "version"))
+    for column in ("name", "version", "digest", "kind", "architecture", "engine", "offered"):
+        table.add_column(column, no_wrap=column in ("name", "version", "digest"))
     for one in found:
-        reference = one["reference"] or one["name"]
         offered = one["problem"] or ("yes" if one["numeric_classes"] else "no living worker")
         if one["kind"] == "predictions":
             offered = "by whoever brings them"
         version = "installed" if one["version"] is None else str(one["version"])
         engine = "" if one["engine"] in ("", "none") else f"{one['engine']} {one['precision']}"
-        table.add_row(reference, version, one["kind"] or "", one["architecture"], engine, offered)
+        digest = one["digest"][:_SHORT]
+        table.add_row(one["name"], version, digest, one["kind"] or "", one["architecture"], engine, offered)
     console().print(table)
 
 
@@ -287,43 +290,23 @@ def _text(path: Path) -> str:
 
 def _card(found: dict[str, Any]) -> None:
     from rich.table import Table
+    from rich.text import Text
 
-    document = found.get("document") or {}
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
-    rows = {
-        "name": found["name"],
-        "version": None if found.get("version") is None else f"{found['version']}  ({found['reference']})",
-        "digest": found["digest"],
-        "kind": found.get("kind"),
-        "architecture": found["architecture"],
-        "engine": None if found["engine"] in ("", "none") else f"{found['engine']} {found['precision']}",
-        "input": _input(document.get("input")) if document.get("payload") else None,
-        "predicts": ", ".join(found.get("classes") or ()),
-        "void": ", ".join(found.get("unmapped") or ()),
-        "tried out": _check(found.get("check")),
-        "offered as": ", ".join(found["numeric_classes"]),
-        "problem": found.get("problem"),
-    }
-    for title, text in rows.items():
+    rows = [
+        ("name", found["name"]),
+        ("version", "" if found.get("version") is None else f"{found['version']}  ({found['reference']})"),
+        *found["card"],
+        ("tried out", _check(found.get("check"))),
+        ("offered as", ", ".join(found["numeric_classes"])),
+        ("problem", found.get("problem")),
+    ]
+    for title, text in rows:
         if text:
-            table.add_row(title, str(text))
-    for title, text in sorted(found["provenance"].items()):
-        if text:
-            table.add_row(title, text)
+            table.add_row(title, Text(text))
     console().print(table)
-
-
-def _input(part: dict[str, Any] | None) -> str:
-    if not part:
-        return ""
-    own = "the frame's size" if part["multiple_of"] == 1 else f"multiples of {part['multiple_of']}"
-    size = own if part["size"] is None else "{} × {}".format(*part["size"])
-    if part["longest_side"] is not None:
-        size = f"{size}, at most {part['longest_side']} long"
-    mean, std = (", ".join(f"{value:g}" for value in part[name]) for name in ("mean", "std"))
-    return f"{part['mode']} to {size}, {part['channel_order'].upper()} × {part['scale']}, mean {mean}, std {std}"
 
 
 def _check(check: dict[str, Any] | None) -> str:

@@ -43,14 +43,23 @@ def file_document(name: str, path: Path) -> FunctionDocument:
     return _document(name, path, stamp)
 
 
-def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
-    """What is known of a function, from its file's header; neither torch nor the weights are loaded.
+def function_document(name: str, *, folder: Path = WEIGHTS) -> FunctionDocument:
+    """The document of a function, from its file's header; neither torch nor the weights are loaded.
 
     Raises:
         UnknownName: no such function.
         NotFound, InvalidInput: its file is missing or damaged.
     """
-    document = file_document(name, function_path(name, folder=folder))
+    return file_document(name, function_path(name, folder=folder))
+
+
+def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
+    """What is known of a function, likewise.
+
+    Raises:
+        UnknownName, NotFound, InvalidInput: see `function_document`.
+    """
+    document = function_document(name, folder=folder)
     return document.card(digest=_identity(document))
 
 

@@ -11,7 +11,9 @@ from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import FUNCTIONS, function_card
+from valerie.perception.cards import card_rows
+from valerie.perception.catalog import FUNCTIONS, function_card, function_document
+from valerie.perception.documents import FunctionDocument
 from valerie.pipeline import functions as registry
 from valerie.pipeline.context import Context
 from valerie.pipeline.pinning import inference_name
@@ -19,7 +21,7 @@ from valerie.scene.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
 #: What only registered functions have.
-_NOT_REGISTERED: Final = dict.fromkeys(("reference", "kind", "version", "classes", "unmapped", "created_at"))
+_NOT_REGISTERED: Final = dict.fromkeys(("reference", "version", "created_at"))
 
 
 def assets(settings: Settings) -> list[dict[str, Any]]:
@@ -66,14 +68,15 @@ def functions(context: Context) -> list[dict[str, Any]]:
     found = []
     for name in plugins.function_names():
         offered = next((FunctionCard(**o["card"]) for o in offers if o["name"] == name), None)
-        card, problem = offered or FunctionCard(name, "", "", "", "", {}), None
+        card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
         if name in FUNCTIONS:
             try:
-                card = function_card(name)
+                card, document = function_card(name), function_document(name)
             except ValerieError as error:
                 problem = str(error)
         classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
-        found.append({**asdict(card), **_NOT_REGISTERED, "numeric_classes": classes, "problem": problem})
+        told = _told(card, document)
+        found.append({**told, **_NOT_REGISTERED, "numeric_classes": classes, "problem": problem})
     with reading(context.engine) as connection:
         found += [_registered(one, offers) for one in registry.listed(connection)]
     return found
@@ -101,15 +104,23 @@ def registered_function(context: Context, found: registry.Registered) -> dict[st
 def _registered(found: registry.Registered, offers: list[dict[str, Any]]) -> dict[str, Any]:
     document = found.document
     return {
-        **asdict(document.card()),
+        **_told(document.card(), document),
         "reference": found.reference,
-        "kind": document.kind,
         "version": found.version,
-        "classes": list(document.output.reached),
-        "unmapped": list(document.output.unmapped),
         "created_at": found.created_at.isoformat(),
         "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == inference_name(document)}),
         "problem": None,
+    }
+
+
+def _told(card: FunctionCard, document: FunctionDocument | None) -> dict[str, Any]:
+    """What a function says of itself: a class of an installed package has no document, and says less."""
+    return {
+        **asdict(card),
+        "kind": document and document.kind,
+        "classes": document and list(document.output.reached),
+        "unmapped": document and list(document.output.unmapped),
+        "card": card_rows(card, document),
     }
 
 

@@ -12,8 +12,8 @@ const CHECKED = {
   logits: "logits equal the original program's", "own format": "VALERIE's own format",
   "opened and run": "opened and run when it was imported", "not opened": "not opened: its engine was not installed at the import",
 };
-// What an own line of the card says already.
-const SHOWN = new Set(["source", "file", "licence", "checked", "held-out-person-pacc", "held-out-person-precision", "held-out-miou"]);
+// Rows of the card that are worth seeing without opening it.
+const BRIEF = new Set(["architecture", "engine", "precision", "input size", "reduction", "classes", "judged by"]);
 
 export async function functionsView({ main, signal }) {
   const cards = h("div", { class: "functions" });
@@ -39,7 +39,7 @@ function card(name, versions, open) {
   const newest = versions[0]; // versions come newest first
   return h("section", { class: "card function", "aria-label": name },
     h("div", { class: "row" }, h("h2", {}, name), offered(newest)),
-    h("p", { class: "small soft" }, [KINDS[newest.kind] ?? "installed with the server", newest.version === null ? null : `version ${newest.version}`,
+    h("p", { class: "small soft" }, [KINDS[newest.kind], newest.version === null ? "installed with the server" : `version ${newest.version}`,
       newest.created_at ? h("span", { title: clock(newest.created_at) }, ` registered ${ago(newest.created_at)}`) : null]
       .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))),
     newest.problem ? h("p", { class: "note bad" }, newest.problem) : null,
@@ -59,10 +59,7 @@ function facts(one) {
   const figures = ["person-pacc", "person-precision", "miou"].map((name) => told[`held-out-${name}`]);
   return [
     ["In a spec", one.reference ?? one.name, true],
-    ["Engine", one.engine && one.engine !== "none" ? `${one.engine} ${one.precision}` : null],
-    ["Architecture", one.architecture === one.kind ? null : one.architecture],
-    ["Predicts", one.classes && (one.classes.length === 19 ? "the 19 classes of Cityscapes" : one.classes.join(", "))],
-    ["Counts as void", one.unmapped?.join(", ")],
+    ...one.card.filter(([title]) => BRIEF.has(title)).map(([title, text]) => [title[0].toUpperCase() + title.slice(1), text]),
     ["Source", told.source ?? told.file ?? told.program ?? (told["trained-by"] ? `trained by ${told["trained-by"]}` : null)],
     ["Checked", CHECKED[told.checked] ?? told.checked],
     ["Held out: pACC, precision, mIoU", figures.every(Boolean) ? figures.map((rate) => percent(Number(rate))).join(", ") : null],
@@ -72,8 +69,7 @@ function facts(one) {
 }
 
 function cardFacts(one) {
-  const rest = Object.entries(one.provenance).filter(([name, text]) => text && !SHOWN.has(name)).sort();
-  return h("dl", { class: "facts" }, [["digest", one.digest], ...rest].map(([name, text]) => h("div", {}, h("dt", {}, name), h("dd", { class: "small" }, text))));
+  return h("dl", { class: "facts" }, one.card.map(([title, text]) => h("div", {}, h("dt", {}, title), h("dd", { class: "small" }, text))));
 }
 
 function versionTable(versions) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,16 @@ def test_without_a_deployment_the_installed_functions_are_listed_and_nothing_is_
 ) -> None:  # type: ignore[no-untyped-def]
     assert "semantic-fpn-small" in valerie("function", "list")
     assert not (tmp_path / "data").exists()
+
+
+def test_the_card_of_a_shipped_function_says_what_it_takes_and_answers(valerie) -> None:  # type: ignore[no-untyped-def]
+    printed = valerie("function", "show", "semantic-fpn-small")
+    for title in ("digest", "classes", "input size", "reduction", "normalisation", "channel order", "precision"):
+        assert re.search(rf"^{title} +\S", printed, re.MULTILINE), title
+    (listed,) = re.findall(
+        r"^semantic-fpn-small +installed +([0-9a-f]{12}) +network ", valerie("function", "list"), re.MULTILINE
+    )
+    assert re.search(rf"^digest +{listed}", printed, re.MULTILINE), "the list calls it by the same digest"
 
 
 def test_nothing_to_import_is_an_error(valerie, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
