@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -34,8 +35,9 @@ def command(system: System, *arguments: str) -> subprocess.CompletedProcess[str]
 def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
     write_box_street(tmp_path / "assets" / "box-street")
     onnx = small_onnx(tmp_path)[1]
-    side = tmp_path / "side.yaml"
-    side.write_text("output: {classes: [road, person]}\nengine: onnxruntime\n")
+    onnx.with_suffix(".yaml").write_text("output: {classes: [road, person]}\nengine: onnxruntime\n")
+    own = tmp_path / "own.json"
+    own.write_text(json.dumps(spec(xs=2, ys=2, name="own")))
     brought = tmp_path / "brought.yaml"
     brought.write_text("name: brought\nkind: predictions\noutput: {classes: [road, person]}\n")
     with System(tmp_path / "data", tmp_path / "assets", infer_engines="onnxruntime/fp32") as system:
@@ -43,14 +45,14 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
         assert system.wait(first) == "completed"  # the worker runs, and knows of no other function
         before = system.objects()
 
-        imported = command(system, "function", "import", str(onnx), "--document", str(side), "--json")
-        assert imported.returncode == 0, imported.stderr
-        assert json.loads(imported.stdout)["new"]
-        run = system.submit(spec(xs=2, ys=2, name="own", functions=["small"]))
+        submitted = command(system, "submit", str(own), "--functions", str(onnx))
+        assert submitted.returncode == 0, submitted.stderr
+        (reference,) = re.findall(r"small\.onnx is registered as (small@[0-9a-f]{12});", submitted.stderr)
+        run = submitted.stdout.strip()
         assert system.wait(run) == "completed"
         made = system.objects().keys() - before.keys()
         assert {key.split("/")[1] for key in made} == {"prediction"}, "a run that adds a function only infers"
-        assert {row["function"] for row in system.rows(run)} == {"small"}
+        assert {row["function"] for row in system.rows(run)} == {reference}
 
         assert command(system, "function", "import", "--document", str(brought)).returncode == 0
         run = system.submit(spec(xs=2, ys=2, name="brought", functions=["brought"]))

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol
+from typing import Annotated, Any, Final
 
 import typer
 
+from valerie.cli.registry import open_registry, register_file
 from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
-from valerie.errors import InvalidInput, NotFound
-
-if TYPE_CHECKING:
-    from valerie.client import Client
-    from valerie.pipeline.context import Context
+from valerie.errors import InvalidInput
 
 #: Characters of a digest that are enough behind a name's @; `valerie.pipeline.functions` shows as many.
 _SHORT: Final = 12
@@ -39,7 +34,11 @@ def import_(
     name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="How specs shall call it.")] = None,
     document: Annotated[
         Path | None,
-        typer.Option("--document", metavar="SIDE.yaml", help="What the file does not say: classes, input, class map."),
+        typer.Option(
+            "--document",
+            metavar="SIDE.yaml",
+            help="What the file does not say: classes, input, class map; else FILE's name with .yaml.",
+        ),
     ] = None,
     engine: Annotated[
         str | None, typer.Option("--engine", metavar="ENGINE", help="torch, openvino or onnxruntime.")
@@ -58,17 +57,11 @@ def import_(
     """
     if file is None and document is None:
         raise InvalidInput("nothing to import", field="FILE", limit="a file, or --document SIDE.yaml, or both")
-    texts = {"document": _text(document)} if document is not None else {}
     given = {"name": name, "engine": engine, "precision": precision}
-    texts |= {field: value for field, value in given.items() if value is not None}
-    with TemporaryDirectory(prefix="valerie-import-") as folder:
-        payload = file
-        if file is not None and file.is_dir():
-            texts, payload = _huggingface(file, texts)
-        elif file is not None and not file.is_file():
-            raise NotFound("file", file)
-        with _registry(url, data_dir, create=True) as registry:
-            registered, new = registry.register_function(texts, payload, Path(folder))
+    texts = {field: value for field, value in given.items() if value is not None}
+    settings = settings_of(data_dir)
+    opening = partial(open_registry, settings, url, create=True)
+    registered, new = register_file(opening, file, document=document, **texts)
     if as_json:
         typer.echo(json.dumps({**registered, "new": new}, ensure_ascii=False))
         return
@@ -81,7 +74,7 @@ def import_(
 @app.command("list")
 def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
     """List the functions that a spec may name, every version of registered ones."""
-    with _registry(url, data_dir) as registry:
+    with open_registry(settings_of(data_dir), url) as registry:
         found = registry.functions()
     if as_json:
         typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
@@ -105,7 +98,7 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
 @app.command()
 def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> None:
     """Show the card of a function."""
-    with _registry(url, data_dir) as registry:
+    with open_registry(settings_of(data_dir), url) as registry:
         found = registry.function(reference)
     if as_json:
         typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
@@ -123,7 +116,7 @@ def export(
     """Write a registered function as document and file, as `valerie function import` takes them."""
     import yaml
 
-    with _registry(url, data_dir) as registry:
+    with open_registry(settings_of(data_dir), url) as registry:
         found = registry.function(reference)
         document = found.get("document")
         if document is None:
@@ -155,137 +148,9 @@ def remove(
     data_dir: DataDir = None,
 ) -> None:
     """Remove one version of a registered function that no unfinished run needs."""
-    with _registry(url, data_dir) as registry:
+    with open_registry(settings_of(data_dir), url) as registry:
         registry.remove_function(reference)
     say(f"{reference} is removed; results that were made with it stay")
-
-
-class _Registry(Protocol):
-    """What these commands need, here or in a server."""
-
-    def functions(self) -> list[dict[str, Any]]: ...
-    def function(self, reference: str) -> dict[str, Any]: ...
-    def function_payload(self, reference: str) -> bytes: ...
-    def remove_function(self, reference: str) -> None: ...
-    def register_function(
-        self, texts: dict[str, str], payload: Path | None, folder: Path
-    ) -> tuple[dict[str, Any], bool]: ...
-
-
-class _Remote:
-    """A server's."""
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-        self.functions, self.function = client.functions, client.function
-        self.function_payload, self.remove_function = client.function_payload, client.remove_function
-
-    def register_function(
-        self,
-        texts: dict[str, str],
-        payload: Path | None,
-        folder: Path,  # noqa: ARG002  the server converts in a folder of its own
-    ) -> tuple[dict[str, Any], bool]:
-        return self._client.register_function(texts, payload)
-
-
-class _Local:
-    """This data folder's, while no server runs on it."""
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-
-    def functions(self) -> list[dict[str, Any]]:
-        from valerie.pipeline.catalog import functions
-
-        return functions(self._context)
-
-    def function(self, reference: str) -> dict[str, Any]:
-        from valerie.pipeline.catalog import function
-
-        return function(self._context, reference)
-
-    def function_payload(self, reference: str) -> bytes:
-        from valerie.db.engine import reading
-        from valerie.pipeline.functions import find, read_payload
-
-        with reading(self._context.engine) as connection:
-            document = find(connection, reference).document
-        return read_payload(self._context, document)
-
-    def remove_function(self, reference: str) -> None:
-        from valerie.pipeline.functions import remove
-
-        remove(self._context, reference)
-
-    def register_function(
-        self, texts: dict[str, str], payload: Path | None, folder: Path
-    ) -> tuple[dict[str, Any], bool]:
-        from valerie.pipeline.catalog import registered_function
-        from valerie.pipeline.functions import register
-        from valerie.pipeline.importing import Brought, import_function
-
-        name = "" if payload is None else payload.name
-        imported = import_function(
-            Brought(path=payload, filename=name, **texts),
-            folder,
-            self._context.settings,
-        )
-        registered, new = register(self._context, imported.document, imported.payload)
-        return {**registered_function(self._context, registered), "check": imported.check}, new
-
-
-@contextmanager
-def _registry(url: str | None, data_dir: Path | None, *, create: bool = False) -> Iterator[_Registry]:
-    """The named server's, else that of the server on the data folder, else the data folder's own."""
-    from valerie.cli.connecting import client_of
-    from valerie.embedded import running
-
-    settings = settings_of(data_dir)
-    if url is not None or running.find(settings.data_dir) is not None:
-        with client_of(settings, url) as client:
-            yield _Remote(client)
-        return
-    from valerie.cli.specs import deployment_or_empty
-    from valerie.db.migrate import migrate
-    from valerie.pipeline.context import open_context
-
-    if not create:
-        with deployment_or_empty(settings) as context:
-            yield _Local(context)
-        return
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
-    context = open_context(settings)
-    try:
-        migrate(context.engine)
-        yield _Local(context)
-    finally:
-        context.engine.dispose()
-
-
-def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
-    """A folder as document and file: the configuration is read here, the weights are opened where they are registered."""
-    from valerie.loading import load_document
-    from valerie.perception.huggingface import read_huggingface
-
-    changes = load_document(texts["document"]) if "document" in texts else {}
-    changes |= {field: value for field, value in texts.items() if field != "document"}
-    name = str(changes.pop("name", folder.absolute().name.lower()))
-    document, payload = read_huggingface(folder, name, **changes)
-    return {"document": json.dumps(document.model_dump(mode="json", exclude={"payload"}))}, payload
-
-
-def _text(path: Path) -> str:
-    from valerie.loading import MAX_BYTES
-
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InvalidInput("the document is too large", value=str(path), limit=f"{MAX_BYTES} bytes")
-        return path.read_text("utf-8")
-    except OSError as error:
-        raise InvalidInput(f"the document cannot be read ({error.strerror})", value=str(path)) from error
-    except UnicodeDecodeError:
-        raise InvalidInput("the document is not UTF-8 text", value=str(path)) from None
 
 
 def _card(found: dict[str, Any]) -> None:

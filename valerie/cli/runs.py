@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli.registry import Remote, open_registry
 from valerie.cli.shell import (
     DataDir,
     EndWithParent,
@@ -54,7 +57,7 @@ def run(
 
     _bind_to_parent(end_with_parent)
     settings = settings_of(data_dir)
-    text = spec_text(spec, functions)
+    text = spec_text(spec, functions, partial(open_registry, settings, create=True))
     require_resolvable(text, settings)
     with system_of(settings) as system:
         run = system.client.submit(text)
@@ -110,7 +113,8 @@ def submit(
 
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
-        run = client.submit(spec_text(spec, functions), idempotency_key=key)
+        text = spec_text(spec, functions, partial(nullcontext, Remote(client)))
+        run = client.submit(text, idempotency_key=key)
         if not watch:
             _print(run.model_dump(mode="json"), run.id, as_json=json_lines)
             say(f"follow it with: {_again('status', run.id, '--watch', data_dir=data_dir, url=url)}")

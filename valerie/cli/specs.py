@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from valerie.cli.registry import Opening, functions_named, open_registry
 from valerie.cli.shell import DataDir, Json, Url, command_name, console, has_database, read_spec, say, settings_of
 from valerie.errors import InvalidInput
 
@@ -21,7 +23,11 @@ if TYPE_CHECKING:
 
 Functions = Annotated[
     str | None,
-    typer.Option("--functions", metavar="NAMES", help="Take these functions instead of the spec's: a,b."),
+    typer.Option(
+        "--functions",
+        metavar="NAMES",
+        help="Take these instead of the spec's: a,b. A file (my.onnx) is registered first.",
+    ),
 ]
 
 
@@ -54,9 +60,11 @@ def plan(
     """Show what a spec would make and cost; stores nothing.
 
     Asks the server that runs on the data folder, if one does; else computes it
-    here.
+    here. Only a file that --functions names is registered.
     """
-    document = _plan(spec_text(spec, functions), url, settings_of(data_dir))
+    settings = settings_of(data_dir)
+    text = spec_text(spec, functions, partial(open_registry, settings, url, create=True))
+    document = _plan(text, url, settings)
     if as_json:
         import json
 
@@ -67,19 +75,25 @@ def plan(
     _show(Plan.model_validate(document))
 
 
-def spec_text(path: Path, functions: str | None) -> bytes:
+def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
     """The text of a spec file, or of standard input, with other functions where they are given.
+
+    Args:
+        path: of the file; ``-`` is standard input.
+        functions: see `valerie.cli.registry.functions_named`.
+        opening: of where files among them are registered.
 
     Raises:
         InvalidInput: it cannot be read, or is no spec.
+        ValerieError: a function's file cannot be registered.
     """
     text = read_spec(path)
     if functions is None:
         return text
     from valerie.runs.spec import parse
 
-    names = [name.strip() for name in functions.split(",") if name.strip()]
-    return parse({**parse(text).model_dump(mode="json", exclude_defaults=True), "functions": names}).to_yaml().encode()
+    document = parse(text).model_dump(mode="json", exclude_defaults=True)
+    return parse({**document, "functions": functions_named(functions, opening)}).to_yaml().encode()
 
 
 def require_resolvable(text: bytes, settings: Settings) -> None:

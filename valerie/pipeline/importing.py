@@ -39,6 +39,8 @@ _RUNS_CODE: Final = {
 }
 _CHECKPOINTS: Final = (".safetensors", ".pth", ".pt", ".pkl", ".ckpt", ".bin")
 _ONNX: Final = ".onnx"
+#: Endings of what people bring as a function, also where it is refused.
+SUFFIXES: Final = frozenset((_ONNX, *_CHECKPOINTS, *_RUNS_CODE))
 #: Variables that a converter needs; whatever else the environment holds is no business of a stranger's file.
 _ENVIRONMENT: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "PYTHONPATH")
 

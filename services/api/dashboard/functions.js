@@ -85,7 +85,7 @@ function more(key, title, open, content) {
 
 function bring() {
   return h("section", { class: "card" }, h("h2", {}, "Bring your own"),
-    h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. Nothing in it is run; it is converted, checked and registered:"),
-    h("p", { class: "under" }, command("valerie function import my.onnx --document my.yaml")),
+    h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. Nothing in it is run; it is converted, checked and registered, with what my.yaml beside it says:"),
+    h("p", { class: "under" }, command("valerie function import my.onnx")),
     h("p", { class: "under small soft" }, "Versions are never overwritten. A name in a spec means its newest version when a run starts, and a run keeps that one."));
 }

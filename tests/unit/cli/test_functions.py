@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from typer.testing import CliRunner
 
 from valerie.cli.main import app
+from valerie.cli.registry import functions_named
 from valerie.errors import InvalidInput, NotFound
 from valerie.testing.functions import small_onnx
 
@@ -101,14 +105,61 @@ def test_nothing_to_import_is_an_error(valerie, tmp_path: Path) -> None:  # type
         valerie("function", "import", tmp_path / "none.onnx")
 
 
-def test_other_functions_than_the_specs_are_planned(valerie, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    spec = tmp_path / "spec.yaml"
-    spec.write_text(
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    path = tmp_path / "spec.yaml"
+    path.write_text(
         "name: r\nasset: urban-street\nvary: [[person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]]\n"
         "functions: [deeplabv3plus-small]\n"
     )
+    return path
+
+
+def test_other_functions_than_the_specs_are_planned(valerie, spec: Path) -> None:  # type: ignore[no-untyped-def]
     plan = json.loads(valerie("plan", spec, "--functions", "semantic-fpn-small,deeplabv3plus-small", "--json"))
     one = json.loads(valerie("plan", spec, "--json"))
     assert plan["evaluations"] == 2 * one["evaluations"]
     with pytest.raises(InvalidInput, match="unknown function 'mine'"):
         valerie("plan", spec, "--functions", "mine")
+
+
+def test_a_file_in_place_of_a_name_is_registered_with_the_document_beside_it(  # type: ignore[no-untyped-def]
+    valerie, onnx: Path, side: Path, spec: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    side.rename(onnx.with_suffix(".yaml"))
+    monkeypatch.chdir(onnx.parent)
+    one = json.loads(valerie("plan", spec, "--json"))
+    plan = json.loads(valerie("plan", spec, "--functions", f"{onnx.name}, semantic-fpn-small", "--json"))
+    assert plan["evaluations"] == 2 * one["evaluations"]
+    found = json.loads(valerie("function", "show", "small", "--json"))
+    assert (found["classes"], found["engine"]) == (["road", "person"], "onnxruntime")
+    again = json.loads(valerie("function", "import", onnx, "--json"))
+    assert (again["reference"], again["new"]) == (found["reference"], False), "the same file, whichever way it comes"
+
+
+def test_a_registered_file_stands_for_its_own_version(onnx: Path) -> None:
+    registry = Registered()
+    assert functions_named(f"a, b@123456 ,{onnx}", partial(nullcontext, registry)) == ["a", "b@123456", "small@1"]
+    assert registry.given == [({}, onnx)]
+
+
+def test_a_name_that_looks_like_a_file_is_a_name_while_there_is_no_such_file(tmp_path: Path) -> None:
+    registry = Registered()
+    assert functions_named("net.onnx", partial(nullcontext, registry)) == ["net.onnx"]
+    with pytest.raises(NotFound, match="there is no file"):
+        functions_named(f"{tmp_path}/net.onnx", partial(nullcontext, registry))
+    assert registry.given == []
+
+
+class Registered:
+    """A registry that notes what it is given."""
+
+    def __init__(self) -> None:
+        self.given: list[tuple[dict[str, str], Path | None]] = []
+
+    def register_function(
+        self, texts: dict[str, str], payload: Path | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]:
+        assert folder.is_dir()
+        self.given.append((texts, payload))
+        return {"reference": f"small@{len(self.given)}"}, True

@@ -1,0 +1,220 @@
+"""Where functions are registered: in a server, or in the data folder while none runs on it; and how a file gets there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from valerie.cli.shell import command_name, say
+from valerie.errors import InvalidInput, NotFound
+
+if TYPE_CHECKING:
+    from valerie.client import Client
+    from valerie.pipeline.context import Context
+    from valerie.settings import Settings
+
+#: Of the document that lies beside a file and has its name.
+_SIDECARS: Final = (".yaml", ".yml", ".json")
+
+
+#: Opens a registry when it is needed.
+Opening = Callable[[], AbstractContextManager["Registry"]]
+
+
+class Registry(Protocol):
+    """What commands need of it."""
+
+    def functions(self) -> list[dict[str, Any]]: ...
+    def function(self, reference: str) -> dict[str, Any]: ...
+    def function_payload(self, reference: str) -> bytes: ...
+    def remove_function(self, reference: str) -> None: ...
+    def register_function(
+        self, texts: dict[str, str], payload: Path | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]: ...
+
+
+class Remote:
+    """A server's."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self.functions, self.function = client.functions, client.function
+        self.function_payload, self.remove_function = client.function_payload, client.remove_function
+
+    def register_function(
+        self,
+        texts: dict[str, str],
+        payload: Path | None,
+        folder: Path,  # noqa: ARG002  the server converts in a folder of its own
+    ) -> tuple[dict[str, Any], bool]:
+        return self._client.register_function(texts, payload)
+
+
+class _Local:
+    """This data folder's, while no server runs on it."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def functions(self) -> list[dict[str, Any]]:
+        from valerie.pipeline.catalog import functions
+
+        return functions(self._context)
+
+    def function(self, reference: str) -> dict[str, Any]:
+        from valerie.pipeline.catalog import function
+
+        return function(self._context, reference)
+
+    def function_payload(self, reference: str) -> bytes:
+        from valerie.db.engine import reading
+        from valerie.pipeline.functions import find, read_payload
+
+        with reading(self._context.engine) as connection:
+            document = find(connection, reference).document
+        return read_payload(self._context, document)
+
+    def remove_function(self, reference: str) -> None:
+        from valerie.pipeline.functions import remove
+
+        remove(self._context, reference)
+
+    def register_function(
+        self, texts: dict[str, str], payload: Path | None, folder: Path
+    ) -> tuple[dict[str, Any], bool]:
+        from valerie.pipeline.catalog import registered_function
+        from valerie.pipeline.functions import register
+        from valerie.pipeline.importing import Brought, import_function
+
+        name = "" if payload is None else payload.name
+        imported = import_function(
+            Brought(path=payload, filename=name, **texts),
+            folder,
+            self._context.settings,
+        )
+        registered, new = register(self._context, imported.document, imported.payload)
+        return {**registered_function(self._context, registered), "check": imported.check}, new
+
+
+@contextmanager
+def open_registry(settings: Settings, url: str | None = None, *, create: bool = False) -> Iterator[Registry]:
+    """The named server's, else that of the server on the data folder, else the data folder's own.
+
+    Args:
+        settings: of this process.
+        url: of a server.
+        create: make the data folder's, if there is none; else an empty one stands for it, which leaves nothing behind.
+    """
+    from valerie.cli.connecting import client_of
+    from valerie.embedded import running
+
+    if url is not None or running.find(settings.data_dir) is not None:
+        with client_of(settings, url) as client:
+            yield Remote(client)
+        return
+    from valerie.cli.specs import deployment_or_empty
+    from valerie.db.migrate import migrate
+    from valerie.pipeline.context import open_context
+
+    if not create:
+        with deployment_or_empty(settings) as context:
+            yield _Local(context)
+        return
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    context = open_context(settings)
+    try:
+        migrate(context.engine)
+        yield _Local(context)
+    finally:
+        context.engine.dispose()
+
+
+def register_file(
+    opening: Opening, file: Path | None, *, document: Path | None = None, **texts: str
+) -> tuple[dict[str, Any], bool]:
+    """Read what was brought, let it be converted, checked and registered.
+
+    Args:
+        opening: of where it is registered; called once all files could be read.
+        file: checkpoint, ONNX file or Hugging Face folder; None for kinds without one.
+        document: what the file does not say; None: what lies beside a file under its name, with an ending of `_SIDECARS`.
+        texts: name, engine and precision, which win over the document.
+
+    Returns:
+        The card, with what trying it out said; and whether this version is new.
+
+    Raises:
+        NotFound: there is no such file.
+        ValerieError: what is wrong with it, or with the document.
+    """
+    if file is not None and not (file.is_file() or file.is_dir()):
+        raise NotFound("file", file)
+    if document is None and file is not None and file.is_file():
+        beside = (file.with_suffix(suffix) for suffix in _SIDECARS)
+        document = next((path for path in beside if path.is_file()), None)
+        if document is not None:
+            say(f"with the document {document}, which lies beside it")
+    if document is not None:
+        texts = {"document": _text(document), **texts}
+    payload = file
+    if file is not None and file.is_dir():
+        texts, payload = _huggingface(file, texts)
+    with TemporaryDirectory(prefix="valerie-import-") as folder, opening() as registry:
+        return registry.register_function(texts, payload, Path(folder))
+
+
+def functions_named(given: str, opening: Opening) -> list[str]:
+    """What people write behind ``--functions``: names of functions and files, with commas between them.
+
+    A file is registered as `register_file` does, unless it is already, and stands for exactly that version. What has the ending
+    of a function's file is one if it exists; what has a slash is no name and must exist.
+
+    Returns:
+        What a spec may name.
+
+    Raises:
+        NotFound: no such file.
+        ValerieError: what is wrong with a file.
+    """
+    from valerie.pipeline.importing import SUFFIXES
+
+    references = []
+    for item in filter(None, (part.strip() for part in given.split(","))):
+        path = Path(item)
+        if "/" not in item and not (path.suffix.lower() in SUFFIXES and path.is_file()):
+            references.append(item)
+            continue
+        registered, new = register_file(opening, path)
+        what = "registered" if new else "registered already"
+        say(f"{item} is {what} as {registered['reference']}; `{command_name()} function show` prints its card")
+        references.append(registered["reference"])
+    return references
+
+
+def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
+    """A folder as document and file: the configuration is read here, the weights are opened where they are registered."""
+    from valerie.loading import load_document
+    from valerie.perception.huggingface import read_huggingface
+
+    changes = load_document(texts["document"]) if "document" in texts else {}
+    changes |= {field: value for field, value in texts.items() if field != "document"}
+    name = str(changes.pop("name", folder.absolute().name.lower()))
+    document, payload = read_huggingface(folder, name, **changes)
+    return {"document": json.dumps(document.model_dump(mode="json", exclude={"payload"}))}, payload
+
+
+def _text(path: Path) -> str:
+    from valerie.loading import MAX_BYTES
+
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InvalidInput("the document is too large", value=str(path), limit=f"{MAX_BYTES} bytes")
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise InvalidInput(f"the document cannot be read ({error.strerror})", value=str(path)) from error
+    except UnicodeDecodeError:
+        raise InvalidInput("the document is not UTF-8 text", value=str(path)) from None
