@@ -20,13 +20,12 @@ if TYPE_CHECKING:
 #: Of the document that lies beside a file and has its name.
 _SIDECARS: Final = (".yaml", ".yml", ".json")
 
-
 #: Opens a registry when it is needed.
 Opening = Callable[[], AbstractContextManager["Registry"]]
 
 
 class Registry(Protocol):
-    """What commands need of it."""
+    """What commands need of a registry, here or in a server."""
 
     def functions(self) -> list[dict[str, Any]]: ...
     def function(self, reference: str) -> dict[str, Any]: ...
@@ -38,7 +37,7 @@ class Registry(Protocol):
 
 
 class Remote:
-    """A server's."""
+    """The registry of a server."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -55,7 +54,7 @@ class Remote:
 
 
 class _Local:
-    """This data folder's, while no server runs on it."""
+    """The registry of this data folder, while no server runs on it."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

@@ -113,7 +113,7 @@ def submit(
 
     settings = settings_of(data_dir)
     with client_of(settings, url) as client:
-        text = spec_text(spec, functions, partial(nullcontext, Remote(client)))
+        text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         run = client.submit(text, idempotency_key=key)
         if not watch:
             _print(run.model_dump(mode="json"), run.id, as_json=json_lines)

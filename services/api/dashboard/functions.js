@@ -43,7 +43,7 @@ function card(name, versions, open) {
       newest.created_at ? h("span", { title: clock(newest.created_at) }, ` registered ${ago(newest.created_at)}`) : null]
       .filter(Boolean).flatMap((part, i) => (i ? [" · ", part] : [part]))),
     newest.problem ? h("p", { class: "note bad" }, newest.problem) : null,
-    h("dl", { class: "facts" }, facts(newest).map(([title, text, mono]) => h("div", {}, h("dt", {}, title), h("dd", { class: mono ? "mono" : null }, text)))),
+    h("dl", { class: "facts" }, facts(newest).map(([title, text, mono]) => fact(title, text, mono ? "mono" : null))),
     more(`${name} card`, "The whole card", open, cardFacts(newest)),
     versions.length > 1 ? more(`${name} versions`, plural(versions.length, "version"), open, versionTable(versions)) : null);
 }
@@ -69,7 +69,11 @@ function facts(one) {
 }
 
 function cardFacts(one) {
-  return h("dl", { class: "facts" }, one.card.map(([title, text]) => h("div", {}, h("dt", {}, title), h("dd", { class: "small" }, text))));
+  return h("dl", { class: "facts" }, one.card.map(([title, text]) => fact(title, text, "small")));
+}
+
+function fact(title, text, look) {
+  return h("div", { class: text.length > 90 ? "wide" : null }, h("dt", {}, title), h("dd", { class: look }, text));
 }
 
 function versionTable(versions) {
