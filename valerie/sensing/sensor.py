@@ -208,7 +208,12 @@ def _row_times(setting: SensorSetting, width: int, height: int, focal_px: float)
 
 
 def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats:
-    """Distortion, and red and blue larger or smaller than green."""
+    """Distortion, and red and blue larger or smaller than green.
+
+    Lateral chromatic aberration is a difference of magnification between the colours: the linear term of the radial model of
+    J. Mallon and P. F. Whelan, "Calibration and removal of lateral chromatic aberration in images", Pattern Recognition Letters
+    28(1), 2007, 125-135 (doi 10.1016/j.patrec.2006.06.013). Red and blue differ from green alike, in opposite directions.
+    """
     height, width = light.shape[:2]
     middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
     aberration = setting.lens.chromatic_aberration

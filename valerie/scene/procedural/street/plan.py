@@ -11,11 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
-#: Across, metres: the kerbs of a street of default width. Along: where the carriageway ends (both ends are closed by houses).
+#: Across, metres: the kerbs of a street of default width.
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
-ROAD_START, ROAD_STOP = -33.0, 112.2
-ROW_START, ROW_STOP = -27.0, 105.0
+#: Along, metres: where the carriageway and the rows of houses begin, and how far the carriageway reaches beyond the rows (both
+#: ends are closed by houses).
+ROAD_START, ROW_START = -33.0, -27.0
+_ROAD_BEYOND = 7.2
 #: Edges of the driving lane, metres from the left kerb: parking bays lie beside it.
 LANE = (2.1, 4.5)
 #: Nothing tall may stand here: the cameras look through it.
@@ -114,7 +116,7 @@ class Lines:
 
 
 def lines_of(settings: StreetSettings) -> Lines:
-    """The lines of a street; the defaults give the constants of this module."""
+    """The lines of a street: across, about the middle of the default one's kerbs; along, from `ROW_START` on."""
     bay = LANE[0]
     width = 2.0 * bay + settings.lanes * settings.lane_width_m
     centre = 0.5 * (LEFT_KERB + RIGHT_KERB) - (0.5 * settings.lane_width_m if settings.lanes % 2 == 0 else 0.0)
@@ -133,7 +135,7 @@ def lines_of(settings: StreetSettings) -> Lines:
         kerb_height=settings.kerb_height_m,
         lanes=tuple(round(bay + k * settings.lane_width_m, 4) for k in range(settings.lanes + 1)),
         road_start=ROAD_START,
-        road_stop=round(row_stop + ROAD_STOP - ROW_STOP, 4),
+        road_stop=round(row_stop + _ROAD_BEYOND, 4),
         row_start=ROW_START,
         row_stop=row_stop,
         crossings=tuple(c for c in crossings if c < row_stop - 12.0),
