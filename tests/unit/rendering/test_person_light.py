@@ -1,6 +1,7 @@
 """Light on persons and their contrast against scenes with a known answer."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,12 @@ from numpy.typing import NDArray
 from valerie.rendering.base import GroundTruth, LinearImage, PersonTruth, Rectangle, View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.person_light import PersonLight, Received, measure_light, ring_contrast, ring_width
+from valerie.rendering.raster import renderer
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.model import Scene
+from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, EXPOSURE, sky_of
+from valerie.scene.model import Node, Scene
 from valerie.scene.variation import apply
-from valerie.testing.assets import simple_asset
+from valerie.testing.assets import box_mesh, simple_asset
 
 VIEW = View("camera-1", 320, 180)
 PERSON = 24001
@@ -125,6 +128,54 @@ class TestLightOfTheRasterEngine:
         assert np.median(samples[:, 0]) == pytest.approx(np.cos(np.deg2rad(elevation)), rel=0.01)
         assert (samples[:, 2] == 1.0).mean() > 0.9
 
+    @pytest.mark.parametrize("movable", [False, True])
+    @pytest.mark.parametrize("shaded", [0.3, 0.9, 1.2])
+    def test_a_wall_that_shades_the_body_up_to_a_height_shades_its_share(
+        self, raster: RasterRenderer, truth_pass: TruthPass, shaded: float, movable: bool
+    ) -> None:
+        # The wall stands behind the camera, 12.8 m from the body's front. With the sun straight behind both, 20° high, the
+        # wall's upper edge throws its shadow to the height `shaded` on the body.
+        height = shaded + 12.8 * np.tan(np.deg2rad(20.0))
+        scene = with_wall(lit(elevation=20.0), y=-3.0, height=float(height), movable=movable)
+        # Seen from before: a coat 0.5 m wide and 1.5 m high, and a head of 0.24 × 0.3 m, 0.08 m further away than it.
+        head = 0.24 * 0.3 * (11.8 / 11.88) ** 2
+        assert light_of(raster, truth_pass, scene).shadow_share == pytest.approx(
+            0.5 * shaded / (0.5 * 1.5 + head), abs=0.025
+        )
+
+    def test_below_an_even_sky_on_black_ground_an_upright_face_gets_half_of_what_lies_on_the_ground(
+        self, truth_pass: TruthPass, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # A sky of radiance L lights level ground with the integral of L cos over the hemisphere, π L. An upright face sees half
+        # of that sky: π L / 2. The table holds π L in the image's unit.
+        radiance, scene = np.array([0.6, 0.9, 1.2]), in_the_open(lit())
+        even = replace(
+            sky_of(scene),
+            table=np.broadcast_to(radiance, (ELEVATIONS, AZIMUTHS, 3)).astype(np.float32),
+            sky_irradiance=radiance,
+            sun=np.zeros(3),
+            ground=np.zeros(3),
+        )
+        monkeypatch.setattr(renderer, "sky_of", lambda _: even)
+        with closing(RasterRenderer()) as fresh:
+            samples = on_the_body(fresh, truth_pass, scene)
+        assert (samples[:, 0] == 0.0).all()
+        expected = float(radiance @ [0.2126, 0.7152, 0.0722]) / 2 / EXPOSURE
+        # The engine takes the sky from 32 directions, of which not exactly half lie before a face.
+        assert np.median(samples[:, 1]) == pytest.approx(expected, rel=0.04)
+
+    def test_an_overcast_sky_lights_an_upright_face_as_moon_and_spencers_does(
+        self, raster: RasterRenderer, truth_pass: TruthPass
+    ) -> None:
+        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, an upright face π/6 + 4/9, and from ground of
+        # albedo 0.2 half of what that reflects.
+        scene = in_the_open(lit())
+        scene = replace(scene, environment=replace(scene.environment, cloud_cover=1.0))
+        on_ground = float(sky_of(scene).sky_irradiance @ [0.2126, 0.7152, 0.0722])
+        expected = on_ground * ((np.pi / 6 + 4 / 9) / (7 * np.pi / 9) + 0.2 / 2)
+        samples = on_the_body(raster, truth_pass, scene)
+        assert np.median(samples[:, 1]) == pytest.approx(expected / EXPOSURE, rel=0.05)
+
     def test_light_grows_with_the_suns_irradiance(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
         one, two = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
         assert one.irradiance is not None
@@ -179,6 +230,19 @@ def lit(
     sun = {"azimuth": azimuth, "elevation": elevation, "irradiance": irradiance}
     values = {f"scene.sun-1.{name}": value for name, value in sun.items()}
     return apply({**values, "scene.person-1.character": character, "scene.person-1.pos.x": x}, simple_asset())
+
+
+def with_wall(scene: Scene, *, y: float, height: float, movable: bool) -> Scene:
+    """With a wall across at ``y``, 6 m long and 0.2 m thick."""
+    wall = box_mesh((-3.0, y - 0.2, 0.0), (3.0, y, height), "plaster")
+    node = Node("scene.wall-1", np.eye(4), (wall,), label_id=12, movable=movable)
+    return replace(scene, nodes={**scene.nodes, node.path: node})
+
+
+def in_the_open(scene: Scene) -> Scene:
+    """Without house and car."""
+    nodes = {path: node for path, node in scene.nodes.items() if "building" not in path and "car" not in path}
+    return replace(scene, nodes=nodes)
 
 
 def light_of(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> PersonLight:

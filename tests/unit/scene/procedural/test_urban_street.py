@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from valerie.labels import CITYSCAPES, VOID
-from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.definitions import ParameterType
 from valerie.pipeline.training_scenes import crowd_asset
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.gltf import load_gltf, save_gltf
 from valerie.scene.legality import rejection_reason
-from valerie.scene.model import JOINTS, Camera, Node, Scene
-from valerie.scene.naming import ROOT
+from valerie.scene.model import JOINTS, Scene
 from valerie.scene.paints import PAINTS
 from valerie.scene.procedural.urban_street import CAMERAS
 from valerie.scene.traverse import traverse
@@ -276,52 +275,3 @@ def test_copies_of_a_person_take_stances_in_materials_of_their_own(asset: SceneA
     meshes = scene.nodes["scene.person-3.striped-boy"].meshes
     assert all(mesh.material.startswith("person-3/striped-boy/") for mesh in meshes)
     assert all(mesh.material in scene.materials for mesh in meshes)
-
-
-def another_value(definition: ParameterDefinition) -> float | str | bool:
-    """A value that is not the default."""
-    if definition.type is ParameterType.BOOL:
-        return not definition.default
-    if definition.type is ParameterType.CATEGORICAL:
-        return next(choice for choice in definition.choices if choice != definition.default)
-    default = float(definition.check(definition.default))
-    if definition.type is ParameterType.ANGLE:
-        return (default + 40.0) % 360.0
-    assert definition.minimum is not None
-    assert definition.maximum is not None
-    return 0.5 * (default + (definition.maximum if default < definition.maximum else definition.minimum))
-
-
-def looks(node: Node) -> tuple[object, ...]:
-    """What can be seen of a node."""
-    return node.visible, node.transform.tobytes(), *(id(mesh) for mesh in node.meshes)
-
-
-def same_camera(one: Camera, other: Camera) -> bool:
-    return one.focal_length_mm == other.focal_length_mm and np.array_equal(one.transform, other.transform)
-
-
-#: What is absent has no parameters that count.
-EVERYTHING_SHOWN: dict[str, Value] = {
-    "scene.person-2.character": "red-coat",
-    "scene.car-101.kind": "suv",
-    "scene.bicycle-101.visible": True,
-}
-
-
-@pytest.mark.parametrize(
-    "definition", [d for d in MANIFEST.parameters if d.path.startswith(f"{ROOT}.")], ids=lambda d: d.path
-)
-def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, definition: ParameterDefinition) -> None:
-    owner = definition.path.split(".")[1]
-    shown = {path: value for path, value in EVERYTHING_SHOWN.items() if path != definition.path}
-    before, after = apply(shown, asset), apply({**shown, definition.path: another_value(definition)}, asset)
-    nodes = {path for path, node in before.nodes.items() if looks(after.nodes[path]) != looks(node)}
-    materials = {name for name in before.materials if after.materials[name] != before.materials[name]}
-    cameras = {name for name, camera in before.cameras.items() if not same_camera(after.cameras[name], camera)}
-    sky = before.sun != after.sun or before.environment != after.environment
-    assert nodes or materials or cameras or sky
-    assert all(path.split(".")[1] == owner for path in nodes)
-    assert all(name.partition("/")[0] == owner for name in materials)
-    assert cameras <= {owner}
-    assert not sky or owner in ("sun-1", "environment-1")
