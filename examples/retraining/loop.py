@@ -72,7 +72,7 @@ def main() -> int:
             context,
             run_id,
             versions,
-            open_function=lambda name: open_reference(name, context=context, threads=options.threads),
+            open_function=lambda name: open_reference(name, context=context),
             where=options.where,
             region=weakness.region,
             progress=lines.tell,

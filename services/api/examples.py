@@ -117,6 +117,7 @@ FRAME_DETAIL: Final[dict[str, Any]] = {
             "miou": 0.6122,
             "fwiou": 0.9011,
             "macc": 0.6904,
+            "judged_by": [],
             "persons": [{"instance_id": 24001, "tp": 1980, "fn": 210, "pacc": 0.9041}],
             "images": {
                 kind: f"{_IMAGE}?kind={kind}&{_FUNCTION_IMAGE}"
@@ -224,7 +225,7 @@ SUMMARY: Final[dict[str, Any]] = {
         "occlusion": [{"character": "yellow-shirt", "persons": 30, "occluded": 4}],
         "empty": [],
     },
-    "findings": {"items": [], "examined": 6, "held": 0, "level": 0.95, "resamples": 2000, "seed": 0},
+    "findings": {"items": [], "examined": 6, "held": 0, "level": 0.95, "resamples": 2000, "seed": 0, "unpaired": []},
 }
 VARIANTS_PLANNED: Final = [{"index": 0, "values": {"p1": 1.5, "p2": 4.0}, "rejection": None}]
 PLAN: Final[dict[str, Any]] = {
@@ -312,6 +313,7 @@ _CARD: Final = [
     ["kind", "onnx"],
     ["classes", "3: road, person, everything else → void"],
     ["answers", "logits"],
+    ["judged by", "road, person"],
     ["input size", "the frame's own, padded to multiples of 32"],
     ["normalisation", "x / 255"],
     ["channel order", "RGB"],
@@ -336,6 +338,7 @@ _REGISTERED: Final[dict[str, Any]] = {
     "version": 1,
     "classes": ["road", "person"],
     "unmapped": ["everything else"],
+    "judged_by": ["road", "person"],
     "card": _CARD,
     "created_at": "2026-11-21T06:40:00Z",
 }
@@ -354,6 +357,7 @@ FUNCTIONS: Final[list[dict[str, Any]]] = [
         "version": None,
         "classes": ["road", "person"],
         "unmapped": [],
+        "judged_by": [],
         "card": [["digest", "d" * 64], ["kind", "network"], ["architecture", "deeplabv3plus-small"]],
         "created_at": None,
     },

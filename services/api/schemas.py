@@ -164,6 +164,9 @@ class FrameEvaluation(Read):
     miou: float | None
     fwiou: float | None
     macc: float | None
+    judged_by: list[str] = Field(
+        description="classes that pixel_accuracy, miou, fwiou and macc are over; empty: all 19"
+    )
     persons: list[PersonScoreRead]
     images: dict[str, str] = Field(description="kind of picture to its address: what this function saw and made of it")
 
@@ -334,6 +337,9 @@ class FunctionRead(Read):
     version: int | None = Field(None, description="counts the versions of a registered name")
     classes: list[str] | None = Field(None, description="Cityscapes classes that it can predict")
     unmapped: list[str] | None = Field(None, description="its own classes that count as void")
+    judged_by: list[str] = Field(
+        [], description="Cityscapes classes that its all-class figures are over; empty: all 19"
+    )
     card: list[tuple[str, str]] = Field(description="title and text of each row of its card, for people to read")
     created_at: Moment | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from valerie.analysis.all_classes import AllClasses
@@ -26,6 +26,7 @@ def analyze(
     table: EvaluationTable,
     *,
     classes: Sequence[AllClasses] = (),
+    precisions: Mapping[str, str] | None = None,
     threshold: float = 0.5,
     seed: int = 0,
     resamples: int = 2000,
@@ -35,6 +36,7 @@ def analyze(
     Args:
         table: the run's evaluations.
         classes: what they say of all classes.
+        precisions: function to the precision that it ran in: functions of unequal ones are not held against each other.
         threshold: detection threshold t, 0 < t ≤ 1.
         seed: of the bootstrap draws and the cross-validation folds.
         resamples: number of bootstrap draws.
@@ -45,4 +47,4 @@ def analyze(
     resampler = Resampler(table.situations, seed=seed, resamples=resamples)
     summary = summarize(table, classes=classes, threshold=threshold, resampler=resampler)
     trends = find_trends(table, resampler=resampler, seed=seed, threshold=threshold)
-    return Analysis(summary, trends, find_findings(table, trends, resampler=resampler))
+    return Analysis(summary, trends, find_findings(table, trends, resampler=resampler, precisions=precisions))

@@ -79,15 +79,24 @@ class Comparison:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
+        numeric_classes: in which the versions ran, in their order; empty where nobody knows.
+        judged_by: names of the classes that ``classes`` and ``overall`` are of; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
         overall: all-class score to (frame mean, pooled) per version.
     """
 
     versions: tuple[str, ...]
+    numeric_classes: tuple[str, ...]
+    judged_by: tuple[str, ...]
     threshold: float
     groups: tuple[GroupComparison, ...]
     classes: Mapping[str, tuple[tuple[float | None, float | None], ...]]
     overall: Mapping[str, tuple[tuple[float | None, float | None], ...]]
+
+    @property
+    def alike(self) -> bool:
+        """Whether all versions ran in one numeric class, as far as is known."""
+        return len(set(self.numeric_classes)) < 2
 
     def changes(self, version: int) -> tuple[list[str], list[str]]:
         """(better, worse) in sentences for one later version; each with its numbers, the largest first.
@@ -123,6 +132,8 @@ class Comparison:
             verdicts[name] = {"better": better, "worse": worse}
         return {
             "versions": list(self.versions),
+            "numeric_classes": list(self.numeric_classes),
+            "judged_by": list(self.judged_by),
             "threshold": self.threshold,
             "groups": [asdict(group) for group in self.groups],
             "classes": {name: [list(side) for side in sides] for name, sides in self.classes.items()},
@@ -134,6 +145,7 @@ class Comparison:
 def compare(
     versions: Mapping[str, tuple[EvaluationTable, CollectionScores]],
     *,
+    numeric_classes: Sequence[str] = (),
     more_groups: Mapping[str, NDArray[np.bool_]] | None = None,
     threshold: float = 0.5,
     seed: int = 0,
@@ -142,14 +154,15 @@ def compare(
 
     Args:
         versions: name to long table (one function, one sensor setting) and scores; the first is "before". Rows are those
-            of `aligned`: the same persons in the same frames, in the same order.
+            of `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
+        numeric_classes: in which the versions ran, in their order.
         more_groups: name to (N,) bool over the first table's rows: groups beside those that are always made (distance,
             occlusion, character, camera).
         threshold: of the detection rate.
         seed: of the bootstrap.
 
     Raises:
-        InvalidInput: fewer than two versions, or tables of other rows.
+        InvalidInput: fewer than two versions, tables of other rows, or scores of other classes.
     """
     if len(versions) < 2:
         raise InvalidInput("nothing to compare", field="versions", value=list(versions), limit="at least two")
@@ -166,18 +179,22 @@ def compare(
         if (group := _group(name, mask, tables, resampler, threshold)).persons or name == "all persons"
     ]
     scores = [scores for _, scores in versions.values()]
+    judged = scores[0].judged
+    if any(one.judged != judged for one in scores):
+        raise InvalidInput("scores of other classes", field="versions", value=[list(one.judged) for one in scores])
     classes = {
         scores[0].classes[k].label.name: tuple(
             (one.classes[k].iou.pooled, one.classes[k].pacc.pooled) for one in scores
         )
-        for k in range(len(scores[0].classes))
+        for k in judged
         if any(one.classes[k].iou.pooled is not None for one in scores)
     }
     overall = {
         name: tuple((one.overall[name].frames.mean, one.overall[name].pooled) for one in scores)
         for name in ("pixel_accuracy", "miou", "macc", "fwiou")
     }
-    return Comparison(tuple(versions), threshold, tuple(groups), classes, overall)
+    judged_by = tuple(scores[0].classes[k].label.name for k in judged)
+    return Comparison(tuple(versions), tuple(numeric_classes), judged_by, threshold, tuple(groups), classes, overall)
 
 
 def row_keys(table: EvaluationTable) -> list[tuple[str, int | None]]:

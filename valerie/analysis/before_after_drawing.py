@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from valerie.analysis.all_classes import classes_text
 from valerie.analysis.before_after import Comparison
 
 #: Okabe and Ito: told apart by everyone.
@@ -43,7 +44,8 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
                 f"{side.false_pixels:,}",
             )
     classes = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
-    classes.add_column("all classes: mean / pooled")
+    of = classes_text(comparison.judged_by) if comparison.judged_by else "no class that all are judged by"
+    classes.add_column(f"{of}: mean / pooled")
     for version in comparison.versions:
         classes.add_column(version, justify="right")
     for name, sides in comparison.overall.items():
@@ -58,12 +60,27 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
         "later version: what was bad by chance is less bad the next time."
     )
     parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
+    if comparison.numeric_classes:
+        parts.append(Text(numeric_classes_text(comparison), style="dim" if comparison.alike else "bold"))
     for number, version in enumerate(comparison.versions[1:], start=1):
         better, worse = comparison.changes(number)
         for title, lines in (("better", better), ("worse", worse)):
             parts.append(Text(f"\n{version}, {title}:", style="bold"))
             parts += [Text(f"  {line}") for line in lines or [f"nothing is clearly {title}"]]
     return Group(*parts)
+
+
+def numeric_classes_text(comparison: Comparison) -> str:
+    """In which numeric classes the versions ran, and what follows where these differ; empty where nobody knows."""
+    if not comparison.numeric_classes:
+        return ""
+    if comparison.alike:
+        return f"All ran as {comparison.numeric_classes[0]}."
+    ran = zip(comparison.versions, comparison.numeric_classes, strict=True)
+    return (
+        f"Numeric classes differ, so differences may be those of precision or engine: "
+        f"{'; '.join(f'{version} ran as {numeric_class}' for version, numeric_class in ran)}."
+    )
 
 
 def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
@@ -105,6 +122,7 @@ def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> N
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=12)
+    left.set_title(numeric_classes_text(comparison), loc="left", fontsize=8, color="#555555")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations, pairwise
@@ -19,6 +19,8 @@ from valerie.analysis.trends import Axis, Trends, axis_of
 
 #: Each side of a comparison needs this many person-frames (and `MIN_SITUATIONS` situations).
 MIN_PERSONS: Final = 10
+#: Precisions in which a function's labels differ from what it says in full.
+_REDUCED: Final = frozenset({"bf16", "fp16"})
 #: A function is named when more than this share of the pixels that it calls person belong to no person.
 HEAVY: Final = 0.5
 
@@ -70,14 +72,19 @@ class _Difference:
     paired: bool
 
 
-def compare_all(table: EvaluationTable, trends: Trends, resampler: Resampler) -> Iterator[Comparison]:
-    """Every comparison that the table has enough persons and situations for."""
+def compare_all(
+    table: EvaluationTable, trends: Trends, resampler: Resampler, precisions: Mapping[str, str]
+) -> Iterator[Comparison]:
+    """Every comparison that the table has enough persons and situations for.
+
+    Functions of unequal ``precisions`` (by name, as `unpaired` says) are not held against each other.
+    """
     if not len(table):
         return
     yield from _between_bins(table, trends, resampler)
     yield from _between_values(table, resampler)
     yield from _between_characters(table, resampler)
-    yield from _between_functions(table, resampler)
+    yield from _between_functions(table, resampler, precisions)
     yield from _false_positives(table, resampler)
 
 
@@ -192,14 +199,33 @@ def _between_characters(table: EvaluationTable, resampler: Resampler) -> Iterato
             )
 
 
-def _between_functions(table: EvaluationTable, resampler: Resampler) -> Iterator[Comparison]:
+def unpaired(table: EvaluationTable, precisions: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
+    """Pairs of functions, sorted, whose difference would be one of precision too: bf16 and fp16 are like themselves alone.
+
+    Args:
+        table: that holds the functions.
+        precisions: function to the precision that it ran in; a function that is missing ran in full.
+    """
+
+    def reduced(name: str) -> str:
+        precision = precisions.get(name, "")
+        return precision if precision in _REDUCED else ""
+
+    pairs = combinations(sorted({function for function, _ in settings(table)}), 2)
+    return tuple((a, b) for a, b in pairs if reduced(a) != reduced(b))
+
+
+def _between_functions(
+    table: EvaluationTable, resampler: Resampler, precisions: Mapping[str, str]
+) -> Iterator[Comparison]:
     """Two functions on the same picture of the same person."""
+    apart = unpaired(table, precisions)
     pacc = table.numbers("pacc")
     same = combine([table.codes("frame_id").index, np.nan_to_num(table.numbers("instance_id"))])
     pairs = settings(table)
     for sensor in sorted({sensor for _, sensor in pairs}):
         for a, b in combinations(sorted(function for function, s in pairs if s == sensor), 2):
-            for name in characters(table):
+            for name in () if (a, b) in apart else characters(table):
                 ours, theirs = (rows_of(table, Group(function, sensor, name)) for function in (a, b))
                 difference = _paired(pacc, ours, theirs, same, resampler)
                 if difference is None:

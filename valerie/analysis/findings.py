@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from pydantic import TypeAdapter
 
-from valerie.analysis.comparisons import Comparison, FindingKind, compare_all
+from valerie.analysis.comparisons import Comparison, FindingKind, compare_all, unpaired
 from valerie.analysis.intervals import Interval, Resampler, simultaneous
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
@@ -62,6 +62,7 @@ class Findings:
         level: joint confidence of all intervals.
         resamples: bootstrap draws.
         seed: of the draws.
+        unpaired: a sentence for each two functions that were not held against each other, with the reason.
     """
 
     items: tuple[Finding, ...]
@@ -70,6 +71,7 @@ class Findings:
     level: float
     resamples: int
     seed: int
+    unpaired: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """Plain dicts, lists, numbers and None."""
@@ -81,15 +83,19 @@ class Findings:
         return TypeAdapter(cls).validate_python(document)
 
 
-def find_findings(table: EvaluationTable, trends: Trends, *, resampler: Resampler) -> Findings:
+def find_findings(
+    table: EvaluationTable, trends: Trends, *, resampler: Resampler, precisions: Mapping[str, str] | None = None
+) -> Findings:
     """Compare bins, values of every varied parameter, characters, functions and false positives; say what holds.
 
     Args:
         table: the run's evaluations.
         trends: its trends (their bins are compared).
         resampler: the run's bootstrap draws (made of ``table.situations``).
+        precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.unpaired`.
     """
-    made = tuple(compare_all(table, trends, resampler))
+    precisions = precisions or {}
+    made = tuple(compare_all(table, trends, resampler, precisions))
     draws = len(resampler.weights)
     replicates = np.stack([c.replicates for c in made], axis=1) if made else np.zeros((draws, 0))
     estimates, situations = np.array([c.estimate for c in made]), np.array([c.situations for c in made])
@@ -97,7 +103,12 @@ def find_findings(table: EvaluationTable, trends: Trends, *, resampler: Resample
     judged = zip(made, half.tolist(), error.tolist(), strict=True)
     found = [_finding(comparison, h, e) for comparison, h, e in judged if _holds(comparison, h)]
     found.sort(key=lambda finding: (-finding.evidence, finding.sentence))
-    return Findings(_clearest(found), len(made), len(found), LEVEL, draws, resampler.seed)
+    apart = tuple(
+        f"{a} ({precisions.get(a, 'full precision')}) and {b} ({precisions.get(b, 'full precision')}) ran in unequal precisions "
+        "and are not held against each other."
+        for a, b in unpaired(table, precisions)
+    )
+    return Findings(_clearest(found), len(made), len(found), LEVEL, draws, resampler.seed, apart)
 
 
 def _holds(comparison: Comparison, half: float) -> bool:

@@ -7,7 +7,7 @@ from typing import Final
 
 import yaml
 
-from valerie.analysis.all_classes import AllClasses
+from valerie.analysis.all_classes import AllClasses, classes_text
 from valerie.analysis.examples import Example
 from valerie.analysis.findings import Findings
 from valerie.analysis.frames import ALL, setting_labels
@@ -136,7 +136,10 @@ def empty_table(empty: Sequence[EmptyFrames]) -> Html:
 
 
 def classes_table(classes: Sequence[AllClasses]) -> Html:
-    """IoU of every class from pooled counts, a column per function and sensor setting, the means in the last two lines."""
+    """IoU of every class from pooled counts, a column per function and sensor setting, the means in the last two lines.
+
+    Where a function is judged by fewer than all classes, a note says by which.
+    """
     if not classes:
         return Html("")
     pixels = {c.name: c.pixels for one in classes for c in one.classes}
@@ -149,23 +152,28 @@ def classes_table(classes: Sequence[AllClasses]) -> Html:
     ]
     rows.append(("mean of these", "", *(percent(one.miou_pooled) for one in classes)))
     rows.append(("mean of the frames' means", "", *(percent(one.miou_mean) for one in classes)))
-    names = setting_labels((one.function, one.sensor) for one in classes).values()
-    heads = ("Class", "Share of the pixels, %", *(f"IoU of {name}, %" for name in names))
-    return join(tag("h3", "All classes"), table(heads, rows, numbers=range(1, len(heads))))
+    names = setting_labels((one.function, one.sensor) for one in classes)
+    heads = ("Class", "Share of the pixels, %", *(f"IoU of {name}, %" for name in names.values()))
+    partial = {one.function: classes_text(one.judged_by) for one in classes if one.judged_by}
+    notes = [f"{name} is judged by {text}." for name, text in partial.items()]
+    if notes:
+        notes.append("Means are over the classes that a function is judged by; a dash is another one.")
+    note = tag("p", " ".join(notes), class_="note") if notes else None
+    return join(tag("h3", "All classes"), table(heads, rows, numbers=range(1, len(heads))), note)
 
 
 def findings_list(findings: Findings) -> Html:
     """The sentences, strongest evidence first, and what was looked at to find them."""
     if not findings.examined:
-        return tag(
-            "p", "Too few persons or situations for any comparison. Vary more parameters, or more values of them."
-        )
+        few = "Too few persons or situations for any comparison. Vary more parameters, or more values of them."
+        return join(tag("p", few), _unpaired_note(findings))
     made = (
         f"{findings.examined} comparisons were made; the intervals hold together with {100 * findings.level:g} % "
         f"confidence (bootstrap over situations, {findings.resamples:,} draws, seed {findings.seed}). "
     )
     if not findings.items:
-        return tag("p", made + "None shows an effect that the choice of situations could not explain.")
+        none = "None shows an effect that the choice of situations could not explain."
+        return join(tag("p", made + none), _unpaired_note(findings))
     items = [
         tag(
             "li",
@@ -181,7 +189,12 @@ def findings_list(findings: Findings) -> Html:
     hidden = findings.held - len(findings.items)
     more = f"{hidden} weaker changes along the same axes are not listed. " if hidden else ""
     note = "A difference between bins may have another cause than the axis: nearer pedestrians are also larger."
-    return join(tag("ol", items, class_="findings"), tag("p", made + more + note, class_="note"))
+    listed = tag("ol", items, class_="findings")
+    return join(listed, tag("p", made + more + note, class_="note"), _unpaired_note(findings))
+
+
+def _unpaired_note(findings: Findings) -> Html | None:
+    return tag("p", " ".join(findings.unpaired), class_="note") if findings.unpaired else None
 
 
 def bins_table(trends: Sequence[Trend], threshold: float) -> Html:

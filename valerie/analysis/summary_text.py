@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from io import StringIO
 from typing import Final
@@ -11,6 +12,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from valerie.analysis.all_classes import classes_text
 from valerie.analysis.findings import Findings
 from valerie.analysis.frames import ALL, setting_labels
 from valerie.analysis.intervals import Interval
@@ -42,6 +44,8 @@ def summary_renderable(summary: Summary, findings: Findings | None = None, *, mo
     if findings is not None and findings.items:
         parts.append(Text("\nFindings", style="bold"))
         parts += [Text(f"{i}. {finding.sentence}") for i, finding in enumerate(findings.items[:most], 1)]
+    if findings is not None:
+        parts += [Text(sentence, style="dim") for sentence in findings.unpaired]
     return Group(*parts)
 
 
@@ -122,13 +126,15 @@ def _notes(summary: Summary) -> list[str]:
         f"{e.function}: {e.with_false_positives:,} of {e.frames:,} frames without a person have person pixels."
         for e in summary.empty
     ]
-    if summary.classes:
-        labels = setting_labels((one.function, one.sensor) for one in summary.classes)
-        mious = [
-            f"{labels[one.function, one.sensor]} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
-            for one in summary.classes
-        ]
-        lines.append(f"Mean IoU of all classes, frame mean / pooled: {', '.join(mious)}.")
+    labels = setting_labels((one.function, one.sensor) for one in summary.classes)
+    mious: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    for one in summary.classes:
+        text = f"{labels[one.function, one.sensor]} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
+        mious[one.judged_by].append(text)
+    lines += [
+        f"Mean IoU of {classes_text(judged_by)}, frame mean / pooled: {', '.join(texts)}."
+        for judged_by, texts in mious.items()
+    ]
     return lines
 
 

@@ -72,7 +72,12 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
         "of the frame: TP / (TP + FP) over all its persons; empty when nothing is called person",
     ),
     ("iou", pa.float64(), True, "of the frame: TP / (TP + FP + FN) over all its persons; empty when the sum is 0"),
-    ("pixel_accuracy", pa.float64(), True, "of the frame: share of correct pixels, all classes"),
+    (
+        "pixel_accuracy",
+        pa.float64(),
+        True,
+        "of the frame: share of correct pixels of the classes that the function is judged by",
+    ),
     ("fp", pa.int64(), False, "of the frame: pixels called person that belong to none (repeated in each of its rows)"),
 )
 _FIXED: Final = {name: (dtype, nullable) for name, dtype, nullable, _ in COLUMNS}

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, console, context_of, say, settings_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, console, say, settings_of
 from valerie.errors import InvalidInput, NotFound
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from valerie.metrics.collection import Averages, CollectionScores
+    from valerie.perception.base import PerceptionFunction
     from valerie.pipeline.dataset_evaluation import DatasetResult
 
 
@@ -33,35 +34,42 @@ def evaluate(
         Path | None, typer.Option("--out", metavar="DIR", help="Also write evaluation.json and Parquet tables there.")
     ] = None,
     beside: Annotated[
-        str | None, typer.Option("--beside", metavar="RUN", help="Show a run's scores of the same functions too.")
+        str | None, typer.Option("--beside", metavar="RUN", help="Show a run's scores of the versions that it saw too.")
     ] = None,
-    threads: Annotated[int, typer.Option("--threads", min=1, help="CPU threads of the inference engine.")] = 1,
+    threads: InferenceThreads = None,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
     """Evaluate functions on a data set in Cityscapes layout, with the metrics of runs.
 
-    Ignores what cityscapesScripts ignores. Every score stands there as frame mean and pooled.
+    Ignores what cityscapesScripts ignores. Every score stands there as frame mean and pooled. Beside a run a
+    function is the version that the run saw, run as it was there.
     """
     from valerie.cli.datasets import Lines
     from valerie.cli.specs import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
-    from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_scores
-    from valerie.pipeline.opening import open_reference
+    from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_side
+    from valerie.pipeline.opening import open_pinned, open_reference
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
     lines = Lines("frames")
-    also: dict[str, CollectionScores] = {}
-    if beside is not None:  # before hours of work: the run may not have them
-        with context_of(data_dir) as context:
-            also = {name: run_scores(context, beside, name) for name in functions}
     with deployment_or_empty(settings_of(data_dir)) as deployment:
+        seen = {} if beside is None else {name: run_side(deployment, beside, name) for name in functions}
+
+        def opened(name: str) -> PerceptionFunction:
+            if name in seen:
+                return open_pinned(seen[name].called, seen[name].pin, context=deployment, threads=threads)
+            return open_reference(name, context=deployment, threads=threads)
+
+        for name in seen:  # before hours of work: they may be gone, or run otherwise here
+            opened(name).close()
         result = evaluate_dataset(
             folder,
             functions,
-            open_function=lambda name: open_reference(name, context=deployment, threads=threads),
+            open_function=opened,
             progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
+    also = {name: side.scores for name, side in seen.items()}
     if out is not None:
         for path in result.write(out):
             say(f"wrote {path}")
@@ -91,6 +99,9 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     from rich.table import Table
     from rich.text import Text
 
+    from valerie.analysis.all_classes import classes_text
+    from valerie.labels import TRAIN_LABELS
+
     here = f"{result.root.name}/{result.split}"
     columns = [(f"{one.name}\n{here}", one.scores) for one in result.functions]
     columns += [(f"{name}\nrun {beside}", scores) for name, scores in also.items()]
@@ -117,11 +128,13 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     classes.add_column("pooled over frames\nIoU / recall", no_wrap=True)
     for title, _ in columns:
         classes.add_column(title, justify="right")
-    for train_id, label in enumerate(scores.label for scores in columns[0][1].classes):
-        cells = [scores.classes[train_id] for _, scores in columns]
-        if any(cell.counts.tp + cell.counts.fn + cell.counts.fp for cell in cells):
+    for label in TRAIN_LABELS:
+        judged = {title: scores.of(label) for title, scores in columns if label.train_id in scores.judged}
+        if any(one.counts.tp + one.counts.fn + one.counts.fp for one in judged.values()):
+            cells = [judged.get(title) for title, _ in columns]
             classes.add_row(
-                label.name, *(f"{_percent(cell.iou.pooled)} / {_percent(cell.pacc.pooled)}" for cell in cells)
+                label.name,
+                *("–" if c is None else f"{_percent(c.iou.pooled)} / {_percent(c.pacc.pooled)}" for c in cells),
             )
     people = [
         f"{one.name}: {one.person_pacc.defined:,} persons, mean pACC {_percent(one.person_pacc.mean)}"
@@ -131,6 +144,8 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     notes = [
         "In per cent. Mean, min and max are over the frames that show a person; pooled sums the pixels of all frames."
     ]
+    partial = {one.name: one.card.judged_by for one in result.functions if one.card.judged_by}
+    notes += [f"{name} is judged by {classes_text(by)}: its mIoU is over them." for name, by in partial.items()]
     if people:
         notes.append("Each person weighing the same: " + "; ".join(people) + ".")
     return [persons, "", classes, "", *(Text(note, style="dim") for note in notes)]

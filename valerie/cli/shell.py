@@ -54,6 +54,10 @@ Url = Annotated[
     str | None,
     typer.Option("--url", help="Address of a server.", show_default="the one that runs on the data folder"),
 ]
+InferenceThreads = Annotated[
+    int | None,
+    typer.Option("--threads", min=1, help="CPU threads of the inference engine.", show_default="as workers have"),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 EndWithParent = Annotated[bool, typer.Option("--end-with-parent", hidden=True)]
 

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Json, command_name, console, context_of, say, settings_of
+from valerie.cli.shell import (
+    DataDir,
+    InferenceThreads,
+    Json,
+    command_name,
+    console,
+    context_of,
+    say,
+    settings_of,
+)
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -120,7 +129,7 @@ def train(
     _say_made(made, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
     say(f"functions: [{weakness.reference}, {registered.reference}]")
-    comparison = _compare(run, [weakness.function, registered.reference], where, threads, data_dir)
+    comparison = _compare(run, [weakness.function, registered.reference], where, data_dir)
     _show(comparison, as_json=as_json)
 
 
@@ -153,7 +162,10 @@ def compare(
         str, typer.Option("--where", metavar="EXPRESSION", help="Show the selected persons and their region apart.")
     ] = "",
     picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.png", help="Also draw it.")] = None,
-    threads: Threads = 1,
+    mixed: Annotated[
+        bool, typer.Option("--mixed", help="Also in unequal numeric classes: to see what precision or engine change.")
+    ] = False,
+    threads: InferenceThreads = None,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
@@ -161,7 +173,7 @@ def compare(
 
     A name that stands in the run's spec means the version that the run saw.
     """
-    comparison = _compare(run, versions, where, threads, data_dir)
+    comparison = _compare(run, versions, where, data_dir, threads=threads, mixed=mixed)
     if picture is not None:
         from valerie.analysis.before_after_drawing import draw_comparison
 
@@ -183,7 +195,15 @@ def _one_of(context: typer.Context, functions: tuple[str, ...]) -> str:
     return "the run has several functions, and one is trained at a time; choose:\n" + "\n".join(lines)
 
 
-def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: Path | None) -> Comparison:
+def _compare(
+    run: str,
+    versions: list[str],
+    where: str,
+    data_dir: Path | None,
+    *,
+    threads: int | None = None,
+    mixed: bool = False,
+) -> Comparison:
     from valerie.cli.datasets import Lines
     from valerie.pipeline.comparison import compare_versions
     from valerie.pipeline.opening import open_reference
@@ -198,6 +218,7 @@ def _compare(run: str, versions: list[str], where: str, threads: int, data_dir: 
             open_function=lambda name: open_reference(name, context=deployment, threads=threads),
             where=where,
             region=selected_region(deployment, run, where, versions[0]) if where else None,
+            mixed=mixed,
             progress=lines.tell,
         )
 

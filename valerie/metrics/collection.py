@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from valerie.labels import PERSON, TRAIN_LABELS, Label
+from valerie.labels import NUM_TRAIN_CLASSES, PERSON, TRAIN_LABELS, Label
 from valerie.metrics.aggregate import FrameMean, frame_mean, pooled
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import ClassCounts, class_counts, fwiou, macc, miou, pixel_accuracy
@@ -56,15 +56,17 @@ class CollectionScores:
     Attributes:
         frames: how many.
         matrix: (19, 20) summed counts.
-        classes: in train-id order.
-        overall: ``pixel_accuracy``, ``macc``, ``miou``, ``fwiou`` over the classes in the truth, and ``miou_cityscapes``:
-            the mean IoU of the summed counts over the classes in truth *or* prediction, as cityscapesScripts averages
+        classes: in train-id order, also those that are not judged.
+        judged: train ids of the classes that ``overall`` is over, ascending.
+        overall: ``pixel_accuracy``, ``macc``, ``miou``, ``fwiou`` over the judged classes in the truth, and ``miou_cityscapes``:
+            the mean IoU of the summed counts over the judged classes in truth *or* prediction, as cityscapesScripts averages
             (defined pooled only).
     """
 
     frames: int
     matrix: ConfusionMatrix
     classes: tuple[ClassScores, ...]
+    judged: tuple[int, ...]
     overall: dict[str, Averages]
 
     def of(self, label: Label = PERSON) -> ClassScores:
@@ -72,9 +74,13 @@ class CollectionScores:
         return self.classes[label.train_id]
 
     def as_document(self) -> dict[str, Any]:
-        """JSON values; ratios in [0, 1], None where undefined, the matrix as rows (truth) of columns (prediction, void last)."""
+        """JSON values; ratios in [0, 1], None where undefined, the matrix as rows (truth) of columns (prediction, void last).
+
+        ``classes`` holds the judged ones, ``confusion`` all that was counted.
+        """
         return {
             "frames": self.frames,
+            "judged_by": [self.classes[train_id].label.name for train_id in self.judged],
             "overall": {name: asdict(value) for name, value in self.overall.items()},
             "classes": {
                 one.label.name: {
@@ -83,35 +89,37 @@ class CollectionScores:
                     "precision": asdict(one.precision),
                     "iou": asdict(one.iou),
                 }
-                for one in self.classes
+                for one in map(self.classes.__getitem__, self.judged)
             },
             "confusion": self.matrix.tolist(),
         }
 
 
-def collection_scores(matrices: Sequence[ConfusionMatrix]) -> CollectionScores:
+def collection_scores(matrices: Sequence[ConfusionMatrix], classes: Sequence[int] | None = None) -> CollectionScores:
     """Scores of all frames from their matrices.
 
     Args:
         matrices: (19, 20) each, as `valerie.metrics.confusion.confusion_matrix` counts.
+        classes: train ids that all-class scores are over; None: all 19.
 
     Raises:
-        InvalidInput: one is no such matrix.
+        InvalidInput: one is no such matrix, or a class is none.
     """
     total = pooled(matrices)
+    judged = tuple(range(NUM_TRAIN_CLASSES)) if classes is None else tuple(sorted(classes))
 
-    def both(score: Callable[[ConfusionMatrix], float | None]) -> Averages:
-        return Averages(frame_mean(score(matrix) for matrix in matrices), score(total))
+    def both(score: Callable[[ConfusionMatrix, Sequence[int]], float | None]) -> Averages:
+        return Averages(frame_mean(score(matrix, judged) for matrix in matrices), score(total, judged))
 
     overall = {
         "pixel_accuracy": both(pixel_accuracy),
         "macc": both(macc),
         "miou": both(miou),
         "fwiou": both(fwiou),
-        "miou_cityscapes": Averages(frame_mean(()), _miou_cityscapes(total)),
+        "miou_cityscapes": Averages(frame_mean(()), _miou_cityscapes(total, judged)),
     }
-    classes = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
-    return CollectionScores(len(matrices), total, classes, overall)
+    found = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
+    return CollectionScores(len(matrices), total, found, judged, overall)
 
 
 def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: ConfusionMatrix) -> ClassScores:
@@ -130,7 +138,7 @@ def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: Conf
     )
 
 
-def _miou_cityscapes(matrix: ConfusionMatrix) -> float | None:
-    ious = (class_counts(matrix, label.train_id).iou for label in TRAIN_LABELS)
+def _miou_cityscapes(matrix: ConfusionMatrix, judged: Sequence[int]) -> float | None:
+    ious = (class_counts(matrix, train_id).iou for train_id in judged)
     values = [value for value in ious if value is not None]
     return float(np.mean(values)) if values else None

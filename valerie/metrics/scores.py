@@ -4,6 +4,11 @@ Matrices are (19, 20) as `valerie.metrics.confusion` makes them (the sum of seve
 Classes that are absent from the truth are left out of means as detectron2's ``SemSegEvaluator`` does
 (facebookresearch/detectron2, ``detectron2/evaluation/sem_seg_evaluation.py``). One thing is added: its networks never
 predict void, ours may, and void on a labelled pixel is a miss of that pixel's class.
+
+All-class scores may be over some classes only, for functions that know fewer than 19: the classes are rows. A pixel of another
+class has no recall to lose and no weight, but it is a false positive where it is taken for one of them. So painting everything
+"person" stays wrong also for a function that knows nothing else. With one class, pixel accuracy and mAcc are its `pacc`, mIoU and
+fwIoU its `iou`.
 """
 
 from __future__ import annotations
@@ -126,7 +131,7 @@ class FrameScores:
     Attributes:
         counts: of the target class.
         pacc, precision, iou: of the target class.
-        pixel_accuracy, macc, miou, fwiou: over all classes.
+        pixel_accuracy, macc, miou, fwiou: over all classes, or those that were asked for.
         undefined: score name to reason, for every score that is None.
     """
 
@@ -141,17 +146,25 @@ class FrameScores:
     undefined: dict[str, str] = field(default_factory=dict)
 
 
-def frame_scores(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> FrameScores:
-    """Derive every score from the counts of one frame (or, for pooled scores, from the sum over frames)."""
+def frame_scores(
+    matrix: ConfusionMatrix, train_id: int = PERSON.train_id, *, classes: Sequence[int] | None = None
+) -> FrameScores:
+    """Derive every score from the counts of one frame (or, for pooled scores, from the sum over frames).
+
+    Args:
+        matrix: (19, 20) counts.
+        train_id: of the target class.
+        classes: train ids that all-class scores are over; None: all 19.
+    """
     counts = class_counts(matrix, train_id)
     values = {
         "pacc": counts.pacc,
         "precision": counts.precision,
         "iou": counts.iou,
-        "pixel_accuracy": pixel_accuracy(matrix),
-        "macc": macc(matrix),
-        "miou": miou(matrix),
-        "fwiou": fwiou(matrix),
+        "pixel_accuracy": pixel_accuracy(matrix, classes),
+        "macc": macc(matrix, classes),
+        "miou": miou(matrix, classes),
+        "fwiou": fwiou(matrix, classes),
     }
     reasons = {"pacc": NOT_IN_TRUTH, "precision": NOT_PREDICTED, "iou": IN_NEITHER}
     undefined = {name: reasons.get(name, NOTHING_LABELLED) for name, value in values.items() if value is None}

@@ -9,6 +9,9 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.errors import UnknownName
+from valerie.labels import NUM_TRAIN_CLASSES, TRAIN_LABELS
+
 
 @dataclass(frozen=True, slots=True)
 class FunctionCard:
@@ -21,6 +24,10 @@ class FunctionCard:
         precision: the precision that the engine really runs in, read back, e.g. ``fp32``.
         engine: e.g. ``torch``.
         provenance: free facts: training data, seeds, figures, licence.
+        judged_by: names of the Cityscapes classes that its all-class figures are over, in the order of train ids; empty: all 19.
+
+    Raises:
+        UnknownName: ``judged_by`` names what is no evaluated class.
     """
 
     name: str
@@ -29,6 +36,26 @@ class FunctionCard:
     precision: str
     engine: str
     provenance: dict[str, str]
+    judged_by: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        known = [label.name for label in TRAIN_LABELS]
+        for name in self.judged_by:
+            if name not in known:
+                raise UnknownName("evaluated class", name, known, field="judged_by")
+        # One spelling each, also after a trip through JSON: all 19 are none.
+        judged = tuple(name for name in known if name in self.judged_by)
+        object.__setattr__(self, "judged_by", judged if len(judged) < NUM_TRAIN_CLASSES else ())
+
+    @property
+    def judged_ids(self) -> tuple[int, ...]:
+        """Train ids of the classes that it is judged by."""
+        return judged_ids(self.judged_by)
+
+
+def judged_ids(judged_by: Sequence[str]) -> tuple[int, ...]:
+    """Train ids of `FunctionCard.judged_by`, ascending: of all 19 classes where it is empty."""
+    return tuple(label.train_id for label in TRAIN_LABELS if not judged_by or label.name in judged_by)
 
 
 class PerceptionFunction(Protocol):

@@ -29,6 +29,7 @@ def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> l
         ("kind", document.kind if document else ""),
         ("architecture", document.architecture if document else card.architecture),
         *(_answers(document.output) if document else ()),
+        ("judged by", ", ".join(card.judged_by)),
         *(_takes(document.input) if document and document.payload else ()),
         *(_elsewhere(document) if document else ()),
         ("engine", "" if card.engine == "none" else card.engine),
@@ -43,7 +44,6 @@ def _answers(part: OutputDocument) -> list[Row]:
     cut = f"; above {part.cut:g} a pixel is of the class" if len(part.classes) == 1 and part.kind != "labels" else ""
     return [
         ("classes", f"{len(part.classes)}: {', '.join(_class_texts(part))}"),
-        ("judged by", ", ".join(part.target_classes)),
         ("answers", _ANSWERS[part.kind] + cut),
     ]
 

@@ -162,6 +162,7 @@ class OutputDocument(_Part):
         align_corners: how logits are upsampled: the outermost pixel centres lie on each other; else, as most networks are
             trained, pixel centres lie at halves. A ``network`` knows its own.
         target_classes: the Cityscapes classes that the function is to be judged by; empty: all that the map reaches.
+            Figures over all classes are over these alone: see `valerie.perception.base.FunctionCard`.
     """
 
     kind: Literal["logits", "probabilities", "labels"] = "logits"
@@ -280,6 +281,7 @@ class FunctionDocument(_Part):
             precision or self.precision,
             self.engine,
             dict(self.provenance),
+            self.output.target_classes or self.output.reached,
         )
 
 

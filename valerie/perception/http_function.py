@@ -11,6 +11,7 @@ import socket
 import ssl
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -52,7 +53,7 @@ class HttpFunction:
         allowed_target(self._options.url, self._allowed)
         self._train_ids = document.output.lookup
         card = document.card(digest=digest, precision="remote")
-        self._card = FunctionCard(card.name, card.digest, card.architecture, card.precision, "http", card.provenance)
+        self._card = replace(card, engine="http")
 
     @property
     def card(self) -> FunctionCard:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.opening import display_name
+from valerie.pipeline.pinning import pinned_card
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import ChosenFrame, FrameKey, evaluated_rows, finished_frames, function_index, run_where
 from valerie.pipeline.tables import varied_types
@@ -48,6 +50,23 @@ class Looked:
     matrices: dict[FrameKey, ConfusionMatrix]
 
 
+@dataclass(frozen=True, slots=True)
+class _Version:
+    """What is known of a version before it looks.
+
+    Attributes:
+        reference: names it.
+        stored: whether the run evaluated it.
+        numeric_class: in which the run pinned it, or in which it runs here.
+        judged: train ids of the classes that it is judged by.
+    """
+
+    reference: str
+    stored: bool
+    numeric_class: str
+    judged: frozenset[int]
+
+
 def compare_versions(
     context: Context,
     run_id: str,
@@ -56,9 +75,12 @@ def compare_versions(
     open_function: Callable[[str], PerceptionFunction],
     where: str = "",
     region: Region | None = None,
+    mixed: bool = False,
     progress: Callable[[int, int, float, str], None] = lambda *_: None,
 ) -> Comparison:
     """Compare functions on a run's frames; the first is "before".
+
+    Figures over all classes are over those that every version is judged by.
 
     Args:
         context: of the deployment.
@@ -68,34 +90,74 @@ def compare_versions(
         where: persons selected by this expression, *by the first function's scores*, form a group, the others another.
         region: persons in it form a group, the others another: unlike a selection by scores, this one does not favour
             any later version by chance alone.
+        mixed: compare also what runs in unequal numeric classes, to see what precision or engine themselves change.
         progress: called after every frame with done, total, frames per second and the function.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
-        Conflict: the run has no finished frames.
+        Conflict: the run has no finished frames; or versions run in unequal numeric classes and ``mixed`` is not said.
         InferenceError: a function failed.
     """
     if len(references) < 2 or len({display_name(one) for one in references}) < len(references):
         raise InvalidInput("name two or more different functions", field="versions", value=list(references))
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+        run = runs.get(connection, run_id)
+        resolved = resolve_stored(run, context.settings)
         frames = list(finished_frames(connection, run_id, resolved))
     if not frames:
         raise Conflict(f"run {run_id} has no finished frames yet")
-    looked: dict[str, Looked] = {}
-    for reference in references:
-        if reference in resolved.spec.functions:
-            looked[reference] = _stored(context, run_id, resolved, reference)
-        else:
-            looked[display_name(reference)] = _look(context, resolved, frames, reference, open_function, progress)
+    known = {display_name(one): _known(one, resolved, run.pins, open_function) for one in references}
+    if not mixed:  # before the frames are looked at
+        _require_one_class(known)
+    looked = {
+        name: _stored(context, run_id, resolved, one.reference)
+        if one.stored
+        else _look(context, resolved, frames, one.reference, open_function, progress)
+        for name, one in known.items()
+    }
     tables = aligned([one.table for one in looked.values()])
     keys = sorted(set.intersection(*(set(one.matrices) for one in looked.values())))
+    common = sorted(frozenset.intersection(*(one.judged for one in known.values())))
     versions = {
-        name: (table, collection_scores([one.matrices[key] for key in keys]))
+        name: (table, collection_scores([one.matrices[key] for key in keys], common))
         for (name, one), table in zip(looked.items(), tables, strict=True)
     }
     groups = _groups(context, run_id, resolved, tables[0], next(iter(looked)), where, region)
-    return compare(versions, more_groups=groups, threshold=resolved.spec.detection_threshold, seed=resolved.spec.seed)
+    return compare(
+        versions,
+        numeric_classes=[one.numeric_class for one in known.values()],
+        more_groups=groups,
+        threshold=resolved.spec.detection_threshold,
+        seed=resolved.spec.seed,
+    )
+
+
+def _known(
+    reference: str,
+    resolved: ResolvedRun,
+    pins: Mapping[str, Any],
+    open_function: Callable[[str], PerceptionFunction],
+) -> _Version:
+    if reference in resolved.spec.functions:
+        card, numeric_class = pinned_card(pins, reference), str(pins["functions"][reference]["numeric_class"])
+        return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
+    function = open_function(reference)
+    try:
+        return _Version(reference, False, function.numeric_class, frozenset(function.card.judged_ids))
+    finally:
+        function.close()
+
+
+def _require_one_class(versions: Mapping[str, _Version]) -> None:
+    if len({one.numeric_class for one in versions.values()}) > 1:
+        ran = "; ".join(
+            f"{name} {'ran' if one.stored else 'runs here'} as {one.numeric_class}" for name, one in versions.items()
+        )
+        raise Conflict(
+            f"versions of unequal numeric classes are not compared: {ran}. Let one run look with all of them "
+            "(its spec may name several functions, and equal frames are not rendered again), compare where the run's "
+            "workers run and with as many threads, or say --mixed to see what precision or engine themselves change"
+        )
 
 
 def _groups(
@@ -161,7 +223,7 @@ def _look(
         for done, ((frame, capture), labels) in enumerate(predicted(function, taken), start=1):
             truth = capture.seen_truth(reader)
             matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), labels)
-            scores = frame_scores(matrix)
+            scores = frame_scores(matrix, classes=function.card.judged_ids)
             counted = {one.instance_id: one for one in person_counts(truth, labels)}
             for person in frame.persons:
                 seen = measured_again(person, truth) if capture.distorted else person

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +23,7 @@ from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.errors import InvalidInput
+from valerie.errors import Conflict, InvalidInput
 from valerie.labels import TRAIN_LABELS, to_train_ids
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
@@ -35,6 +35,7 @@ from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.batches import predicted
 from valerie.pipeline.context import Context
 from valerie.pipeline.opening import display_name
+from valerie.pipeline.pinning import pinned_card
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.selection import as_called, function_index
 from valerie.storage import codecs
@@ -183,7 +184,7 @@ def evaluate_dataset(
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
                         seen.update(part)
-                matrix, rows = _evaluated(labels, name, frame, index, folder)
+                matrix, rows = _evaluated(labels, name, function.card.judged_ids, frame, index, folder)
                 matrices.append(matrix)
                 persons += rows
                 done += 1
@@ -196,7 +197,7 @@ def evaluate_dataset(
                     numeric_class=function.numeric_class,
                     names=tuple(str(one) for one in folder.names),
                     matrices=tuple(matrices),
-                    scores=collection_scores(matrices),
+                    scores=collection_scores(matrices, function.card.judged_ids),
                     persons=tuple(persons),
                     seconds=time.monotonic() - began,
                 )
@@ -207,13 +208,18 @@ def evaluate_dataset(
 
 
 def _evaluated(
-    labels: NDArray[np.uint8], name: str, frame: LabelledFrame, index: int, folder: CityscapesFolder
+    labels: NDArray[np.uint8],
+    name: str,
+    judged: Sequence[int],
+    frame: LabelledFrame,
+    index: int,
+    folder: CityscapesFolder,
 ) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
     truth = to_train_ids(frame.class_map)
     matrix = confusion_matrix(truth, labels)
     if not folder.has_instances:
         return matrix, []
-    scores = frame_scores(matrix)
+    scores = frame_scores(matrix, classes=judged)
     common = {
         "run_id": f"{folder.root.name}/{folder.split}",
         "variant_index": index,
@@ -248,7 +254,7 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
     rows = []
     for one in result.functions:
         for name, matrix in zip(one.names, one.matrices, strict=True):
-            scores = frame_scores(matrix)
+            scores = frame_scores(matrix, classes=one.scores.judged)
             rows.append(
                 {
                     "frame": name,
@@ -264,8 +270,23 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
     return rows
 
 
-def run_scores(context: Context, run_id: str, function: str) -> CollectionScores:
-    """The same scores of a run's evaluated frames (first sensor setting), to stand beside those of a data set.
+@dataclass(frozen=True, slots=True, eq=False)
+class RunSide:
+    """One function as a run saw it, to stand beside a data set.
+
+    Attributes:
+        called: what the run's spec calls it.
+        pin: digest and numeric class that the run pinned; `valerie.pipeline.opening.open_pinned` opens it again.
+        scores: of the run's evaluated frames (first sensor setting).
+    """
+
+    called: str
+    pin: Mapping[str, Any]
+    scores: CollectionScores
+
+
+def run_side(context: Context, run_id: str, function: str) -> RunSide:
+    """The same scores of a run's frames, and of which version of the function they are.
 
     Args:
         context: of the deployment.
@@ -274,10 +295,15 @@ def run_scores(context: Context, run_id: str, function: str) -> CollectionScores
 
     Raises:
         NotFound, UnknownName: no such run, or a function that it did not evaluate.
+        Conflict: the run has not started yet.
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
         resolved = resolve_stored(run, context.settings)
+        if run.pins is None:
+            raise Conflict(f"run {run_id} has not started yet")
         called = as_called(function, resolved, run.pins)
         found = results.predictions(connection, run_id, 0, function_index(called, resolved))
-    return collection_scores([codecs.decode_counts(packed) for _, packed in found.values()])
+    judged = pinned_card(run.pins, called).judged_ids
+    scores = collection_scores([codecs.decode_counts(packed) for _, packed in found.values()], judged)
+    return RunSide(called, run.pins["functions"][called], scores)

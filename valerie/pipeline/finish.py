@@ -22,6 +22,7 @@ from valerie.perception.base import FunctionCard
 from valerie.pipeline import frames
 from valerie.pipeline.context import Context
 from valerie.pipeline.pictures import jpeg
+from valerie.pipeline.pinning import pinned_card
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_classes, read_table
 from valerie.runs.spec import ResolvedRun
@@ -76,16 +77,23 @@ def finish_run(context: Context, run_id: str) -> None:
 def write_results(context: Context, run: Any, failures: list[dict[str, Any]]) -> dict[str, Any]:
     """Write table (Parquet, CSV), summary and report; returns the summary document."""
     resolved = resolve_stored(run, context.settings)
+    cards = tuple(pinned_card(run.pins, name) for name in resolved.spec.functions)
     table = read_table(context.engine, run.id, resolved)
-    classes = read_classes(context.engine, run.id, resolved)
-    analysis = analyze(table, classes=classes, threshold=resolved.spec.detection_threshold, seed=resolved.spec.seed)
+    classes = read_classes(context.engine, run.id, resolved, cards)
+    analysis = analyze(
+        table,
+        classes=classes,
+        precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
+        threshold=resolved.spec.detection_threshold,
+        seed=resolved.spec.seed,
+    )
     document = summary_document(analysis)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
     context.store.put(run_key(run.id, "summary.json"), orjson.dumps(document), replace=True)
-    html = build_report(_report_input(context, run, resolved, table, analysis, failures))
+    html = build_report(_report_input(context, run, resolved, cards, table, analysis, failures))
     context.store.put(run_key(run.id, "report.html"), html.encode(), replace=True)
     return document
 
@@ -104,6 +112,7 @@ def _report_input(
     context: Context,
     run: Any,
     resolved: ResolvedRun,
+    cards: tuple[FunctionCard, ...],
     table: EvaluationTable,
     analysis: Analysis,
     failures: list[dict[str, Any]],
@@ -111,7 +120,6 @@ def _report_input(
     spec = resolved.spec
     with reading(context.engine) as connection:
         rejected = runs.rejections(connection, run.id)
-    cards = tuple(FunctionCard(**run.pins["functions"][name]["card"]) for name in spec.functions)
     classes = {"image": run.pins["engine"]["numeric_class"], "ground truth": run.pins["truth"]["numeric_class"]}
     classes |= {f"inference, {name}": run.pins["functions"][name]["numeric_class"] for name in spec.functions}
     provenance = Provenance(

@@ -30,8 +30,13 @@ class FunctionSource:
             context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
         )
 
-    def open(self, name: str, pin: Mapping[str, Any]) -> PerceptionFunction:
+    def open(self, name: str, pin: Mapping[str, Any], *, threads: int | None = None) -> PerceptionFunction:
         """Load a function as a run pinned it.
+
+        Args:
+            name: what the run calls it.
+            pin: see `valerie.pipeline.pinning`.
+            threads: of the inference engine; None: as this deployment's workers have.
 
         Raises:
             NotFound: this version was removed from the registry.
@@ -39,10 +44,11 @@ class FunctionSource:
             ValerieError: it cannot be opened here.
         """
         settings = self._context.settings
+        threads = threads or settings.inference_threads
         if "kind" in pin:  # registered
-            function = self._registered(pin["digest"], name)
+            function = self._registered(pin["digest"], name, threads)
         else:
-            function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
+            function = plugins.create_function(name, threads=threads, device=settings.infer_device)
         if function.card.digest != pin["digest"]:
             has, wants = function.card.digest[:12], pin["digest"][:12]
             function.close()
@@ -53,10 +59,10 @@ class FunctionSource:
             raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin['numeric_class']}")
         return function
 
-    def _registered(self, digest: str, name: str) -> PerceptionFunction:
+    def _registered(self, digest: str, name: str, threads: int) -> PerceptionFunction:
         with reading(self._context.engine) as connection:
             document = functions.of_digest(connection, digest, name).document
-        return self.open_document(document, threads=self._context.settings.inference_threads)
+        return self.open_document(document, threads=threads)
 
     def file(self, document: FunctionDocument) -> Path:
         """The verified payload of a registered function that has one; use it soon, it is a cache's.

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from valerie import plugins
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput, UnknownName
+from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.documents import FunctionDocument
@@ -64,24 +64,51 @@ def display_name(reference: str) -> str:
     return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
-def open_reference(reference: str, *, context: Context, threads: int = 1) -> PerceptionFunction:
+def open_pinned(
+    name: str, pin: Mapping[str, Any], *, context: Context, threads: int | None = None
+) -> PerceptionFunction:
+    """Load exactly what a run looked with, to hold something against the run's scores.
+
+    Args:
+        name: what the run's spec calls it.
+        pin: see `valerie.pipeline.pinning`.
+        context: of the deployment, where functions are registered.
+        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have.
+
+    Raises:
+        NotFound: this version was removed.
+        Conflict: it has another digest here, or it runs in another numeric class.
+        ValerieError: it cannot be opened here.
+    """
+    try:
+        return FunctionSource(context).open(name, pin, threads=threads)
+    except TransientError as error:
+        raise Conflict(
+            f"{error}. What is compared must be computed alike: do it on a machine like the run's workers and with as many "
+            "threads as they have, or run the validation again here"
+        ) from None
+
+
+def open_reference(reference: str, *, context: Context, threads: int | None = None) -> PerceptionFunction:
     """Load a function to predict with.
 
     Args:
         reference: a function file, the name of an installed function, ``name`` or ``name@digest`` of a registered one.
         context: of the deployment, where functions are registered.
-        threads: CPU threads of this process for the inference engine.
+        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have, so that
+            the numeric class is theirs.
 
     Raises:
         UnknownName, NotFound, InvalidInput, MissingDependency: as `plugins.create_function`, `open_function` and
             `valerie.pipeline.functions.find`.
     """
+    threads, device = threads or context.settings.inference_threads, context.settings.infer_device
     if is_file(reference):
         path = Path(reference)
-        return open_function(file_document(display_name(reference), path), path, threads=threads)
+        return open_function(file_document(display_name(reference), path), path, threads=threads, device=device)
     installed = plugins.function_names(testing=context.settings.testing_engines)
     if reference in installed:
-        return plugins.create_function(reference, threads=threads)
+        return plugins.create_function(reference, threads=threads, device=device)
     with reading(context.engine) as connection:
         known = functions.names(connection, functions.known(connection, [reference]))
         if reference.partition("@")[0] not in known:

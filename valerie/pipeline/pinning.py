@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Final
 
+from valerie.perception.base import FunctionCard
 from valerie.perception.documents import FunctionDocument
 from valerie.plugins import ENGINE_HINTS
 from valerie.runs.documents import engine_name
@@ -52,6 +53,11 @@ def choose_pins(
     if missing:
         return None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)"
     return {"engine": engine, "truth": truth, "functions": functions}, None
+
+
+def pinned_card(pins: Mapping[str, Any], name: str) -> FunctionCard:
+    """The card of one of a run's functions, as pinned; ``name`` is what the spec calls it."""
+    return FunctionCard(**pins["functions"][name]["card"])
 
 
 def inference_name(document: FunctionDocument) -> str:

@@ -95,10 +95,10 @@ def function_index(name: str, resolved: ResolvedRun) -> int:
     return resolved.spec.functions.index(name)
 
 
-def as_called(reference: str, resolved: ResolvedRun, pins: Mapping[str, Any] | None) -> str:
+def as_called(reference: str, resolved: ResolvedRun, pins: Mapping[str, Any]) -> str:
     """What a run's spec calls the version that ``name@digest`` means; the reference itself where it is no version of the run."""
     name, at, beginning = reference.partition("@")
-    if at and reference not in resolved.spec.functions and pins is not None:
+    if at and reference not in resolved.spec.functions:
         for called in resolved.spec.functions:
             if called.partition("@")[0] == name and pins["functions"][called]["digest"].startswith(beginning):
                 return called

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from valerie.db.engine import reading
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
+from valerie.perception.base import FunctionCard
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.conditions import conditions
 from valerie.storage import codecs
@@ -31,8 +32,16 @@ def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> Evaluation
     return EvaluationTable.from_rows(_rows(engine, run_id, resolved), varied_types(resolved))
 
 
-def read_classes(engine: Engine, run_id: str, resolved: ResolvedRun) -> tuple[AllClasses, ...]:
-    """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table."""
+def read_classes(
+    engine: Engine, run_id: str, resolved: ResolvedRun, cards: Sequence[FunctionCard]
+) -> tuple[AllClasses, ...]:
+    """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table.
+
+    Args:
+        engine: of the database.
+        run_id, resolved: the run.
+        cards: of its functions, in the spec's order: they say by which classes each is judged.
+    """
     totals: dict[tuple[int, int], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
     mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
     with reading(engine) as connection:
@@ -41,7 +50,13 @@ def read_classes(engine: Engine, run_id: str, resolved: ResolvedRun) -> tuple[Al
             mious[function, sensor].append(miou)
     functions, sensors = resolved.spec.functions, resolved.spec.sensors
     return tuple(
-        all_classes(functions[function], sensors[sensor].name, total, frame_mean(mious[function, sensor]))
+        all_classes(
+            functions[function],
+            sensors[sensor].name,
+            total,
+            frame_mean(mious[function, sensor]),
+            cards[function].judged_by,
+        )
         for (function, sensor), total in sorted(totals.items(), key=lambda item: item[0])
     )
 

@@ -7,7 +7,7 @@ Per frame (variant, camera): ::
     truth        asset, poses and characters, camera, resolution, truth pass
     annotation   truth; of kind light: background, layer, truth, truth pass; of flow and velocity also the truth of a later moment
     prediction   background, layer, sensor response, function; truth and velocity, where the sensor needs them
-    evaluation   prediction, truth
+    evaluation   prediction, truth; the classes that the function is judged by, where they are fewer than 19
 
 A sensor that distorts is in the prediction's digest, and so in that of the evaluation, which distorts the truth likewise.
 "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and numeric class, as the run
@@ -103,7 +103,7 @@ class ProductInputs:
         resolved: the run.
         asset_digest: of its asset.
         pins: what the run pinned: ``engine`` and ``truth`` with ``numeric_class`` and ``revision``, ``functions`` by
-            name with ``digest``, ``revision`` and ``numeric_class``.
+            name with ``digest``, ``revision``, ``numeric_class`` and ``card``.
     """
 
     def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Mapping[str, Any]) -> None:
@@ -132,7 +132,10 @@ class ProductInputs:
             )
             for name in spec.functions
         ]
-        self._evaluation = _prefix(ProductKind.EVALUATION, EVALUATION_REVISION)
+        self._evaluations = [
+            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins["functions"][name]))
+            for name in spec.functions
+        ]
         self._annotations = [
             # What light arrives somewhere is computed by the engine of the truth pass, whichever made the image.
             (
@@ -176,7 +179,7 @@ class ProductInputs:
             further = [one for one in (truth if asked.needs_depth else None, moving) if one is not None]
             for function_index, prefix in enumerate(self._predictions):
                 prediction = prefix.digest(background, layer, asked.document, *further)
-                scores = self._evaluation.digest(prediction, truth)
+                scores = self._evaluations[function_index].digest(prediction, truth)
                 evaluations.append(
                     EvaluationDigests(
                         sensor_index,
@@ -218,3 +221,9 @@ def _pinned(pin: Mapping[str, Any]) -> dict[str, Any]:
 def _function(pin: Mapping[str, Any]) -> dict[str, Any]:
     # A function that states no revision is in its first.
     return {"digest": pin["digest"], "numeric_class": pin["numeric_class"], "revision": pin.get("revision", 1)}
+
+
+def _judged(pin: Mapping[str, Any]) -> tuple[list[str], ...]:
+    """Nothing for a function that is judged by all classes."""
+    judged_by = pin.get("card", {}).get("judged_by")
+    return (list(judged_by),) if judged_by else ()

@@ -225,8 +225,11 @@ function scoresSection(frame) {
     line("Precision", "of the class person in this frame", (one) => percent(one.precision)),
     line("IoU", "of the class person in this frame", (one) => percent(one.iou)),
     line("Person pixels found", "", (one) => count(one.tp)), line("missed", "", (one) => count(one.fn)), line("falsely seen", "", (one) => count(one.fp)),
-    line("mIoU", "all classes of the frame", (one) => percent(one.miou)), line("Pixel accuracy", "all classes", (one) => percent(one.pixel_accuracy)),
-  ], { caption: "Scores per function" }));
+    line("mIoU", "all classes of the frame that the function is judged by", (one) => percent(one.miou)),
+    line("Pixel accuracy", "all classes that the function is judged by", (one) => percent(one.pixel_accuracy)),
+  ], { caption: "Scores per function" }),
+  [...new Set(done.filter((one) => one.judged_by.length).map((one) => `${one.function}: mIoU and pixel accuracy are those of ${one.judged_by.join(", ")} alone.`))]
+    .map((text) => h("p", { class: "small soft under" }, text)));
 }
 
 function variantSection(frame) {

@@ -35,5 +35,6 @@ export function summarySection({ summary, findings }) {
     table(head, rows, { caption: "Summary per function and pedestrian" }),
     h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person; painting everything “person” would score 100 %, so read precision and IoU beside it. Small figures: 95 % intervals.",
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
-    findings.items.length ? h("div", { class: "findings" }, h("h3", {}, "Findings"), h("ul", {}, findings.items.map((one) => h("li", {}, one.sentence)))) : null);
+    findings.items.length ? h("div", { class: "findings" }, h("h3", {}, "Findings"), h("ul", {}, findings.items.map((one) => h("li", {}, one.sentence)))) : null,
+    (findings.unpaired ?? []).map((sentence) => h("p", { class: "small soft under" }, sentence)));
 }

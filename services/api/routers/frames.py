@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -29,6 +30,7 @@ from valerie.pipeline import frames
 from valerie.pipeline.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, KINDS, png
+from valerie.pipeline.pinning import pinned_card
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import character_of, frame_id
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -94,7 +96,8 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
     place = split_frame_id(frame_id)
     run_id, variant, camera, time = place
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+        run = runs.get(connection, run_id)
+        resolved = resolve_stored(run, context.settings)
         row = results.frame(connection, *place)
         states = [results.product(connection, digest).state for digest in (row.background, row.layer, row.truth)]
         annotations = results.frame_annotations(connection, *place)
@@ -131,7 +134,7 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
                 }
                 for one in persons
             ],
-            "evaluations": [_evaluation(frame_id, one, resolved, scores[one.scores]) for one in evaluations],
+            "evaluations": [_evaluation(frame_id, one, resolved, run.pins, scores[one.scores]) for one in evaluations],
             "annotations": {kind: one.product for kind, one in annotations.items()},
             "images": {
                 kind: _address(frame_id, kind=kind)
@@ -244,13 +247,16 @@ def _light(row: Any) -> dict[str, float | None]:
     return {name: getattr(row, name, None) for name in ("irradiance", "shadow_share", "contrast")}
 
 
-def _evaluation(frame: str, row: Any, resolved: ResolvedRun, persons: list[Any]) -> dict[str, Any]:
+def _evaluation(
+    frame: str, row: Any, resolved: ResolvedRun, pins: Mapping[str, Any], persons: list[Any]
+) -> dict[str, Any]:
     sensor = resolved.spec.sensors[row.sensor_index].name
     function = resolved.spec.functions[row.function_index]
     return {
         **row._mapping,  # noqa: SLF001  # public in SQLAlchemy
         "sensor": sensor,
         "function": function,
+        "judged_by": pinned_card(pins, function).judged_by,
         "state": _state([row.prediction_state, row.scores_state]),
         "persons": persons,
         "images": {

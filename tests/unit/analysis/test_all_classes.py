@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from valerie.analysis.all_classes import AllClasses, all_classes
+from valerie.analysis.all_classes import AllClasses, all_classes, classes_text
 from valerie.analysis.html import Html
 from valerie.analysis.sections import classes_table
 from valerie.analysis.summary import Summary, summarize
@@ -73,3 +73,54 @@ def test_a_summary_keeps_them_through_json_and_older_ones_have_none(found: AllCl
     assert Summary.from_json(document) == summary
     del document["classes"]
     assert Summary.from_json(document).classes == ()
+
+
+@pytest.fixture
+def person_only() -> AllClasses:
+    """All 40 pixels of person found, and 10 of 100 pixels of road called person; elsewhere void."""
+    matrix = np.zeros((19, 20), np.int64)
+    matrix[ROAD, 19], matrix[ROAD, PERSON.train_id] = 90, 10
+    matrix[PERSON.train_id, PERSON.train_id] = 40
+    return all_classes("person-or-not", "default", matrix, frame_mean([0.8]), ("person",))
+
+
+def test_a_function_is_judged_by_the_classes_that_it_knows(person_only: AllClasses) -> None:
+    road, person = person_only.classes
+    assert (road.pixels, road.pacc, road.precision, road.iou) == (100, None, None, None)
+    assert person.iou == person_only.miou_pooled == pytest.approx(0.8)
+    assert person.pacc == person_only.pixel_accuracy_pooled == 1.0
+
+
+def test_the_text_keeps_means_of_unequal_classes_apart(found: AllClasses, person_only: AllClasses) -> None:
+    text = summary_text(summarize(EvaluationTable.from_rows([], {}), classes=[found, person_only]))
+    assert "Mean IoU of all classes, frame mean / pooled: net 60.0 / 59.1." in text
+    assert "Mean IoU of person alone, frame mean / pooled: person-or-not 80.0 / 80.0." in text
+
+
+def test_the_report_has_a_dash_for_a_class_that_a_function_is_not_judged_by(
+    found: AllClasses, person_only: AllClasses
+) -> None:
+    markup = classes_table([found, person_only])
+    assert "person-or-not is judged by person alone." in markup
+    row = markup[markup.index("road") :]
+    assert "–" in row[: row.index("</tr>")]
+    assert "judged by" not in classes_table([found])
+
+
+def test_judged_classes_survive_json(person_only: AllClasses) -> None:
+    summary = summarize(EvaluationTable.from_rows([], {}), classes=[person_only])
+    assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
+
+
+@pytest.mark.parametrize(
+    ("judged_by", "text"),
+    [
+        ((), "all classes"),
+        (("person",), "person alone"),
+        (("road", "person"), "road and person"),
+        (("road", "person", "car"), "road, person and car"),
+        (("road", "sky", "person", "rider", "car"), "5 of the 19 classes"),
+    ],
+)
+def test_judged_classes_are_named_as_long_as_they_are_few(judged_by: tuple[str, ...], text: str) -> None:
+    assert classes_text(judged_by) == text

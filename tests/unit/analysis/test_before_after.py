@@ -141,3 +141,36 @@ def test_the_picture_is_drawn(comparison: Comparison, tmp_path: Path) -> None:
         pixels = np.asarray(image.convert("RGB"))
     assert pixels.shape[1] > 1000
     assert (pixels == [0x00, 0x72, 0xB2]).all(axis=2).any()  # the second version's colour
+
+
+def shown(comparison: Comparison) -> str:
+    sink = StringIO()
+    Console(file=sink, width=200, color_system=None).print(comparison_renderable(comparison))
+    return sink.getvalue()
+
+
+def classed(*numeric_classes: str) -> Comparison:
+    one = table("old", np.full(N, 0.5))
+    versions = {"old": (one, scores(50, 1)), "new": (one, scores(50, 1))}
+    return compare(versions, numeric_classes=numeric_classes)
+
+
+def test_the_numeric_class_of_every_version_is_told() -> None:
+    alike, unlike = classed("torch-fp32", "torch-fp32"), classed("torch-fp32", "openvino-bf16")
+    assert alike.as_document()["numeric_classes"] == ["torch-fp32", "torch-fp32"]
+    assert "All ran as torch-fp32." in shown(alike)
+    assert "Numeric classes differ" in shown(unlike)
+    assert "old ran as torch-fp32; new ran as openvino-bf16" in shown(unlike)
+
+
+def test_versions_are_compared_by_the_classes_that_all_are_judged_by() -> None:
+    matrix = np.zeros((19, 20), np.int64)
+    matrix[PERSON.train_id, PERSON.train_id], matrix[0, 19] = 100, 1000
+    one = table("old", np.full(N, 1.0), fp=0)
+    persons = collection_scores([matrix], [PERSON.train_id])
+    made = compare({"old": (one, persons), "new": (one, persons)})
+    assert made.judged_by == tuple(made.classes) == ("person",)
+    assert made.overall["miou"] == ((1.0, 1.0), (1.0, 1.0))
+    assert "person alone: mean / pooled" in shown(made)
+    with pytest.raises(InvalidInput, match="other classes"):
+        compare({"old": (one, persons), "new": (one, scores(100, 0))})

@@ -1,11 +1,14 @@
 import json
 
 import numpy as np
+import orjson
 import pytest
 
 from valerie.analysis.analyze import analyze
 from valerie.analysis.comparisons import FindingKind
 from valerie.analysis.findings import Findings
+from valerie.analysis.sections import findings_list
+from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
 
 GRID = {"xs": np.linspace(-2, 7, 10).tolist(), "ys": np.linspace(5, 33, 15).tolist()}
@@ -186,3 +189,23 @@ def test_no_rows_no_findings(parameters):
 
     assert analysis.findings.items == ()
     assert analysis.trends.items == ()
+
+
+def test_functions_of_unequal_precision_are_not_held_against_each_other(dropping_table, of):
+    names = dropping_table.codes("function").names
+    assert len(names) == 2
+    analysis = analyze(dropping_table, precisions={names[0]: "fp32", names[1]: "bf16"}, resamples=300)
+    assert of(analysis, FindingKind.FUNCTIONS) == []
+    (sentence,) = analysis.findings.unpaired
+    assert sentence.startswith(f"{names[0]} (fp32) and {names[1]} (bf16) ran in unequal precisions")
+    assert sentence in summary_text(analysis.summary, analysis.findings)
+    assert sentence in findings_list(analysis.findings)
+    assert Findings.from_json(orjson.loads(orjson.dumps(analysis.findings.to_json()))) == analysis.findings
+
+
+@pytest.mark.parametrize("precisions", [("bf16", "bf16"), ("fp32", "uint8"), ("fp32", "remote")])
+def test_functions_are_held_against_each_other_where_neither_or_both_are_reduced_alike(dropping_table, of, precisions):
+    given = dict(zip(dropping_table.codes("function").names, precisions, strict=True))
+    analysis = analyze(dropping_table, precisions=given, resamples=300)
+    assert of(analysis, FindingKind.FUNCTIONS)
+    assert analysis.findings.unpaired == ()

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from sklearn.metrics import jaccard_score, recall_score
 from torchmetrics.classification import MulticlassJaccardIndex, MulticlassRecall
 
 from valerie.labels import BY_NAME, PERSON, VOID
@@ -56,3 +57,41 @@ def test_nothing_labelled_is_undefined_and_not_zero() -> None:
     document = collection_scores([confusion_matrix(void, void)]).as_document()
     assert document["overall"]["miou"]["pooled"] is None
     assert document["classes"]["person"]["pacc"]["frames"]["undefined"] == 1
+
+
+def test_scores_of_some_classes_are_those_of_scikit_learn_over_their_labels() -> None:
+    maps = [_maps(seed) for seed in range(3)]
+    judged = [0, 11, 13]
+    scores = collection_scores([confusion_matrix(*one) for one in maps], judged)
+    truth, predicted = (np.concatenate([one[side].ravel() for one in maps]) for side in (0, 1))
+    truth, predicted = truth[truth != VOID], predicted[truth != VOID]
+    ious = jaccard_score(truth, predicted, labels=judged, average=None)
+    assert scores.overall["miou"].pooled == pytest.approx(ious.mean())
+    assert scores.overall["miou_cityscapes"].pooled == pytest.approx(ious.mean())
+    assert scores.overall["macc"].pooled == pytest.approx(
+        recall_score(truth, predicted, labels=judged, average="macro")
+    )
+    weighted = jaccard_score(truth, predicted, labels=judged, average="weighted")
+    assert scores.overall["fwiou"].pooled == pytest.approx(weighted)
+    of_them = np.isin(truth, judged)
+    right = (truth == predicted)[of_them].mean()
+    assert scores.overall["pixel_accuracy"].pooled == pytest.approx(right)
+    document = scores.as_document()
+    assert document["judged_by"] == list(document["classes"]) == ["road", "person", "car"]
+    assert np.sum(document["confusion"]) == len(truth), "what was counted stays whole"
+
+
+def test_who_knows_persons_alone_is_right_with_void_elsewhere_and_wrong_with_person_everywhere() -> None:
+    truth, _ = _maps(1)
+    person = PERSON.train_id
+    perfect = collection_scores([confusion_matrix(truth, np.where(truth == person, truth, VOID))], [person])
+    assert {name: one.pooled for name, one in perfect.overall.items()} == dict.fromkeys(perfect.overall, 1.0)
+    painted = collection_scores([confusion_matrix(truth, np.full_like(truth, person))], [person])
+    share = (truth == person).sum() / (truth != VOID).sum()
+    assert painted.overall["miou"].pooled == painted.overall["fwiou"].frames.mean == pytest.approx(share)
+    assert painted.overall["pixel_accuracy"].pooled == painted.of(PERSON).pacc.pooled == 1.0
+
+
+def test_all_classes_by_name_are_all_classes_to_the_last_digit() -> None:
+    matrices = [confusion_matrix(*_maps(seed)) for seed in range(3)]
+    assert collection_scores(matrices, range(19)).as_document() == collection_scores(matrices).as_document()

@@ -144,3 +144,13 @@ def test_the_card_says_what_really_runs() -> None:
     card = document(precision="bf16").card(precision="fp32")
     assert (card.name, card.engine, card.precision, card.architecture) == ("f", "openvino", "fp32", "onnx")
     assert card.digest == document(precision="bf16").digest
+
+
+def test_the_card_says_by_which_classes_the_function_is_judged() -> None:
+    person_or_not = {"classes": ["not", "human"], "class_map": {"human": "person"}}
+    several = {"classes": ["car", "road", "person"]}
+    assert document(output=person_or_not).card().judged_by == ("person",)
+    assert document(output=several).card().judged_by == ("road", "person", "car")
+    assert document(output={**several, "target_classes": ["person"]}).card().judged_by == ("person",)
+    assert document(output={"target_classes": ["car", "road"]}).card().judged_by == ("road", "car")
+    assert document().card().judged_by == ()

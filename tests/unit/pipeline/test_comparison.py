@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from tests.unit.pipeline.harness import Pipeline, completed_run
 from valerie.analysis.region import Range, Region
-from valerie.errors import InvalidInput
-from valerie.labels import PERSON
+from valerie.errors import Conflict, InvalidInput
+from valerie.labels import PERSON, VOID
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.pipeline.comparison import compare_versions
-from valerie.testing.blank import BlankFunction
+from valerie.testing.blank import NUMERIC_CLASS, BlankFunction
 
 
 class Everything:
     """Calls everything a person."""
 
     revision: ClassVar[int] = 1
-    numeric_class = "test"
+    numeric_class = NUMERIC_CLASS
     card = FunctionCard("everything", "0" * 64, "test", "fp32", "numpy", {})
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -28,8 +28,32 @@ class Everything:
         pass
 
 
+class Halved(BlankFunction):
+    """The same in another precision."""
+
+    numeric_class = "blank-bf16"  # type: ignore[assignment]  # read-only in the protocol
+
+
+class PersonOrNot(BlankFunction):
+    """The same, but what is no person is void to it."""
+
+    card = FunctionCard("person-or-not", "1" * 64, "test", "uint8", "blank", {}, ("person",))
+
+    def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        labels = super().predict(picture)
+        return np.where(labels == PERSON.train_id, labels, VOID).astype(np.uint8)
+
+
+OPENED = {
+    "everything.safetensors": Everything,
+    "same.safetensors": BlankFunction,
+    "halved.safetensors": Halved,
+    "person-or-not.safetensors": PersonOrNot,
+}
+
+
 def opener(reference: str) -> PerceptionFunction:
-    return {"everything.safetensors": Everything, "same.safetensors": BlankFunction}[reference]()
+    return OPENED[reference]()
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +102,33 @@ def test_versions_have_names_of_their_own(run: tuple[Pipeline, str]) -> None:
     for versions in (["blank"], ["blank", "blank"], [str(Path("a/x.safetensors")), str(Path("b/x.safetensors"))]):
         with pytest.raises(InvalidInput, match="two or more"):
             compare_versions(pipeline.context, run_id, versions, open_function=opener)
+
+
+def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipeline, str]) -> None:
+    pipeline, run_id = run
+    looked: list[str] = []
+
+    def watch(done: int, total: int, rate: float, name: str) -> None:
+        looked.append(name)
+
+    versions = ["blank", "same.safetensors", "halved.safetensors"]
+    with pytest.raises(Conflict, match="blank ran as blank; same runs here as blank; halved runs here as blank-bf16"):
+        compare_versions(pipeline.context, run_id, versions, open_function=opener, progress=watch)
+    assert looked == [], "it is told before hours of work"
+
+
+def test_what_a_precision_changes_is_compared_when_that_is_the_question(run: tuple[Pipeline, str]) -> None:
+    pipeline, run_id = run
+    versions = ["blank", "halved.safetensors"]
+    made = compare_versions(pipeline.context, run_id, versions, open_function=opener, mixed=True)
+    assert made.numeric_classes == ("blank", "blank-bf16")
+    assert made.groups[0].differences[0][0] == 0.0
+
+
+def test_a_version_that_knows_fewer_classes_is_compared_by_those(run: tuple[Pipeline, str]) -> None:
+    pipeline, run_id = run
+    versions = ["blank", "person-or-not.safetensors"]
+    made = compare_versions(pipeline.context, run_id, versions, open_function=opener)
+    assert made.judged_by == ("person",)
+    assert made.changes(1) == ([], [])
+    assert all(before == after for before, after in (*made.classes.values(), *made.overall.values()))

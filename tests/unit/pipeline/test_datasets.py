@@ -17,7 +17,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
-from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_scores
+from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_side
 from valerie.pipeline.datasets import ExportProgress, ExportSettings, export_run
 from valerie.pipeline.frames import draw, find
 from valerie.pipeline.makers.inputs import ProductReader
@@ -243,7 +243,7 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
     result = evaluate_dataset(
         CityscapesFolder(tmp_path / "set", "val"), ["blank"], open_function=lambda _: BlankFunction()
     )
-    here, there = result.functions[0].scores, run_scores(pipeline.context, run_id, "blank")
+    here, there = result.functions[0].scores, run_side(pipeline.context, run_id, "blank").scores
     assert here.as_document() == there.as_document()
     rows = pq.read_table(result.write(tmp_path / "out")[1]).to_pylist()
     assert len(rows) == here.frames == 24
@@ -252,7 +252,8 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
 def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     digest = pipeline.row(run_id).pins["functions"]["blank"]["digest"]
-    by_name = run_scores(pipeline.context, run_id, "blank")
-    assert run_scores(pipeline.context, run_id, f"blank@{digest[:12]}").as_document() == by_name.as_document()
+    by_name, by_digest = (run_side(pipeline.context, run_id, name) for name in ("blank", f"blank@{digest[:12]}"))
+    assert by_digest.called == by_name.called == "blank"
+    assert by_digest.scores.as_document() == by_name.scores.as_document()
     with pytest.raises(UnknownName, match="blank@000000"):
-        run_scores(pipeline.context, run_id, "blank@000000")
+        run_side(pipeline.context, run_id, "blank@000000")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,8 @@ from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents import FunctionDocument, parse_function
 from valerie.pipeline import functions, gc, lifecycle
 from valerie.pipeline.catalog import function as catalogued
-from valerie.pipeline.opening import open_reference
+from valerie.pipeline.dataset_evaluation import run_side
+from valerie.pipeline.opening import open_pinned, open_reference
 from valerie.pipeline.probe import probe_engine, probe_function, probe_inference
 from valerie.pipeline.replay import replay_frame
 from valerie.testing.functions import small_onnx
@@ -243,3 +246,44 @@ def test_a_registered_function_is_opened_by_its_name_for_other_uses(pipeline: Pi
     assert set(np.unique(labels).tolist()) == {11}, "dark pixels are persons"
     with pytest.raises(UnknownName, match="unknown function 'smal'; did you mean small"):
         open_reference("smal", context=pipeline.context)
+
+
+class TestBesideARun:
+    """A data set that is evaluated beside a run is shown to what the run looked with."""
+
+    def test_the_version_that_the_run_saw_is_opened_and_not_the_newest(self, served: Pipeline, tmp_path: Path) -> None:
+        first = register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        newest = register(served, tmp_path, provenance={"trained": "longer"})
+        side = run_side(served.context, run, "small")
+        with closing(open_pinned(side.called, side.pin, context=served.context)) as function:
+            assert function.card.digest == first.digest != newest.digest
+            assert function.numeric_class == side.pin["numeric_class"]
+        assert run_side(served.context, run, first.reference).called == "small"
+        with pytest.raises(UnknownName, match="unknown function of the run"):
+            run_side(served.context, run, newest.reference)
+
+    def test_what_runs_otherwise_here_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
+        register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        side = run_side(served.context, run, "small")
+        threads = served.settings.inference_threads + 1
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
+            open_pinned(side.called, side.pin, context=served.context, threads=threads)
+
+    def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:
+        version = register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        functions.remove(served.context, version.reference)
+        side = run_side(served.context, run, "small")
+        with pytest.raises(NotFound, match="it was removed"):
+            open_pinned(side.called, side.pin, context=served.context)
+
+    def test_a_run_that_has_not_started_saw_nothing(self, pipelines: Callable[..., Pipeline]) -> None:
+        pipeline = pipelines(workers=False)
+        run = pipeline.submit()
+        with pytest.raises(Conflict, match="has not started yet"):
+            run_side(pipeline.context, run, "blank")

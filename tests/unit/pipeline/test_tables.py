@@ -12,6 +12,7 @@ from valerie.db.engine import reading
 from valerie.db.models import Frame
 from valerie.labels import to_train_ids
 from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.pinning import pinned_card
 from valerie.pipeline.resolution import resolve_stored
 from valerie.pipeline.tables import read_classes
 from valerie.storage.keys import run_key
@@ -21,7 +22,8 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     pipeline, run_id = completed_run(tmp_path)
     context = pipeline.context
     resolved = resolve_stored(pipeline.row(run_id), context.settings)
-    (found,) = read_classes(context.engine, run_id, resolved)
+    cards = [pinned_card(pipeline.row(run_id).pins, name) for name in resolved.spec.functions]
+    (found,) = read_classes(context.engine, run_id, resolved, cards)
 
     summary = orjson.loads(context.store.get(run_key(run_id, "summary.json")))["summary"]
     assert summary["classes"] == [orjson.loads(orjson.dumps(found))]

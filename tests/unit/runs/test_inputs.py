@@ -171,3 +171,18 @@ def test_settings_of_an_engine_are_inputs_of_its_pictures_however_they_were_said
 ) -> None:
     plain = frame(street, pins, {}, renderer="cycles")
     assert changed(plain, frame(street, pins, {}, renderer=given)) == expected
+
+
+def test_classes_that_a_function_is_judged_by_change_its_evaluations_alone(
+    street: Manifest, pins: dict[str, Any]
+) -> None:
+    def judged(*judged_by: str) -> FrameDigests:
+        first = FUNCTIONS[0]
+        pin = {**pins["functions"][first], "card": {"judged_by": list(judged_by)}}
+        return frame(street, {**pins, "functions": {**pins["functions"], first: pin}}, {})
+
+    whole = frame(street, pins, {})
+    assert judged() == whole
+    assert changed(whole, judged("person")) == {"evaluation"}
+    assert judged("person").evaluations[1] == whole.evaluations[1]
+    assert judged("person").evaluations[0] != judged("road").evaluations[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from valerie.db import results
@@ -19,6 +20,7 @@ from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
 from valerie.pipeline.makers.resolved import RunCache
+from valerie.pipeline.pinning import pinned_card
 from valerie.rendering.base import GroundTruth
 from valerie.storage import codecs
 
@@ -34,9 +36,11 @@ class EvaluateMaker:
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
         started = time.process_time()
-        if job.prediction is None or job.sensor_index is None:
+        if job.prediction is None or job.sensor_index is None or job.function_index is None:
             raise InferenceError(f"product {job.digest} is no evaluation")
-        resolved = self._runs.run(job.run_id).resolved
+        run = self._runs.run(job.run_id)
+        resolved = run.resolved
+        card = pinned_card(run.pins, resolved.spec.functions[job.function_index])
         capture = capture_of(
             resolved,
             sensor_index=job.sensor_index,
@@ -57,7 +61,7 @@ class EvaluateMaker:
             bytes=len(packed),
             pixels=int(prediction.size),
             cpu_seconds=time.process_time() - started,
-            score={"digest": job.digest, "confusion": packed, **_ratios(matrix)},
+            score={"digest": job.digest, "confusion": packed, **_ratios(matrix, card.judged_ids)},
             person_scores=tuple(
                 {
                     "digest": job.digest,
@@ -78,8 +82,8 @@ class EvaluateMaker:
         return tuple({**measured_again(row, truth), "truth": job.digest} for row in rows)
 
 
-def _ratios(matrix: ConfusionMatrix) -> dict[str, Any]:
-    scores = frame_scores(matrix)
+def _ratios(matrix: ConfusionMatrix, judged: Sequence[int]) -> dict[str, Any]:
+    scores = frame_scores(matrix, classes=judged)
     return {
         "tp": scores.counts.tp,
         "fp": scores.counts.fp,

@@ -1,0 +1,98 @@
+"""A function that knows fewer than the 19 classes, from its registration to summary, report and address of its scores."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import Pipeline
+from valerie.analysis.findings import Findings
+from valerie.analysis.summary import Summary
+from valerie.analysis.summary_text import summary_text
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.db.models import Frame
+from valerie.errors import Conflict
+from valerie.labels import PERSON, VOID
+from valerie.perception.base import PerceptionFunction
+from valerie.perception.documents import parse_function
+from valerie.perception.label_png import encode_png
+from valerie.pipeline import functions
+from valerie.pipeline.brought import put_prediction
+from valerie.pipeline.comparison import compare_versions
+from valerie.pipeline.dataset_evaluation import run_side
+from valerie.pipeline.makers.inputs import ProductReader
+from valerie.storage.keys import run_key
+
+PERSON_OR_NOT = (
+    "name: person-or-not\nkind: predictions\n"
+    "output: {kind: labels, classes: [other, human], class_map: {human: person}}\n"
+)
+NARROWED = "name: narrowed\nkind: predictions\noutput: {kind: labels, target_classes: [person]}\n"
+RUN = spec(xs=2, ys=2, functions=["person-or-not", "narrowed", "blank"])
+
+
+@pytest.fixture
+def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
+    """One function that finds every person and knows nothing else; one that knows more and is asked for persons alone."""
+    for text in (PERSON_OR_NOT, NARROWED):
+        functions.register(pipeline.context, parse_function(text), None)
+    run = pipeline.submit(RUN)
+    assert pipeline.run(run, until=["running"]) == "running"
+    for _ in range(8):
+        pipeline.step()
+    with reading(pipeline.context.engine) as connection:
+        frames = connection.execute(select(Frame.variant_index, Frame.camera_index, Frame.truth)).all()
+    assert len(frames) == 8
+    reader = ProductReader(pipeline.context.store)
+    for variant, camera, truth in frames:
+        person = reader.truth(truth).class_map == PERSON.id
+        for name, ids in (
+            ("person-or-not", person.astype(np.uint8)),
+            ("narrowed", np.where(person, PERSON.train_id, VOID).astype(np.uint8)),
+        ):
+            put_prediction(pipeline.context, run, variant, camera, 0, encode_png(ids), function=name)
+    assert pipeline.run(run) == "completed"
+    return pipeline, run
+
+
+def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipeline, str]) -> None:
+    pipeline, run = finished
+    with reading(pipeline.context.engine) as connection:
+        perfect, narrowed, blank = results.frame_evaluations(connection, run, 0, 0)
+    figures = ("pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc")
+    assert {name: getattr(perfect, name) for name in figures} == dict.fromkeys(figures, 1.0)
+    assert {name: getattr(narrowed, name) for name in figures} == dict.fromkeys(figures, 1.0)
+    assert blank.pixel_accuracy < 1.0, "it is judged by all classes"
+
+    summary = pipeline.row(run).summary
+    text = summary_text(Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"]))
+    both = "person-or-not 100.0 / 100.0, narrowed 100.0 / 100.0"
+    assert f"Mean IoU of person alone, frame mean / pooled: {both}." in text
+    assert "Mean IoU of all classes, frame mean / pooled: blank " in text
+    report = pipeline.context.store.get(run_key(run, "report.html")).decode()
+    assert "person-or-not is judged by person alone." in report
+    assert "blank is judged by" not in report
+
+    side = run_side(pipeline.context, run, "person-or-not").scores.as_document()
+    assert side["judged_by"] == ["person"]
+    assert side["overall"]["miou"]["pooled"] == side["overall"]["pixel_accuracy"]["frames"]["mean"] == 1.0
+
+
+def test_it_is_compared_with_others_by_what_it_knows(finished: tuple[Pipeline, str]) -> None:
+    pipeline, run = finished
+
+    def nothing(reference: str) -> PerceptionFunction:
+        raise AssertionError(f"{reference} is stored")
+
+    versions = ["blank", "person-or-not"]
+    with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as brought"):
+        compare_versions(pipeline.context, run, versions, open_function=nothing)
+    made = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
+    assert made.judged_by == tuple(made.classes) == ("person",)
+    before, after = made.overall["miou"]
+    assert before[1] is not None
+    assert before[1] < 1.0
+    assert after == (1.0, 1.0)
