@@ -144,6 +144,11 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     notes = [
         "In per cent. Mean, min and max are over the frames that show a person; pooled sums the pixels of all frames."
     ]
+    ran = {one.name: one.numeric_class for one in result.functions}
+    if len(set(ran.values())) == 1:
+        notes.append(f"Run as {next(iter(ran.values()))}.")
+    else:
+        notes.append(f"Run as {'; '.join(f'{name}: {one}' for name, one in ran.items())}: numeric classes differ.")
     partial = {one.name: one.card.judged_by for one in result.functions if one.card.judged_by}
     notes += [f"{name} is judged by {classes_text(by)}: its mIoU is over them." for name, by in partial.items()]
     if people:

@@ -48,6 +48,7 @@ def test_a_run_is_exported_and_evaluated_beside_itself(
     assert shown.exit_code == 0, shown.output
     assert f"blank, run {run_id}" in shown.stdout
     assert "12 of 12" in shown.stdout
+    assert "Run as blank." in shown.stdout
     printed = invoke.invoke(app, [*evaluate, *data, "--json"])
     document = json.loads(printed.stdout)
     assert document["functions"]["blank"]["frames"] == 12

@@ -227,6 +227,7 @@ def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline
     shown = catalogued(served.context, "small")
     assert shown["classes"] == ["person"]
     assert shown["unmapped"] == ["street"]
+    assert shown["judged_by"] == ("person",)
     assert len(shown["numeric_classes"]) == 1
     assert FunctionDocument.model_validate(shown["document"]) == version.document
 
