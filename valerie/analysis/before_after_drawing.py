@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import Final
 
 from rich.box import SIMPLE_HEAD
@@ -16,6 +17,8 @@ from valerie.analysis.before_after import Comparison
 #: Okabe and Ito: told apart by everyone.
 _COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 _MARKERS: Final = ("o", "D", "s", "^", "v")
+#: Of the small line above the picture, as many as fit.
+_CHARACTERS: Final = 160
 
 
 def comparison_renderable(comparison: Comparison) -> RenderableType:
@@ -122,7 +125,7 @@ def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> N
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=12)
-    left.set_title(numeric_classes_text(comparison), loc="left", fontsize=8, color="#555555")
+    left.set_title(fill(numeric_classes_text(comparison), _CHARACTERS), loc="left", fontsize=8, color="#555555")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 
