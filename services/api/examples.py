@@ -319,7 +319,7 @@ _CARD: Final = [
     ["channel order", "RGB"],
     ["engine", "openvino"],
     ["precision", "fp32"],
-    ["file", "onnx, 16.0 MB"],
+    ["file", "onnx, 16,042,000 bytes"],
     ["opset", "17"],
     ["producer", "pytorch 2.13.0"],
     ["source", "street-net.onnx"],

@@ -99,4 +99,4 @@ def _elsewhere(document: FunctionDocument) -> list[Row]:
 def _file(document: FunctionDocument | None) -> str:
     if document is None or document.payload is None:
         return ""
-    return f"{document.payload.format}, {document.payload.bytes / 1e6:.1f} MB"
+    return f"{document.payload.format}, {document.payload.bytes:,} bytes"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.bench_infer import LARGE, eager
+from benchmarks.bench_infer import LARGE, MODES, eager, table
 from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.functions import open_function
 from valerie.perception.networks.architectures import ARCHITECTURES
@@ -37,3 +37,22 @@ def test_eager_torch_gives_the_labels_of_the_reference(name: str, width: int) ->
 def test_the_large_networks_are_the_papers_two_at_their_strides() -> None:
     backbones = [ARCHITECTURES[name].backbone for name in LARGE]
     assert [(one.depth, one.stem, one.output_stride) for one in backbones] == [(101, "deep", 8), (101, "deep", 32)]
+
+
+def test_the_table_names_strides_and_sizes_and_gives_speed_ups_of_the_large_networks() -> None:
+    def rows(stride: int, given: list[int]) -> dict[str, dict[str, object]]:
+        found: dict[str, dict[str, object]] = {
+            f"{engine} {precision}": {"cpu_s_per_frame": 10 / (1 + number), "speed_up": 1.0 + number}
+            for number, (engine, precision) in enumerate(MODES)
+        }
+        found["eager fp32"] |= {"output_stride": stride, "given": given}
+        return found | {"openvino fp16": {"not_here": "another precision on this processor"}}
+
+    lines = table({LARGE[0]: rows(8, [1920, 1088]), FUNCTIONS[0]: rows(16, [1600, 896])})
+    assert lines[0] == (
+        "| CPU seconds per frame | `deeplabv3plus-r101c-os8`, output stride 8, given 1920 × 1088 | "
+        "`deeplabv3plus-small`, output stride 16, given 1600 × 896 |"
+    )
+    assert lines[2:4] == ["| eager fp32 | 10 | 10 |", "| torch fp32 | 5 (2.00 ×) | 5 |"]
+    assert lines[-1] == "| openvino fp16 | – | – |"
+    assert len(lines) == 2 + len(MODES)
