@@ -150,7 +150,7 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     else:
         notes.append(f"Run as {'; '.join(f'{name}: {one}' for name, one in ran.items())}: numeric classes differ.")
     partial = {one.name: one.card.judged_by for one in result.functions if one.card.judged_by}
-    notes += [f"{name} is judged by {classes_text(by)}: its mIoU is over them." for name, by in partial.items()]
+    notes += [f"{name} is judged by {classes_text(by)}: that is what its mIoU is over." for name, by in partial.items()]
     if people:
         notes.append("Each person weighing the same: " + "; ".join(people) + ".")
     return [persons, "", classes, "", *(Text(note, style="dim") for note in notes)]

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from valerie.cli.datasets import Lines, parse_splits
 from valerie.cli.main import app
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import Conflict, InvalidInput, UnknownName
 
 
 def test_a_run_is_exported_and_evaluated_beside_itself(
@@ -86,6 +86,23 @@ def test_training_against_a_weakness_says_what_is_missing(
     there = ["--where", "pacc < 1", "--out", str(tmp_path / "there.safetensors")]
     assert "never written over" in str(invoke.invoke(app, [*begin, *there]).exception)
     assert "Usage" in invoke.invoke(app, ["train"]).stdout
+
+
+def test_versions_that_run_unlike_are_compared_only_when_that_is_asked_for(
+    deployed: tuple[Path, str], invoke: CliRunner
+) -> None:
+    folder, run_id = deployed
+    versions = ["--version", "blank", "--version", "semantic-fpn-small", "--threads", "1"]
+    compare = ["train", "compare", run_id, *versions, "--data-dir", str(folder / "data"), "--json"]
+    refused = invoke.invoke(app, compare).exception
+    assert isinstance(refused, Conflict)
+    assert "blank ran as blank; semantic-fpn-small runs here as torch-" in str(refused)
+    assert "--mixed" in str(refused)
+    shown = invoke.invoke(app, [*compare, "--mixed"])
+    assert shown.exit_code == 0, shown.output
+    first, second = json.loads(shown.stdout)["numeric_classes"]
+    assert first == "blank"
+    assert second.startswith("torch-")
 
 
 def test_progress_says_how_many_how_fast_and_how_long(capsys: pytest.CaptureFixture[str]) -> None:
