@@ -280,8 +280,11 @@ def _draw_person(
 
 
 def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames."""
-    for path in (path for path in manifest.movable if path not in manifest.persons):
+    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames.
+
+    Without those that a street got later: whoever draws for them draws all that follows otherwise.
+    """
+    for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.added)):
         wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
         kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
         if not wanted or (kinds is None and seen is None):
@@ -424,6 +427,8 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
     ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
     room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
     for obstacle in manifest.obstacles:
+        if any(path in manifest.added and obstacle.path.startswith(path) for path in manifest.movable):
+            continue  # not there by default, and not drawn
         polygon = shapely.Polygon(obstacle.polygon)
         reaches_up = obstacle.height_m is None or obstacle.height_m > height - 0.3
         if reaches_up and shapely.dwithin(polygon, room, 1.0):

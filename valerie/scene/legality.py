@@ -1,4 +1,4 @@
-"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset, no car and no camera does.
+"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset; no car, house or camera does.
 
 Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
 radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in
@@ -14,7 +14,7 @@ from functools import lru_cache
 from valerie.parameters.definitions import Value
 from valerie.scene.attributes import ABSENT
 from valerie.scene.camera_legality import CameraRules
-from valerie.scene.manifest import Manifest
+from valerie.scene.manifest import Footprint, Manifest
 from valerie.scene.mover_legality import MoverRules
 from valerie.scene.movers import Mover, sort_obstacles
 from valerie.scene.naming import ROOT
@@ -45,11 +45,8 @@ def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str
         x, y = float(get(person.x, person.default_x)), float(get(person.y, person.default_y))
         if not (x0 <= x <= x1 and y0 <= y <= y1):
             return f"{person.name} is outside the asset"
-        if obstacle := prepared.around_persons.at(x, y):
-            return f"{person.name} stands {obstacle.text}"
-        for mover in prepared.movers:
-            if footprint := mover.holds(x, y, assignment):
-                return f"{person.name} stands {footprint.text}"
+        if footprint := prepared.at(x, y, assignment):
+            return f"{person.name} stands {footprint.text}"
         standing.append((person.name, x, y))
     if len(standing) > 1 and (overlap := _overlap(standing, 2.0 * manifest.person_radius_m)):
         return overlap
@@ -83,20 +80,50 @@ class _Person:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
+    """What follows from a manifest alone.
+
+    Attributes:
+        settled: obstacles at rest, and what is built where its author put it.
+        resting: obstacles at rest alone.
+        built, vehicles: what parameters move or hide.
+        of_built: paths of the poses of what is built.
+    """
+
     persons: tuple[_Person, ...]
-    around_persons: ObstacleMap
-    movers: tuple[Mover, ...]
+    settled: ObstacleMap
+    resting: ObstacleMap
+    built: tuple[Mover, ...]
+    vehicles: tuple[Mover, ...]
+    of_built: frozenset[str]
     mover_rules: MoverRules
     cameras: CameraRules
+
+    def at(self, x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
+        """What a person at (x, y) would stand in."""
+        if self.of_built.isdisjoint(assignment):
+            found = self.settled.at(x, y)
+        else:
+            found = self.resting.at(x, y) or _first(self.built, x, y, assignment)
+        return found or _first(self.vehicles, x, y, assignment)
+
+
+def _first(movers: tuple[Mover, ...], x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
+    return next((held for mover in movers if (held := mover.holds(x, y, assignment))), None)
 
 
 @lru_cache(maxsize=16)
 def _prepare(manifest: Manifest) -> _Prepared:
-    resting, movers = sort_obstacles(manifest, manifest.person_radius_m)
+    radius = manifest.person_radius_m
+    resting, movers = sort_obstacles(manifest, radius)
+    built = tuple(mover for mover in movers if mover.is_built)
+    settled = {id(one) for one in resting} | {id(outline.footprint) for mover in built for outline in mover.shown({})}
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
-        around_persons=ObstacleMap(resting, manifest.person_radius_m),
-        movers=movers,
+        settled=ObstacleMap([one for one in manifest.obstacles if id(one) in settled], radius),
+        resting=ObstacleMap(resting, radius),
+        built=built,
+        vehicles=tuple(mover for mover in movers if not mover.is_built),
+        of_built=frozenset(path for mover in built for path in mover.paths),
         mover_rules=MoverRules(manifest, resting, movers),
         cameras=CameraRules(manifest),
     )

@@ -80,7 +80,10 @@ class Manifest(_Document):
         extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
         parameters: what may vary, with type, range, unit and default.
         movable: nodes (with all below them) that belong to the movable layer instead of the background.
+        added: nodes that got parameters after products of the asset had been made (generated assets: what a file declares belongs to
+            its digest). At their defaults these are inputs of nothing, so that what was made stays valid.
         obstacles: where no person can stand; and the ground that moves with what a parameter moves.
+        ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
         ground: heights of the ground; later regions win, elsewhere z = 0.
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.
@@ -103,8 +106,10 @@ class Manifest(_Document):
     bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
     extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     parameters: tuple[ParameterDefinition, ...] = ()
+    added: tuple[str, ...] = ()
     movable: tuple[str, ...] = ()
     obstacles: tuple[Footprint, ...] = ()
+    ways: tuple[Footprint, ...] = ()
     ground: tuple[GroundRegion, ...] = ()
     persons: tuple[str, ...] = ()
     grounded: tuple[str, ...] = ()
@@ -152,7 +157,7 @@ class Manifest(_Document):
         x0, y0, x1, y1 = self.extent
         if x0 >= x1 or y0 >= y1:
             raise InvalidInput("not x0 < x1 and y0 < y1", field="extent", value=self.extent)
-        for field in ("movable", "persons", "grounded"):
+        for field in ("added", "movable", "persons", "grounded"):
             _check_paths(field, getattr(self, field))
         for path, node_class in self.node_classes.items():
             _check_paths("node_classes", (path,))
@@ -179,10 +184,10 @@ class Manifest(_Document):
                 # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
                 raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
         for obstacle in self.obstacles:
-            turns = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z"))
-            if turns and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
+            changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
+            if changes and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
                 raise InvalidInput(
-                    "an obstacle that turns declares pos.x and pos.y, about which it turns",
+                    "an obstacle that turns or changes its size declares pos.x and pos.y, about which it does",
                     field="parameters",
                     value=obstacle.path,
                 )

@@ -1,4 +1,5 @@
-"""Whether what moves can be where it is: not in a house, a parked car or another vehicle, not off its ground.
+"""Whether what moves can be where it is: no vehicle in a house, a parked car or another vehicle, nor off its ground; no house in
+what stands beside it, nor on a pavement.
 
 Two rules keep an asset's own placement legal, whatever its outlines are worth. Only what a variant speaks of is judged; and what
 overlaps, or does not stand level, where the asset's author put it and shows it, is not judged against that.
@@ -32,7 +33,8 @@ class MoverRules:
     def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
         self._extent = manifest.extent
         self._resting = Outlines(resting)
-        self._rules = tuple(_rule(manifest, mover, self._resting) for mover in movers)
+        self._ways = Outlines(manifest.ways)
+        self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
         self._spoken_of = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
         own = [rule.own for rule in self._rules]
         self._together = frozenset(
@@ -64,7 +66,10 @@ class MoverRules:
         if rule.grounds and not _stand_on(rule.mover.polygons(assignment, standing=True), rule.grounds):
             return f"{name} leaves its level ground"
         for polygon in polygons:
-            if found := self._resting.first(polygon, but=rule.among):
+            found = self._resting.first(polygon, but=rule.among)
+            if found is None and rule.ways is not None:
+                found = self._ways.first(polygon, but=rule.ways)
+            if found is not None:
                 return f"{name} stands {found.text}"
         return None
 
@@ -79,6 +84,7 @@ class _Rule:
         grounds: it stands on one of these; empty if that is not judged: it is lifted by a parameter, or stands uneven on its own
             place.
         among: numbers of the obstacles at rest that it overlaps on its own place.
+        ways: numbers of the ways that it overlaps on its own place, and need not keep off; None: it keeps off none.
     """
 
     mover: Mover
@@ -86,9 +92,10 @@ class _Rule:
     keeps_within: bool
     grounds: tuple[shapely.Geometry, ...]
     among: frozenset[int]
+    ways: frozenset[int] | None
 
 
-def _rule(manifest: Manifest, mover: Mover, resting: Outlines) -> _Rule:
+def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -> _Rule:
     own, grounds = mover.polygons({}), _grounds(manifest, mover)
     return _Rule(
         mover,
@@ -96,6 +103,7 @@ def _rule(manifest: Manifest, mover: Mover, resting: Outlines) -> _Rule:
         _within(own, manifest.extent),
         grounds if _stand_on(mover.polygons({}, standing=True), grounds) else (),
         frozenset(number for polygon in own for number in resting.below(polygon)),
+        frozenset(number for polygon in own for number in ways.below(polygon)) if mover.is_built else None,
     )
 
 

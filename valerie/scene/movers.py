@@ -8,18 +8,19 @@ from typing import Final
 
 import numpy as np
 import shapely
+import shapely.affinity
 from numpy.typing import NDArray
 
 from valerie.parameters.definitions import Value
-from valerie.scene.attributes import ABSENT
+from valerie.scene.attributes import ABSENT, FACING_CLASSES
 from valerie.scene.manifest import Footprint, Manifest
-from valerie.scene.naming import ROOT
+from valerie.scene.naming import ROOT, parse_object_name
 from valerie.scene.obstacles import widened
 from valerie.scene.transforms import cos_sin
 
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
-_POSE: Final = (*_PLACE, *_TURNS, "visible", "kind")
+_POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
 #: What touches does not overlap: outlines are rounded, and things stand side by side. Metres.
 _TOUCHING_M: Final = 0.01
 #: The middle of an outline that stands on the ground, as a share of its length and width: wheels, while bumpers and handlebars
@@ -35,6 +36,7 @@ class Outline:
         footprint: at the default pose.
         kind: the vehicle that it is of, where the mover is one of several; empty if it always counts.
         widened: by the room that somebody needs, at the default pose.
+        plain: not widened, metres from the node's default place, at the default pose.
         corners: (N, 2) metres from the node's default place, at the default pose; pulled in by what may touch.
         standing: the same of the part that stands on the ground.
     """
@@ -42,6 +44,7 @@ class Outline:
     footprint: Footprint
     kind: str
     widened: shapely.Polygon
+    plain: shapely.Polygon
     corners: NDArray[np.float64]
     standing: NDArray[np.float64]
 
@@ -56,7 +59,8 @@ class Mover:
         keys: attribute of a pose (``pos.x`` …) to its path.
         defaults: attribute to default; those that are declared.
         paths: of its pose, as far as they are declared.
-        reach: farthest that somebody who stands in an outline can be from the node's place, metres.
+        reach: farthest that an outline reaches from the node's place at its default size, metres.
+        radius: metres that somebody needs around its place.
     """
 
     path: str
@@ -65,6 +69,7 @@ class Mover:
     defaults: Mapping[str, Value]
     paths: frozenset[str]
     reach: float
+    radius: float
 
     @property
     def name(self) -> str:
@@ -75,6 +80,12 @@ class Mover:
     def has_place(self) -> bool:
         """Whether a parameter puts it elsewhere, or only hides it."""
         return any(name in self.defaults for name in _PLACE)
+
+    @property
+    def is_built(self) -> bool:
+        """Whether it is what nobody drives, rides or is, such as a house: it belongs beside the ways."""
+        named = parse_object_name(self.path.rpartition(".")[2])
+        return named is not None and named[0] not in FACING_CLASSES
 
     def shown(self, assignment: Mapping[str, Value]) -> tuple[Outline, ...]:
         """The outlines that count; none of what is hidden."""
@@ -89,13 +100,23 @@ class Mover:
         """The footprint that holds (x, y) and reaches above z, metres: the point is taken back to the default pose."""
         u = x - float(self._value("pos.x", assignment))
         v = y - float(self._value("pos.y", assignment))
-        if u * u + v * v > self.reach * self.reach:
+        size = self._size(assignment)
+        reach = size * self.reach + self.radius
+        if u * u + v * v > reach * reach:
             return None
         cos, sin = self._turn(assignment)
-        back = self._place("pos.x") + cos * u + sin * v, self._place("pos.y") - sin * u + cos * v
-        outlines = self.shown(assignment)
-        inside = (one.footprint for one in outlines if shapely.contains_xy(one.widened, *back))
-        return next((one for one in inside if one.height_m is None or z < one.height_m), None)
+        u, v = cos * u + sin * v, cos * v - sin * u
+        for one in self.shown(assignment):
+            if one.footprint.height_m is not None and z >= size * one.footprint.height_m:
+                continue
+            if size == 1.0:
+                inside = shapely.contains_xy(one.widened, self._place("pos.x") + u, self._place("pos.y") + v)
+            else:
+                # The room that somebody needs has one size, whichever the thing has.
+                inside = size * one.plain.distance(shapely.Point(u / size, v / size)) < self.radius
+            if inside:
+                return one.footprint
+        return None
 
     def polygons(self, assignment: Mapping[str, Value], *, standing: bool = False) -> tuple[shapely.Polygon, ...]:
         """The outlines that count where they are, or the parts of them that stand on the ground; metres in the world."""
@@ -103,7 +124,7 @@ class Mover:
         if not outlines:
             return ()
         cos, sin = self._turn(assignment)
-        turn = np.array([[cos, sin], [-sin, cos]])
+        turn = self._size(assignment) * np.array([[cos, sin], [-sin, cos]])
         place = np.array([float(self._value(name, assignment)) for name in _PLACE])
         return tuple(shapely.Polygon((one.standing if standing else one.corners) @ turn + place) for one in outlines)
 
@@ -117,8 +138,12 @@ class Mover:
             )
         )
 
-    def _value(self, name: str, assignment: Mapping[str, Value]) -> Value:
-        return assignment.get(self.keys[name], self.defaults.get(name, 0.0))
+    def _size(self, assignment: Mapping[str, Value]) -> float:
+        """How many times as large as by default."""
+        return float(self._value("scale", assignment, 1.0)) / float(self.defaults.get("scale", 1.0))
+
+    def _value(self, name: str, assignment: Mapping[str, Value], otherwise: Value = 0.0) -> Value:
+        return assignment.get(self.keys[name], self.defaults.get(name, otherwise))
 
     def _place(self, name: str) -> float:
         return float(self.defaults.get(name, 0.0))
@@ -154,6 +179,7 @@ def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: f
                 footprint,
                 child if child in kinds else "",
                 widened(footprint, radius),
+                shapely.affinity.translate(shapely.Polygon(footprint.polygon), *-place),
                 corners - place,
                 middle + _STANDING * (corners - middle) - place,
             )
@@ -161,7 +187,7 @@ def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: f
     reach = max(float(np.linalg.norm(np.asarray(footprint.polygon) - place, axis=1).max()) for footprint in footprints)
     keys = {name: f"{path}.{name}" for name in _POSE}
     paths = frozenset(keys[name] for name in declared)
-    return Mover(path, tuple(outlines), keys, declared, paths, reach + radius)
+    return Mover(path, tuple(outlines), keys, declared, paths, reach, radius)
 
 
 def _pulled_in(footprint: Footprint) -> shapely.Polygon:

@@ -85,10 +85,11 @@ def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> I
         manifest.require_camera(camera)
         raise
     # Most values are defaults, whose text is there already.
-    defaults, keys, texts = prepared.defaults, prepared.keys, prepared.texts
+    defaults, keys, texts, added = prepared.defaults, prepared.keys, prepared.texts, prepared.added
     said = {
         path: texts[path] if value is defaults[path] else keys[path] + canonical_json(value)
         for path, value in values.items()
+        if path not in added or value != defaults[path]
     }
     return Inputs(
         geometry=_object(said, paths.geometry),
@@ -171,7 +172,8 @@ class _Prepared:
         defaults: every declared path and its default.
         keys: every declared path as the key of a JSON object, with its colon.
         texts: the same with the default.
-        complete_defaults: the same without what hidden nodes make irrelevant.
+        added: paths that are inputs only where they have other values (`Manifest.added`).
+        complete_defaults: every declared path and its default, without what hidden nodes make irrelevant.
         attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
         switches: for parameters that hide something: path, and per value the paths that become irrelevant.
         clock: declared paths of the sun's notation by time and place; never part of a canonical form.
@@ -180,6 +182,7 @@ class _Prepared:
     defaults: dict[str, Value]
     keys: dict[str, bytes]
     texts: dict[str, bytes]
+    added: frozenset[str]
     complete_defaults: dict[str, Value]
     attributes: dict[str, tuple[str, Attribute]]
     switches: _Switches
@@ -200,6 +203,7 @@ def _prepare(manifest: Manifest) -> _Prepared:
         defaults=defaults,
         keys=keys,
         texts={path: keys[path] + canonical_json(value) for path, value in defaults.items()},
+        added=frozenset(path for path, (thing, _) in attributes.items() if thing in manifest.added),
         complete_defaults=_without_hidden(by_angles, switches),
         attributes=attributes,
         switches=switches,

@@ -26,17 +26,16 @@ hidden. The paper's 17…38.2 m are y 5…26.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from valerie.errors import InvalidInput
-from valerie.parameters.declaring import angle, choice, number, switch
+from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.asset import GeneratorSettings
-from valerie.scene.attributes import ABSENT
 from valerie.scene.manifest import Footprint, GroundRegion, Manifest
 from valerie.scene.model import CLEAR_VISIBILITY_M, POSITIONS, Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
@@ -44,9 +43,18 @@ from valerie.scene.objects import classified
 from valerie.scene.paints import PAINTS, is_paint
 from valerie.scene.procedural.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
 from valerie.scene.procedural.street.layout import layout_street
-from valerie.scene.procedural.street.plan import Placement, StreetLayout, StreetSettings, turned_rectangle
-from valerie.scene.procedural.traffic import DEFAULT_PAINT, Traffic, TrafficPlace
-from valerie.scene.procedural.vehicles.build import dimensions, picked_paint, vehicle_seed
+from valerie.scene.procedural.street.plan import Placement, StreetLayout, StreetSettings
+from valerie.scene.procedural.traffic_places import (
+    ADDED,
+    WAITING,
+    TrafficPlace,
+    place_parameters,
+    traffic,
+    traffic_obstacles,
+    traffic_parameters,
+)
+from valerie.scene.procedural.varied_houses import house_parameters, varied_houses, ways
+from valerie.scene.procedural.vehicles.build import picked_paint, vehicle_seed
 from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.solar import CLOCK
 from valerie.scene.transforms import camera_transform
@@ -95,13 +103,6 @@ CAMERAS: Final = {
 }
 
 
-#: Vehicles that move: hidden by default, so that they cost nothing where nobody asks for them.
-TRAFFIC: Final = {
-    "car-101": TrafficPlace(2.5, 40.0, 180.0, ("hatchback", "sedan", "estate", "suv", "van")),
-    "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
-}
-#: A cyclist who waits far down the street: he belongs to the background, and shares his shape with the moving one.
-WAITING: Final = ("bicycle-100", "rider-100", TrafficPlace(3.1, 57.0, 180.0))
 #: How many parked cars have parameters of their own: those nearest to where people are varied.
 PARKED_COUNT: Final = 3
 _PEOPLE_Y: Final = 18.0
@@ -110,6 +111,7 @@ _PEOPLE_Y: Final = 18.0
 def make_manifest(settings: Settings) -> Manifest:
     """What the asset declares; milliseconds, no meshes."""
     layout = layout_street(settings)
+    places = traffic(layout)
     paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
     return Manifest(
         name=NAME,
@@ -117,20 +119,23 @@ def make_manifest(settings: Settings) -> Manifest:
         description=f"A generated street of {settings.length_m:.0f} m with houses, trees, vehicles and pedestrians.",
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
-        parameters=tuple(_parameters(settings, layout)),
-        movable=(*paths, *(f"{ROOT}.{name}" for name in TRAFFIC)),
-        obstacles=(*_obstacles(layout), *_traffic_obstacles()),
+        parameters=tuple(_parameters(settings, layout, places)),
+        added=(*ADDED, *(house.path for house in varied_houses(layout))),
+        movable=(*paths, *(f"{ROOT}.{name}" for name in places)),
+        obstacles=(*_obstacles(layout), *traffic_obstacles(places)),
+        ways=tuple(ways(layout)),
         ground=tuple(GroundRegion(polygon=region.polygon, height=region.height) for region in layout.ground),
         persons=paths,
         person_radius_m=PERSON_RADIUS_M,
         cameras=tuple(CAMERAS),
-        node_classes=dict.fromkeys(_rider_paths(), "rider"),
+        node_classes=dict.fromkeys(_rider_paths(places), "rider"),
     )
 
 
 def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     """The street with its people; a few CPU seconds for the street, while people are made when they are looked at."""
     from valerie.scene.procedural.street.build import build_street
+    from valerie.scene.procedural.traffic import Traffic
 
     layout = layout_street(settings)
     content = build_street(layout)
@@ -140,17 +145,17 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     crowd = Crowd()
     for name, person in persons(settings.persons).items():
         nodes += crowd.nodes(name, person)
-    traffic = Traffic()
-    for name, place_of in TRAFFIC.items():
-        nodes += traffic.nodes(name, place_of)
-    nodes += traffic.cyclist(WAITING[0], WAITING[1], WAITING[2], shown=True)
+    vehicles = Traffic()
+    for name, at in traffic(layout).items():
+        nodes += vehicles.nodes(name, at)
+    nodes += vehicles.nodes(*WAITING, shown=True)
     twice = (content.materials.keys() & crowd.materials.keys()) | (content.textures.keys() & crowd.textures.keys())
     if twice:
         raise InvalidInput("the street and its people use the same name", field=NAME, value=min(twice))
     return Scene(
         nodes=classified(nodes, manifest.node_classes, manifest.movable),
-        materials=materials | crowd.materials | traffic.materials,
-        textures=content.textures | crowd.textures | traffic.textures,
+        materials=materials | crowd.materials | vehicles.materials,
+        textures=content.textures | crowd.textures | vehicles.textures,
         cameras={name: _camera(name, camera) for name, camera in CAMERAS.items()},
         sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
         environment=Environment(bearing=math.radians(BEARING_DEG)),
@@ -195,26 +200,10 @@ def _with_own_paint(nodes: list[Node], materials: dict[str, Material], paths: li
     return [own(node) for node in nodes]
 
 
-def _rider_paths() -> Iterator[str]:
-    yield f"{ROOT}.{WAITING[0]}.{WAITING[1]}"
-    for name, place_of in TRAFFIC.items():
-        if place_of.rider:
-            yield f"{ROOT}.{name}.{place_of.rider}"
-
-
-def _traffic_obstacles() -> Iterator[Footprint]:
-    for name, place_of in (*TRAFFIC.items(), (WAITING[0], WAITING[2])):
-        for kind in place_of.kinds or ("bicycle",):
-            length, width, height = dimensions(kind)
-            polygon = turned_rectangle(
-                place_of.x,
-                place_of.y,
-                math.radians(place_of.heading),
-                (-0.5 * width, -0.5 * length),
-                (0.5 * width, 0.5 * length),
-            )
-            path = f"{ROOT}.{name}.{kind}" if place_of.kinds else f"{ROOT}.{name}"
-            yield Footprint(path=path, polygon=polygon, reason=f"inside {name}", height_m=max(height, 1.8))
+def _rider_paths(places: Mapping[str, TrafficPlace]) -> Iterator[str]:
+    for name, at in (*places.items(), WAITING):
+        if at.rider:
+            yield f"{ROOT}.{name}.{at.rider}"
 
 
 def _camera(name: str, camera: CameraPlace) -> Camera:
@@ -222,38 +211,25 @@ def _camera(name: str, camera: CameraPlace) -> Camera:
     return Camera(f"{ROOT}.{name}", transform, camera.focal_length_mm, SENSOR_WIDTH_MM)
 
 
-def _parameters(settings: Settings, layout: StreetLayout) -> Iterator[ParameterDefinition]:
+def _parameters(
+    settings: Settings, layout: StreetLayout, places: Mapping[str, TrafficPlace]
+) -> Iterator[ParameterDefinition]:
     for name, person in persons(settings.persons).items():
         yield from person_parameters(name, person)
-    yield from _traffic_parameters()
+    yield from traffic_parameters(places)
     for car in parked_cars(layout):
         yield from _parked_parameters(car, layout.settings.seed)
+    for house in varied_houses(layout):
+        yield from house_parameters(house)
     yield from _other_parameters()
 
 
-def _traffic_parameters() -> Iterator[ParameterDefinition]:
-    for name, place_of in TRAFFIC.items():
-        path = f"{ROOT}.{name}"
-        if place_of.kinds:
-            yield choice(f"{path}.kind", (*place_of.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
-        else:
-            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is there")
-        yield from _place_parameters(path, place_of.x, place_of.y, place_of.heading)
-        yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
-
-
 def _parked_parameters(car: Placement, seed: int) -> Iterator[ParameterDefinition]:
-    yield from _place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
+    yield from place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
     coat = picked_paint(car.kind, vehicle_seed(seed, car.variant))
     yield choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
     door = "how far the right front door is open"
     yield angle(f"{car.path}.door-2.rot.z", 0.0, Affects.GEOMETRY, door, high=70.0)
-
-
-def _place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
-    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
-    yield number(f"{path}.pos.y", -30.0, 112.0, y, Affects.GEOMETRY, "m", "along the street")
-    yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 
 def _other_parameters() -> Iterator[ParameterDefinition]:
