@@ -1,4 +1,4 @@
-"""Whether a variant can be: nobody stands in a wall, in a car, in another person or outside the asset; no car, house or camera does.
+"""Whether a variant can be: nobody stands in a wall, a car, another person or outside the asset; no car, house or camera does.
 
 Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
 radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in

@@ -80,8 +80,8 @@ class Manifest(_Document):
         extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
         parameters: what may vary, with type, range, unit and default.
         movable: nodes (with all below them) that belong to the movable layer instead of the background.
-        added: nodes that got parameters after products of the asset had been made (generated assets: what a file declares belongs to
-            its digest). At their defaults these are inputs of nothing, so that what was made stays valid.
+        added: nodes that got parameters after products of a generated asset had been made. At their defaults these are inputs of
+            nothing, so that what was made stays valid.
         obstacles: where no person can stand; and the ground that moves with what a parameter moves.
         ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
         ground: heights of the ground; later regions win, elsewhere z = 0.

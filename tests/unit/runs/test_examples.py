@@ -7,6 +7,7 @@ from valerie.runs.inputs import ProductInputs
 from valerie.runs.planning import Plan, plan
 from valerie.runs.spec import parse, resolve
 from valerie.scene.asset import asset_manifest
+from valerie.scene.ground import ground_height
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
@@ -74,8 +75,23 @@ def test_the_template_of_a_new_spec_can_be_planned_as_it_is() -> None:
     assert planned(text).frames > 0
 
 
-def test_the_crossing_is_one_movement_in_three_timings() -> None:
-    found = planned((EXAMPLES / "crossing.yaml").read_text("utf-8"))
-    assert (found.variants, found.accepted, found.moments, found.frames) == (3, 3, 8, 24)
+def test_the_crossing_is_one_movement_in_twelve_timings_over_the_whole_street() -> None:
+    text = (EXAMPLES / "crossing.yaml").read_text("utf-8")
+    found = planned(text)
+    assert (found.variants, found.accepted, found.moments, found.frames) == (12, 12, 8, 96)
     backgrounds = next(product for product in found.products if product.kind == "background")
     assert backgrounds.needed == 1
+    spec = parse(text)
+    manifest, _ = asset_manifest(spec.asset)
+    run = resolve(spec, manifest)
+    heights = {path: ground_height(manifest, x, 7.5) for path, x in (("left", -1.4), ("middle", 2.5), ("right", 6.4))}
+    assert heights == {"left": 0.12, "middle": 0.0, "right": 0.12}
+    for variant in run.space:
+        ways = [[run.at(variant.values, i)[f"scene.person-{n}.pos.x"] for i in range(8)] for n in (1, 2)]
+        assert all(min(way) < -0.8 for way in ways)
+        assert all(max(way) > 5.8 for way in ways)
+
+
+def test_a_bus_stands_between_the_camera_and_a_child_in_the_open() -> None:
+    found = planned((EXAMPLES / "behind-the-bus.yaml").read_text("utf-8"))
+    assert (found.variants, found.accepted, found.frames) == (14, 14, 28)

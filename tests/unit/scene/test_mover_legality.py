@@ -7,6 +7,7 @@ import pytest
 import shapely
 from shapely import affinity
 
+from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Value
 from valerie.scene.asset import asset_manifest
 from valerie.scene.legality import rejection_reason
@@ -107,6 +108,63 @@ def test_what_is_hidden_at_first_is_judged_on_its_own_place_too() -> None:
     assert rejection_reason({"scene.bicycle-1.pos.x": 0.2}, street(wall)) is None
 
 
+def with_house(**more: object) -> Manifest:
+    """A house, 6 m wide and 4 m deep, whose front ends at (-5, 36), beside a way; another stands two metres farther along."""
+    document = street().model_dump(mode="json")
+    document["obstacles"] += [
+        {"path": "scene.building-8", "polygon": [(-9, 36), (-5, 36), (-5, 42), (-9, 42)], "height_m": 8.0},
+        {"path": "scene.building-9", "polygon": [(-9, 44), (-5, 44), (-5, 54), (-9, 54)]},
+    ]
+    way = [(-5, 0), (-3, 0), (-3, 50), (-5, 50)]
+    document["ways"] = [{"path": "scene.sidewalk-9", "polygon": way, "reason": "on sidewalk-9"}]
+    document["parameters"] += [
+        {"path": "scene.building-8.pos.x", "minimum": -9, "maximum": 0, "default": -5},
+        {"path": "scene.building-8.pos.y", "minimum": 30, "maximum": 40, "default": 36},
+        {"path": "scene.building-8.rot.z", "minimum": 60, "maximum": 120, "default": 90},
+        {"path": "scene.building-8.scale", "minimum": 0.5, "maximum": 2, "default": 1},
+    ]
+    return Manifest.model_validate({**document, **more})
+
+
+def house(**values: float) -> dict[str, Value]:
+    return {f"scene.building-8.{name.replace('_', '.')}": value for name, value in values.items()}
+
+
+def test_a_house_keeps_off_ways_and_neighbours() -> None:
+    manifest = with_house()
+    assert rejection_reason(house(pos_x=-6.0), manifest) is None
+    assert rejection_reason(house(pos_x=-4.9), manifest) == "building-8 stands on sidewalk-9"
+    assert rejection_reason(house(pos_y=37.9), manifest) is None
+    assert rejection_reason(house(pos_y=38.1), manifest) == "building-8 stands inside building-9"
+    assert rejection_reason(house(rot_z=70.0), manifest) == "building-8 stands on sidewalk-9"
+
+
+def test_an_outline_grows_and_shrinks_about_its_place() -> None:
+    manifest = with_house()
+    assert rejection_reason(house(scale=1.3), manifest) is None
+    assert rejection_reason(house(scale=1.35), manifest) == "building-8 stands inside building-9"
+    beside: dict[str, Value] = {"scene.person-1.pos.x": -7.0, "scene.person-1.pos.y": 42.5}
+    assert rejection_reason(beside, manifest) is None
+    assert rejection_reason({**beside, **house(scale=1.1)}, manifest) == "person-1 stands inside building-8"
+    within: dict[str, Value] = {"scene.person-1.pos.x": -7.0, "scene.person-1.pos.y": 41.5}
+    assert rejection_reason(within, manifest) == "person-1 stands inside building-8"
+    assert rejection_reason({**within, **house(scale=0.88)}, manifest) == "person-1 stands inside building-8"
+    # 36 + 0.86 · 6 = 41.16 m, and 0.3 m of room.
+    assert rejection_reason({**within, **house(scale=0.86)}, manifest) is None
+
+
+def test_a_vehicle_is_not_kept_off_the_ways() -> None:
+    way = {"path": "scene.road-9", "polygon": [(-2, 0), (4, 0), (4, 60), (-2, 60)], "reason": "on road-9"}
+    assert rejection_reason(car(2.0, 9.0), with_house(ways=[way])) is None
+
+
+def test_an_obstacle_that_changes_its_size_without_a_position_is_refused() -> None:
+    document = street().model_dump(mode="json")
+    scaled = {"path": "scene.building-1.scale", "minimum": 0.5, "maximum": 2, "default": 1}
+    with pytest.raises(InvalidInput, match="changes its size"):
+        Manifest.model_validate({**document, "parameters": [*document["parameters"], scaled]})
+
+
 def test_what_no_variant_speaks_of_is_not_judged() -> None:
     manifest = street(Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32))))
     assert rejection_reason({"scene.person-1.pos.x": -1.0}, manifest) is None
@@ -173,9 +231,12 @@ def test_the_places_of_the_streets_own_vehicles_are_legal(arguments: dict[str, V
     manifest, _ = asset_manifest({"name": "urban-street", **arguments})
     everything = {definition.path: definition.check(definition.default) for definition in manifest.parameters}
     assert rejection_reason(everything, manifest) is None
-    shown: dict[str, Value] = {**everything, "scene.bicycle-101.visible": True}
+    hidden = [path for path, value in everything.items() if path.endswith(".visible") and value is False]
+    assert len(hidden) == 4
+    shown: dict[str, Value] = {**everything, **dict.fromkeys(hidden, True)}
     for kind in manifest.by_path["scene.car-101.kind"].choices:
-        assert rejection_reason({**shown, "scene.car-101.kind": kind}, manifest) is None
+        cars = {"scene.car-101.kind": kind, "scene.car-102.kind": kind}
+        assert rejection_reason({**shown, **cars}, manifest) is None
 
 
 def test_a_car_that_drives_does_not_drive_through_one_that_is_parked() -> None:

@@ -41,7 +41,7 @@ def varied_houses(layout: StreetLayout) -> list[Placement]:
             if house.object_class == "building" and house.heading == heading and abs(house.x - fronts) < 5.0
         ]
         nearest = sorted(row, key=lambda house: (abs(_middle(house) - _PEOPLE_Y), house.path))[:_EACH_SIDE]
-        found += sorted(nearest, key=lambda house: layout.placements.index(house))
+        found += sorted(nearest, key=layout.placements.index)
     return found
 
 

@@ -19,6 +19,10 @@ EVERYTHING_SHOWN: dict[str, Value] = {
     "scene.person-2.character": "red-coat",
     "scene.car-101.kind": "suv",
     "scene.bicycle-101.visible": True,
+    "scene.car-102.kind": "van",
+    "scene.motorcycle-101.visible": True,
+    "scene.truck-101.visible": True,
+    "scene.bus-101.visible": True,
 }
 
 #: One property of one thing of the scene, such as ``scene.car-1 x`` or ``sky rain``, and its value.
@@ -83,6 +87,23 @@ def turned(thing: str, value: Value, _: Facts) -> Facts:
     """Counter-clockwise seen from above; at 0 it faces +y with +x on its right."""
     cos, sin = trigonometry(float(value))
     return {f"{thing} right": near((cos, sin, 0.0)), f"{thing} ahead": near((-sin, cos, 0.0))}
+
+
+def resized(thing: str, value: Value, before: Facts) -> Facts:
+    """As long along each of its axes as the value says, instead of 1."""
+    axes = {f"{thing} {name}": before[f"{thing} {name}"] for name in ("right", "ahead", "up")}
+    return {
+        fact: near(tuple(float(value) * part for part in axis))
+        for fact, axis in axes.items()
+        if isinstance(axis, tuple)
+    }
+
+
+def given(definition: ParameterDefinition, value: Value) -> Value:
+    """What the table says; of houses it says how much more than the default, since each stands elsewhere."""
+    if not definition.path.startswith(f"{ROOT}.building-"):
+        return value
+    return float(definition.check(definition.default)) + float(value)
 
 
 def below(thing: str, name: str, before: Facts) -> list[str]:
@@ -176,6 +197,17 @@ def sun_at(azimuth: float, elevation: float) -> Expected:
     return lambda *_: {"sun azimuth": near(azimuth, 1.0), "sun elevation": near(elevation, 0.5)}
 
 
+def rows_of(vehicle: str) -> dict[str, list[tuple[Value, Expected]]]:
+    """Of a vehicle in traffic of which there is one kind."""
+    return {
+        f"{vehicle} visible": [(True, appears(""))],
+        f"{vehicle} pos.x": [(1.0, itself("x"))],
+        f"{vehicle} pos.y": [(35.0, itself("y"))],
+        f"{vehicle} heading": [(70.0, turned)],
+        f"{vehicle} colour": [("yellow", painted_yellow)],
+    }
+
+
 #: Class of the thing and attribute: values, and what each changes.
 TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "person pos.x": [
@@ -197,11 +229,14 @@ TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "car heading": [(70.0, turned)],
     "car colour": [("yellow", painted_yellow)],
     "car door-2.rot.z": [(50.0, turned)],
-    "bicycle visible": [(True, appears(""))],
-    "bicycle pos.x": [(1.0, itself("x"))],
-    "bicycle pos.y": [(33.0, itself("y"))],
-    "bicycle heading": [(70.0, turned)],
-    "bicycle colour": [("yellow", painted_yellow)],
+    **rows_of("bicycle"),
+    **rows_of("motorcycle"),
+    **rows_of("truck"),
+    **rows_of("bus"),
+    "building pos.x": [(0.75, itself("x"))],
+    "building pos.y": [(-1.5, itself("y"))],
+    "building rot.z": [(4.0, turned)],
+    "building scale": [(-0.125, resized)],
     "sun azimuth": [(250.0, of("sun", "azimuth"))],
     "sun elevation": [(12.0, of("sun", "elevation")), (-8.0, of("sun", "elevation"))],
     "sun irradiance": [(0.5, of("sun", "irradiance"))],
@@ -247,7 +282,8 @@ def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, d
     others = {path: value for path, value in EVERYTHING_SHOWN.items() if path != definition.path}
     scene = apply(others, asset)
     before = facts_of(scene)
-    others_than_default = [(value, expected) for value, expected in TABLE[row] if value != definition.default]
+    rows = [(given(definition, value), expected) for value, expected in TABLE[row]]
+    others_than_default = [(value, expected) for value, expected in rows if value != definition.default]
     assert others_than_default
     for value, expected in others_than_default:
         changed = apply({**others, definition.path: value}, asset)

@@ -7,21 +7,31 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from valerie.labels import CITYSCAPES, VOID
-from valerie.parameters.definitions import ParameterType
+from valerie.parameters.definitions import ParameterType, Value
 from valerie.pipeline.training_scenes import crowd_asset
+from valerie.rendering.base import View
+from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.gltf import load_gltf, save_gltf
 from valerie.scene.legality import rejection_reason
+from valerie.scene.manifest import Manifest
 from valerie.scene.model import JOINTS, Scene
+from valerie.scene.naming import ROOT
 from valerie.scene.paints import PAINTS
 from valerie.scene.procedural.urban_street import CAMERAS
 from valerie.scene.traverse import traverse
-from valerie.scene.variation import apply, complete
+from valerie.scene.variation import apply, complete, split
 from valerie.testing.scenes import assert_same_scene
 
 MANIFEST = asset_manifest("urban-street")[0]
+#: What moves beside the persons.
+VEHICLES = tuple(
+    f"scene.{name}" for name in ("car-101", "bicycle-101", "car-102", "motorcycle-101", "truck-101", "bus-101")
+)
+HOUSES = tuple(path for path in MANIFEST.added if path not in VEHICLES)
 #: The paper's positions, section 6.1.
 GRID = tuple(product(range(-2, 8), range(5, 36, 2)))
 
@@ -41,7 +51,7 @@ def test_it_declares_what_the_paper_varies_over_wide_ranges() -> None:
         assert {"black-outfit", "yellow-shirt", "absent"} <= set(choices)
         assert len(choices) == 13
     assert MANIFEST.persons == ("scene.person-1", "scene.person-2")
-    assert MANIFEST.movable == (*MANIFEST.persons, "scene.car-101", "scene.bicycle-101")
+    assert MANIFEST.movable == (*MANIFEST.persons, *VEHICLES)
 
 
 def test_the_default_variant_is_legal() -> None:
@@ -175,9 +185,7 @@ def traffic(asset: SceneAsset, **values: float | str | bool) -> Scene:
 
 def test_nobody_drives_by_default(asset: SceneAsset) -> None:
     scene = apply({}, asset)
-    assert not any(
-        node.visible for path, node in scene.nodes.items() if path.startswith(("scene.car-101", "scene.bicycle-101"))
-    )
+    assert not any(node.visible for path, node in scene.nodes.items() if path.startswith(VEHICLES))
 
 
 def test_the_chosen_kind_of_car_drives_where_it_is_told(asset: SceneAsset) -> None:
@@ -215,13 +223,39 @@ def test_a_door_opens(asset: SceneAsset) -> None:
     np.testing.assert_allclose(turned[0, 0], math.cos(math.radians(50.0)))
 
 
-def test_riders_are_riders_on_bicycles_of_their_own(asset: SceneAsset) -> None:
+def test_riders_are_riders_on_what_they_ride(asset: SceneAsset) -> None:
     riders = {path: node for path, node in asset.base.nodes.items() if node.label_id == 25}
-    assert set(riders) == {"scene.bicycle-100.rider-100", "scene.bicycle-101.rider-101"}
-    assert {node.instance_id for node in riders.values()} == {25100, 25101}
+    cyclists = {"scene.bicycle-100.rider-100", "scene.bicycle-101.rider-101"}
+    assert set(riders) == {*cyclists, "scene.motorcycle-101.rider-102"}
+    assert {node.instance_id for node in riders.values()} == {25100, 25101, 25102}
     assert asset.base.nodes["scene.bicycle-100.frame"].label_id == 33
     assert {node.joints.shape for node in riders.values() if node.joints is not None} == {(len(JOINTS), 3)}
     assert all(node.joints is not None for node in riders.values())
+
+
+@pytest.mark.parametrize(
+    ("path", "label", "instance"),
+    [
+        ("scene.car-102.suv.body", 26, 26102),
+        ("scene.truck-101.body", 27, 27101),
+        ("scene.bus-101.body", 28, 28101),
+        ("scene.motorcycle-101.frame", 32, 32101),
+    ],
+)
+def test_vehicles_in_traffic_have_their_classes_and_instances(
+    asset: SceneAsset, path: str, label: int, instance: int
+) -> None:
+    node = asset.base.nodes[path]
+    assert (node.label_id, node.instance_id, node.movable) == (label, instance, True)
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_every_vehicle_in_traffic_has_head_and_tail_lamps_that_hang_on_the_switch(
+    asset: SceneAsset, vehicle: str
+) -> None:
+    lamps = [node for path, node in asset.base.nodes.items() if path.startswith(f"{vehicle}.") and node.light]
+    assert {node.name.rpartition("-")[0] for node in lamps} == {"headlamp", "tail-lamp"}
+    assert {node.light.switch for node in lamps if node.light} == {"car"}
 
 
 def test_every_cityscapes_class_but_the_train_appears(asset: SceneAsset) -> None:
@@ -275,3 +309,105 @@ def test_copies_of_a_person_take_stances_in_materials_of_their_own(asset: SceneA
     meshes = scene.nodes["scene.person-3.striped-boy"].meshes
     assert all(mesh.material.startswith("person-3/striped-boy/") for mesh in meshes)
     assert all(mesh.material in scene.materials for mesh in meshes)
+
+
+def test_each_side_of_the_street_has_houses_that_vary_within_limits() -> None:
+    assert len(HOUSES) == 6
+    for house in HOUSES:
+        x, y, turn, size = (MANIFEST.definition(f"{house}.{name}") for name in ("pos.x", "pos.y", "rot.z", "scale"))
+        assert [d.maximum - d.minimum for d in (x, y, turn) if d.maximum and d.minimum] == pytest.approx([4, 4, 12])
+        assert (size.minimum, size.default, size.maximum) == (0.85, 1.0, 1.1)
+        back = x.minimum if float(x.default) < 2.5 else x.maximum
+        assert back is not None
+        assert abs(back - float(x.default)) == pytest.approx(3.0)
+        assert not MANIFEST.is_movable(house)
+
+
+@pytest.mark.parametrize("house", HOUSES)
+def test_a_house_goes_back_or_shrinks_but_keeps_off_its_neighbours_and_the_pavement(house: str) -> None:
+    x, y, size = (MANIFEST.definition(f"{house}.{name}") for name in ("pos.x", "pos.y", "scale"))
+    outwards = -1.0 if float(x.default) < 2.5 else 1.0
+    assert rejection_reason({x.path: float(x.default) + 2.5 * outwards}, MANIFEST) is None
+    assert rejection_reason({size.path: 0.9}, MANIFEST) is None
+    forward = rejection_reason({x.path: float(x.default) - outwards}, MANIFEST)
+    name = house.removeprefix(f"{ROOT}.")
+    assert forward is not None
+    assert forward.startswith((f"{name} stands on sidewalk-", f"{name} stands inside "))
+    along = rejection_reason({y.path: float(y.default) + 1.0}, MANIFEST)
+    assert along is not None
+    assert " building-" in along
+
+
+def test_a_house_with_room_around_it_turns() -> None:
+    house = HOUSES[0]
+    x, turn, size = (MANIFEST.definition(f"{house}.{name}") for name in ("pos.x", "rot.z", "scale"))
+    turned = {turn.path: float(turn.default) - 3.0, x.path: float(x.default) - 1.0}
+    assert rejection_reason(turned, MANIFEST) == "building-3 and building-4 overlap"
+    assert rejection_reason({**turned, size.path: 0.85}, MANIFEST) is None
+
+
+def test_where_a_house_was_somebody_can_stand_and_where_it_is_nobody() -> None:
+    house = HOUSES[0]
+    x = float(MANIFEST.definition(f"{house}.pos.x").default)
+    place: dict[str, Value] = {"scene.person-1.pos.x": x - 1.0, "scene.person-1.pos.y": 8.0}
+    assert rejection_reason(place, MANIFEST) == "person-1 stands inside building-3"
+    assert rejection_reason({**place, f"{house}.pos.x": x - 2.0}, MANIFEST) is None
+    assert rejection_reason({**place, f"{house}.pos.x": x - 1.0}, MANIFEST) == "person-1 stands inside building-3"
+
+
+def test_what_was_declared_later_is_an_input_only_where_it_says_something_else() -> None:
+    def without_later(manifest: Manifest) -> Manifest:
+        old = tuple(d for d in manifest.parameters if not d.path.startswith(tuple(f"{p}." for p in manifest.added)))
+        return Manifest.model_validate({**manifest.model_dump(), "parameters": old, "added": ()})
+
+    said: dict[str, Value] = {"scene.person-1.pos.x": 2.0}
+    now = split(said, MANIFEST, "camera-1")
+    assert now == split(said, without_later(MANIFEST), "camera-1")
+    default = {f"{HOUSES[0]}.scale": 1.0, "scene.bus-101.visible": False, "scene.bus-101.pos.x": 4.0}
+    assert split({**said, **default}, MANIFEST, "camera-1") == now
+    house = split({**said, f"{HOUSES[0]}.scale": 0.9}, MANIFEST, "camera-1")
+    assert house.background != now.background
+    assert house.geometry != now.geometry
+    bus = split({**said, "scene.bus-101.visible": True}, MANIFEST, "camera-1")
+    assert bus.background == now.background
+    assert bus.geometry != now.geometry
+
+
+@pytest.mark.gl
+def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(asset: SceneAsset) -> None:
+    width, height = 480, 270
+    house = HOUSES[4]
+    person: dict[str, Value] = {"scene.person-1.pos.x": 8.2, "scene.person-1.pos.y": 22.0}
+    moved = {**person, f"{house}.pos.x": MANIFEST.definition(f"{house}.pos.x").minimum or 0.0, f"{house}.scale": 0.97}
+    view = View("camera-1", width, height)
+    truth_pass = TruthPass()
+    try:
+        scene = apply(moved, asset)
+        statics, layer = truth_pass.parts(scene, view)
+        truth, before = truth_pass.truth(scene, view), truth_pass.truth(apply(person, asset), view)
+    finally:
+        truth_pass.close()
+    assert np.array_equal(layer.over(statics).class_map, truth.class_map)
+    rows, columns = np.nonzero(before.instance_map == 24001)
+    assert len(rows) > 100
+    camera = scene.cameras["camera-1"]
+    scale = camera.sensor_width_mm / camera.focal_length_mm / width
+    local = np.column_stack(
+        [(columns + 0.5 - width / 2) * scale, (height / 2 - rows - 0.5) * scale, -np.ones(len(rows))]
+    )
+    triangles = [
+        (mesh.positions.astype(float) @ world[:3, :3].T + world[:3, 3])[mesh.faces.astype(int)]
+        for world in [scene.world_transform(house)]
+        for mesh in scene.nodes[house].meshes
+    ]
+    walls = trimesh.Trimesh(**trimesh.triangles.to_kwargs(np.concatenate(triangles)))
+    points, hit, _ = walls.ray.intersects_location(
+        np.repeat(camera.position[None], len(rows), 0), local @ camera.transform[:3, :3].T, multiple_hits=False
+    )
+    nearer = np.linalg.norm(points - camera.position, axis=1) < before.depth[rows[hit], columns[hit]]
+    hidden = np.zeros(len(rows), bool)
+    hidden[hit[nearer]] = True
+    assert hidden.sum() > 0.5 * len(rows)
+    seen_as_house = truth.instance_map[rows, columns] != 24001
+    assert np.count_nonzero(hidden != seen_as_house) <= 2
+    assert set(np.unique(truth.class_map[rows[hidden & seen_as_house], columns[hidden & seen_as_house]])) == {11}
