@@ -6,7 +6,7 @@ All are hidden by default, and then cost nothing. Shown at their default places,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -98,7 +98,7 @@ def outlines(name: str, at: TrafficPlace) -> list[Polygon]:
     return found
 
 
-def traffic_obstacles(places: dict[str, TrafficPlace]) -> Iterator[Footprint]:
+def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]:
     """Outlines of the vehicles in traffic, and of the cyclist who waits."""
     for name, at in (*places.items(), WAITING):
         for kind, polygon in zip(at.kinds or (class_of(name),), outlines(name, at), strict=True):
@@ -107,7 +107,7 @@ def traffic_obstacles(places: dict[str, TrafficPlace]) -> Iterator[Footprint]:
             yield Footprint(path=path, polygon=polygon, reason=f"inside {name}", height_m=height)
 
 
-def traffic_parameters(places: dict[str, TrafficPlace]) -> Iterator[ParameterDefinition]:
+def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[ParameterDefinition]:
     """What can be varied of them."""
     for name, at in places.items():
         path = f"{ROOT}.{name}"
