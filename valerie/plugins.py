@@ -1,18 +1,20 @@
 """What can be named in a spec, and the class behind each name, imported only when it is asked for.
 
 Three kinds: render engines, functions under test, samplers. Each has what is built in, and what installed packages declare as
-entry points. Names come from here and from nowhere else: nothing in a message or a spec is ever imported.
+entry points, where the operator names the package in ``VALERIE_PLUGINS``: a plug-in is a program, and being installed (perhaps
+for the sake of something else) is no permission to run in every worker. Names come from here and from nowhere else: nothing in
+a message or a spec is ever imported.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from pydantic import BaseModel, ValidationError
 
@@ -20,6 +22,8 @@ from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, Unkno
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.settings import load_settings
+from valerie.spelling import package_name
 from valerie.validation import problem_of
 
 if TYPE_CHECKING:
@@ -35,6 +39,20 @@ def _installed(group: str) -> EntryPoints:
     return entry_points(group=group)
 
 
+@lru_cache
+def _allowed() -> frozenset[str]:
+    """The packages that the operator named.
+
+    Of this process's environment, as everything that is installed here is: who asks for a name is deep in the science and
+    knows no settings.
+    """
+    return frozenset(load_settings().plugin_packages)
+
+
+def _package(point: EntryPoint) -> str:
+    return package_name(point.dist.name) if point.dist is not None else ""
+
+
 @dataclass(frozen=True, slots=True)
 class _Kind:
     """One kind of plugin: built-in names to ``module:attribute``, and a group of entry points."""
@@ -44,8 +62,16 @@ class _Kind:
     built_in: Mapping[str, str]
 
     def declared(self) -> dict[str, str]:
-        """Name to ``module:attribute`` of what installed packages declare; built-in names cannot be taken over."""
-        return {p.name: p.value for p in _installed(self.group) if p.name not in self.built_in}
+        """Name to ``module:attribute`` of what allowed packages declare; built-in names cannot be taken over."""
+        return {p.name: p.value for p in self._offered() if _package(p) in _allowed()}
+
+    def left_out(self) -> dict[str, str]:
+        """Name to package of what is installed and not allowed."""
+        names = self.names()
+        return {p.name: _package(p) for p in self._offered() if p.name not in names}
+
+    def _offered(self) -> list[EntryPoint]:
+        return [point for point in _installed(self.group) if point.name not in self.built_in]
 
     def names(self) -> set[str]:
         """Of all."""
@@ -56,16 +82,28 @@ class _Kind:
 
         Raises:
             UnknownName: no such name.
+            InvalidInput: it is installed, but the operator does not allow its package.
             MissingDependency: a library of it is not installed.
         """
         table = {**self.declared(), **self.built_in}
         if name not in table:
-            raise UnknownName(self.word, name, table, field=self.word)
+            raise self.unknown(name, table, field=self.word)
         module, _, attribute = table[name].partition(":")
         try:
             return getattr(import_module(module), attribute)
         except ImportError as error:
             raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
+
+    def unknown(self, name: str, known: Iterable[str], *, field: str) -> InvalidInput:
+        """What to say of a name that is not among ``known``: which switch would allow it, or near matches."""
+        package = self.left_out().get(name)
+        if package is None:
+            return UnknownName(self.word, name, known, field=field)
+        return InvalidInput(
+            f"{self.word} {name}: offered by the package {package}, which VALERIE_PLUGINS does not name",
+            field=field,
+            limit="whoever operates this deployment can allow it: packages in VALERIE_PLUGINS run as part of VALERIE",
+        )
 
 
 RENDERERS: Final = MappingProxyType(
@@ -97,10 +135,38 @@ _FUNCTIONS: Final = _Kind("function", "valerie.functions", {TESTING_ENGINE: "val
 _SAMPLERS: Final = _Kind("design", "valerie.samplers", {})
 
 
-def look_at_installed() -> None:
-    """Read once what installed packages declare, so that no request waits for it (some 50 ms)."""
-    for kind in (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS):
-        kind.declared()
+_KINDS: Final = (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS)
+
+
+def look_at_installed() -> tuple[str, ...]:
+    """Read once what installed packages declare, so that no request waits for it (some 50 ms).
+
+    Returns:
+        What an operator may not expect, in sentences: packages that are installed and left out, or named and without plug-ins.
+    """
+    left_out: dict[str, list[str]] = {}
+    for kind in _KINDS:
+        for name, package in sorted(kind.left_out().items()):
+            left_out.setdefault(package, []).append(f"{kind.word} {name}")
+    offering = {_package(point) for kind in _KINDS for point in _installed(kind.group)}
+    return (
+        *(
+            f"the package {package} offers {', '.join(left_out[package])}; VALERIE_PLUGINS does not name it"
+            for package in sorted(left_out)
+        ),
+        *(
+            f"VALERIE_PLUGINS names {package}, and no package of this name with plug-ins is installed here"
+            for package in sorted(_allowed() - offering)
+        ),
+    )
+
+
+def unknown_name(
+    word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
+) -> InvalidInput:
+    """The error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
+    kind = next(kind for kind in _KINDS if kind.word == word)
+    return kind.unknown(name, known, field=field)
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
@@ -113,16 +179,29 @@ def require_renderer(name: str, *, field: str) -> None:
 
     Raises:
         UnknownName: no such engine.
+        InvalidInput: the operator does not allow its package.
     """
     if name not in _RENDERERS.names():
-        raise UnknownName("renderer", name, _RENDERERS.names(), field=field)
+        raise _RENDERERS.unknown(name, _RENDERERS.names(), field=field)
+
+
+def require_function(name: str, *, field: str) -> None:
+    """Check the name of an installed function.
+
+    Raises:
+        UnknownName: no such function.
+        InvalidInput: the operator does not allow its package.
+    """
+    known = function_names(testing=True)
+    if name not in known:
+        raise _FUNCTIONS.unknown(name, known, field=field)
 
 
 def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Renderer:
     """Open an engine, with what a spec says of its settings.
 
     Raises:
-        UnknownName, MissingDependency: see `_Kind.load`.
+        UnknownName, InvalidInput, MissingDependency: see `_Kind.load`.
         InvalidInputs: see `engine_settings`.
     """
     engine = _RENDERERS.load(name)
@@ -193,7 +272,7 @@ def create_function(name: str, *, threads: int = 1, device: str = "auto") -> Per
     """Load a function under test; one of an installed package is made by calling its entry point without arguments.
 
     Raises:
-        UnknownName, MissingDependency: see `_Kind.load`.
+        UnknownName, InvalidInput, MissingDependency: see `_Kind.load`.
         NotFound, InvalidInput: its file is missing or damaged.
     """
     if name in FUNCTIONS:

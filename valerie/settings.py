@@ -15,6 +15,7 @@ from pydantic import Field, SecretStr, ValidationError, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.spelling import package_name
 from valerie.validation import problem_of
 
 PREFIX: Final = "VALERIE_"
@@ -73,6 +74,13 @@ class Settings(BaseSettings):
     function_cache_mb: int = Field(4_096, ge=1, description="files of functions that a machine keeps in data_dir")
     predictions_hours: float = Field(
         168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for predictions that people bring"
+    )
+
+    # Plug-ins
+    plugins: str = Field(
+        "",
+        description="installed packages whose engines, functions and samplers may be used, as my-package,other; "
+        "they run as part of VALERIE; empty: none",
     )
 
     # Runs
@@ -166,6 +174,11 @@ class Settings(BaseSettings):
     def http_addresses(self) -> tuple[str, ...]:
         """The entries of ``http_functions``."""
         return tuple(entry.strip() for entry in self.http_functions.split(",") if entry.strip())
+
+    @property
+    def plugin_packages(self) -> tuple[str, ...]:
+        """The packages of ``plugins``, spelt as package indexes do."""
+        return tuple(package_name(entry) for entry in self.plugins.split(",") if entry.strip())
 
     @property
     def exposed(self) -> bool:

@@ -40,3 +40,8 @@ def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
     plain = re.sub(f"[^A-Za-z0-9{re.escape(also)}]+", "-", spelled).strip("-" + also)
     room = None if longest is None else longest - len(mark) - 1 if mark else longest
     return "-".join(part for part in (plain[:room].strip("-" + also), mark) if part)
+
+
+def package_name(text: str) -> str:
+    """The name of a Python package as indexes spell it, so that ``My_Package`` and ``my-package`` are one."""
+    return re.sub(r"[-_.]+", "-", text.strip()).lower()

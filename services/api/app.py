@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import PackageNotFoundError, version
 
+import structlog
 from fastapi import Depends, FastAPI
 from fastapi.responses import RedirectResponse
 
@@ -21,6 +22,8 @@ from valerie.db.migrate import migrate
 from valerie.pipeline.context import open_context
 from valerie.pipeline.control import ControlLoop
 from valerie.settings import Settings, load_settings
+
+log = structlog.get_logger()
 
 _DESCRIPTION = """
 Submit a *run* (a spec as JSON or YAML), follow it, read what came of it. Errors are problem documents (RFC 9457) that name
@@ -48,7 +51,8 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
         context = open_context(settings)
         migrate(context.engine)
         context.store.check()
-        plugins.look_at_installed()
+        for notice in plugins.look_at_installed():
+            log.warning("api.plugins", reason=notice)
         loop = ControlLoop(context) if control else None
         app.state.context, app.state.control = context, loop
         stop = threading.Event()

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Final
 
+import structlog
+
 from services.infer_worker.tasks import register
 from valerie import plugins
 from valerie.errors import UnknownName
 from valerie.logs import configure_logging
-from valerie.perception.limits import limit_memory
-from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inference import InferMaker
 from valerie.pipeline.probe import inference_names
 from valerie.pipeline.workers import infer_offers, serve
 from valerie.settings import load_settings
+
+log = structlog.get_logger()
 
 #: No registered functions here.
 _NO_ENGINE: Final = "none"
@@ -30,15 +32,21 @@ def _engines(chosen: str) -> tuple[str, ...]:
     return names
 
 
+def _functions(chosen: str) -> tuple[str, ...]:
+    if not chosen:
+        return plugins.function_names()
+    names = tuple(name.strip() for name in chosen.split(","))
+    for name in names:
+        plugins.require_function(name, field="VALERIE_INFER_FUNCTIONS")
+    return names
+
+
 def main() -> None:
     """Run until told to stop."""
     settings = load_settings()
     configure_logging(settings)
-    functions = settings.infer_functions.split(",") if settings.infer_functions else plugins.function_names()
+    for notice in plugins.look_at_installed():
+        log.warning("worker.plugins", reason=notice)
+    functions = _functions(settings.infer_functions)
     engines = _engines(settings.infer_engines)
-
-    def open_maker(context: Context) -> InferMaker:
-        limit_memory(settings.infer_memory_mb)
-        return InferMaker(context)
-
-    serve(settings, "infer", offers=infer_offers(functions, engines), register=register, open_maker=open_maker)
+    serve(settings, "infer", offers=infer_offers(functions, engines), register=register, open_maker=InferMaker)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import structlog
+
 from services.render_worker.tasks import register
+from valerie import plugins
 from valerie.logs import configure_logging
 from valerie.pipeline.makers.rendering import RenderMaker
 from valerie.pipeline.workers import render_offers, serve
 from valerie.settings import load_settings
+
+log = structlog.get_logger()
 
 
 def main() -> None:
     """Run until told to stop."""
     settings = load_settings()
     configure_logging(settings)
+    for notice in plugins.look_at_installed():
+        log.warning("worker.plugins", reason=notice)
     offers = render_offers(settings.render_engines.split(","))
     serve(settings, "render", offers=offers, register=register, open_maker=RenderMaker)

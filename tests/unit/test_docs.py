@@ -15,6 +15,7 @@ import pytest
 import typer.main
 import yaml
 
+from tests.plugin_package import write_package
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
@@ -23,6 +24,7 @@ from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents import parse_function
 from valerie.perception.training.__main__ import command_parser
+from valerie.pipeline.probe import probe_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
 from valerie.scene.asset import asset_manifest
@@ -80,7 +82,8 @@ def test_named_variables_are_settings(document: Path) -> None:
     settings = {PREFIX + name.upper() for name in Settings.model_fields}
     of_set_up = set(re.findall(r"VALERIE_SETUP_[A-Z_]+", (ROOT / "bin" / "setup").read_text("utf-8")))
     named = set(re.findall(r"VALERIE_[A-Z0-9_]+", document.read_text("utf-8")))
-    assert named - {"VALERIE_"} <= settings | of_set_up
+    of_tests = {name for name in named if name.startswith("VALERIE_TEST_")}
+    assert named - {"VALERIE_"} - of_tests <= settings | of_set_up
 
 
 def test_the_table_of_settings_is_complete() -> None:
@@ -271,3 +274,31 @@ def test_the_examples_of_entry_points_are_in_the_groups_that_are_looked_at() -> 
         assert f'"{group}"' in source
         for target in declared.values():
             assert f"class {target.partition(':')[2]}" in EXTENDING
+
+
+def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (text,) = blocks(EXTENDING, "toml")
+    groups = tomllib.loads(text)["project"]["entry-points"]
+    source = {name: next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block) for name in
+              ("DarkIsPerson", "Golden", "WarmRenderer")}  # fmt: skip
+    modules = {
+        target.partition(":")[0]: source[target.partition(":")[2]]
+        for declared in groups.values()
+        for target in declared.values()
+    }
+    monkeypatch.syspath_prepend(str(write_package(tmp_path, "my-package", modules=modules, entry_points=groups)))
+    for variable, value in re.findall(r"^export (VALERIE_PLUGINS)=(\S+)$", EXTENDING, re.MULTILINE):
+        monkeypatch.setenv(variable, value)
+    caches = (plugins._installed, plugins._allowed, plugins.samplers)
+    for cached in caches:
+        cached.cache_clear()
+    try:
+        (offered,) = probe_function("dark-is-person")
+        assert (offered["name"], offered["revision"], offered["numeric_class"]) == ("dark-is-person", 1, "numpy-uint8")
+        assert "warm" in plugins.renderer_names()
+        assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
+    finally:
+        for cached in caches:
+            cached.cache_clear()

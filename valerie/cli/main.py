@@ -39,6 +39,7 @@ Exit codes:
   3         completed, but some products failed for good; a replayed frame differs
   4         the run was cancelled or failed
   5         something is missing, full or not reachable here
+  124       a function took longer than VALERIE_INFER_SECONDS
   130, 143  interrupted (Ctrl-C), terminated
 
 Settings are environment variables VALERIE_…; docs/operations.md lists them."""

@@ -36,6 +36,7 @@ class Exit(IntEnum):
     COMPLETED_WITH_FAILURES = 3
     NOT_COMPLETED = 4
     ENVIRONMENT = 5
+    TOOK_TOO_LONG = 124
 
 
 class Stopped(SystemExit):  # no error: somebody asked for the end

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +65,10 @@ class PerceptionFunction(Protocol):
     height and width; only declared train ids (0…18, 255).
     """
 
-    #: Raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest.
-    revision: ClassVar[int]
+    @property
+    def revision(self) -> int:
+        """Raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest."""
+        ...
 
     @property
     def card(self) -> FunctionCard: ...

@@ -15,6 +15,7 @@ from valerie.perception.documents import FunctionDocument
 from valerie.perception.functions import open_function
 from valerie.perception.training.beginning import require_trainable
 from valerie.pipeline import functions
+from valerie.pipeline.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_source import FunctionSource
 from valerie.pipeline.functions import SHORT
@@ -64,10 +65,8 @@ def display_name(reference: str) -> str:
     return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
-def open_pinned(
-    name: str, pin: Mapping[str, Any], *, context: Context, threads: int | None = None
-) -> PerceptionFunction:
-    """Load exactly what a run looked with, to hold something against the run's scores.
+def open_pinned(name: str, pin: Mapping[str, Any], *, context: Context, threads: int | None = None) -> BoundedFunction:
+    """Load exactly what a run looked with, within bounds (see `open_bounded`), to hold something against the run's scores.
 
     Args:
         name: what the run's spec calls it.
@@ -78,19 +77,14 @@ def open_pinned(
     Raises:
         NotFound: this version was removed.
         Conflict: it has another digest here, or it runs in another numeric class.
+        TransientError: opening it needs more memory than it may have.
         ValerieError: it cannot be opened here.
     """
-    try:
-        return FunctionSource(context).open(name, pin, threads=threads)
-    except TransientError as error:
-        raise Conflict(
-            f"{error}. What is compared must be computed alike: do it on a machine like the run's workers and with as many "
-            "threads as they have, or run the validation again here"
-        ) from None
+    return open_bounded(lambda: _open_pinned(name, pin, context, threads), context.settings, name=name)
 
 
-def open_reference(reference: str, *, context: Context, threads: int | None = None) -> PerceptionFunction:
-    """Load a function to predict with.
+def open_reference(reference: str, *, context: Context, threads: int | None = None) -> BoundedFunction:
+    """Load a function to predict with, within the bounds that hold in workers too (see `open_bounded`).
 
     Args:
         reference: a function file, the name of an installed function, ``name`` or ``name@digest`` of a registered one.
@@ -101,7 +95,22 @@ def open_reference(reference: str, *, context: Context, threads: int | None = No
     Raises:
         UnknownName, NotFound, InvalidInput, MissingDependency: as `plugins.create_function`, `open_function` and
             `valerie.pipeline.functions.find`.
+        TransientError: opening it needs more memory than it may have.
     """
+    return open_bounded(lambda: _open(reference, context, threads), context.settings, name=display_name(reference))
+
+
+def _open_pinned(name: str, pin: Mapping[str, Any], context: Context, threads: int | None) -> PerceptionFunction:
+    try:
+        return FunctionSource(context).open(name, pin, threads=threads)
+    except TransientError as error:
+        raise Conflict(
+            f"{error}. What is compared must be computed alike: do it on a machine like the run's workers and with as many "
+            "threads as they have, or run the validation again here"
+        ) from None
+
+
+def _open(reference: str, context: Context, threads: int | None) -> PerceptionFunction:
     threads, device = threads or context.settings.inference_threads, context.settings.infer_device
     if is_file(reference):
         path = Path(reference)

@@ -111,6 +111,8 @@ def main(arguments: Sequence[str]) -> int:
             offers += _PROBES[stage](name)
         except ValerieError as error:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
+        except Exception as error:  # a defect of one plug-in must not take the others along
+            print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
     print(json.dumps(offers))  # noqa: T201
     return 0 if offers else 1
 

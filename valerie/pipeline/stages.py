@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, Protocol, runtime_checkable
 
@@ -71,6 +71,15 @@ class LooksAhead(Protocol):
         ...
 
 
+@runtime_checkable
+class MayEnd(Protocol):
+    """A maker that ends this process where a product takes too long: nothing else stops compiled code."""
+
+    def before_end(self, tell: Callable[[str], None]) -> None:
+        """Before that, ``tell(reason)`` is to be called, from any thread, while the product is still being made."""
+        ...
+
+
 def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     """Make those of ``digests`` that are still wanted; record what became of each."""
     settings = context.settings
@@ -84,10 +93,13 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
     finished: list[Finished] = []
     if isinstance(maker, LooksAhead):
         maker.expect(jobs)
+    current = jobs[0]
+    if isinstance(maker, MayEnd):
+        maker.before_end(lambda reason: _end(context, current, pending, finished, reason))
     with _heartbeat(context, pending):
         last = time.monotonic()
-        for job in jobs:
-            made = _attempt(context, maker, job)
+        for current in jobs:
+            made = _attempt(context, maker, current)
             if made is not None:
                 finished.append(made)
             if finished and time.monotonic() - last > _PUBLISH_SECONDS:
@@ -106,25 +118,32 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
         _ask_again(context, job, error)
     except (StorageFull, StorageUnavailable) as error:
         log.warning("stage.storage", digest=job.digest, error=str(error))
-        _hand_back(context, job, seconds=0.0, count_attempt=False)
+        _give_back(context, [job.digest], seconds=0.0, count_attempt=False)
         pause_for_storage(context, error)
     except TransientError as error:
-        if job.attempts >= context.settings.max_attempts:
-            _fail(context, job, error)
-        else:
-            log.warning("stage.retry", digest=job.digest, kind=job.kind, attempts=job.attempts, error=str(error))
-            _hand_back(context, job, seconds=_BACKOFF_SECONDS[min(job.attempts, len(_BACKOFF_SECONDS)) - 1])
+        _again_or_never(context, job, error)
     except MemoryError as error:
         if job.attempts >= context.settings.max_attempts:
             _fail(context, job, error)
         else:
-            _hand_back(context, job, seconds=_BACKOFF_SECONDS[0])
+            _give_back(context, [job.digest], seconds=_BACKOFF_SECONDS[0])
     except Exception as error:
         # Also a defect of ours or of an engine must end as a recorded failure of this product, not as a stuck run.
         if not isinstance(error, ValerieError):
             log.exception("stage.defect", digest=job.digest, kind=job.kind)
         _fail(context, job, error)
     return None
+
+
+def _end(context: Context, job: Job, pending: set[str], finished: Sequence[Finished], reason: str) -> None:
+    """This process is about to end in the middle of ``job``: what is finished is kept, what was not begun goes back uncounted."""
+    try:
+        if finished:
+            _publish(context, finished)
+        rest = pending - {job.digest, *(one.digest for one in finished)}
+        _give_back(context, rest, seconds=0.0, count_attempt=False)
+    finally:
+        _again_or_never(context, job, TransientError(reason))
 
 
 def _publish(context: Context, finished: Sequence[Finished]) -> None:
@@ -153,12 +172,21 @@ def _fail(context: Context, job: Job, error: BaseException) -> None:
         products.fail(connection, job.digest, owner=context.owner, error=document, now=time.time())
 
 
-def _hand_back(context: Context, job: Job, *, seconds: float, count_attempt: bool = True) -> None:
+def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
+    """Another attempt after a pause, while there are any left."""
+    if job.attempts >= context.settings.max_attempts:
+        _fail(context, job, error)
+        return
+    log.warning("stage.retry", digest=job.digest, kind=job.kind, attempts=job.attempts, error=str(error))
+    _give_back(context, [job.digest], seconds=_BACKOFF_SECONDS[min(job.attempts, len(_BACKOFF_SECONDS)) - 1])
+
+
+def _give_back(context: Context, digests: Iterable[str], *, seconds: float, count_attempt: bool = True) -> None:
     # The sweeper rings for what was not rung for in `resend_seconds`; that long before the pause's end is when it "was".
     with writing(context.engine) as connection:
         products.hand_back(
             connection,
-            [job.digest],
+            list(digests),
             owner=context.owner,
             not_before=time.time() + seconds - context.settings.resend_seconds,
             count_attempt=count_attempt,

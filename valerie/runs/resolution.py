@@ -140,7 +140,7 @@ def resolve(
     definitions = resolver.definitions()
     engine_inputs: Mapping[str, Any] = {}
     if engines is not None and spec.engine not in engines:
-        resolver.problems.append(UnknownName("renderer", spec.engine, engines, field="renderer"))
+        resolver.problems.append(plugins.unknown_name("renderer", spec.engine, engines, field="renderer"))
     else:
         try:
             engine_inputs = plugins.engine_inputs(spec.engine, spec.engine_settings)
@@ -148,7 +148,8 @@ def resolve(
             resolver.problems += error.problems
     for i, function in enumerate(spec.functions):
         if functions is not None and function not in functions:
-            resolver.problems.append(UnknownName("function", function, functions, field=f"functions.{i}"))
+            unknown = plugins.unknown_name("function", function, functions, field=f"functions.{i}")
+            resolver.problems.append(unknown)
     for i, camera in enumerate(spec.cameras or ()):
         if camera not in manifest.cameras:
             resolver.problems.append(UnknownName("camera", camera, manifest.cameras, field=f"cameras.{i}"))
@@ -322,7 +323,7 @@ class _Resolver:
         """The block in the asset's units; what has a problem is left out of it."""
         if block.design not in (GRID, POINTS, *samplers):
             self.problems.append(
-                UnknownName("design", block.design, (GRID, POINTS, *samplers), field=f"{place}.design")
+                plugins.unknown_name("design", block.design, (GRID, POINTS, *samplers), field=f"{place}.design")
             )
         if max_variants is not None and block.count is not None and block.count > max_variants:
             self.problems.append(_too_many(block.count, max_variants, f"{place}.count"))

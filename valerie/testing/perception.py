@@ -90,6 +90,7 @@ class PerceptionContract:
         assert card.architecture
         assert len(card.digest) in (32, 64)
         assert int(card.digest, 16) >= 0
+        assert function.revision >= 1
         assert card.engine in function.numeric_class
         # Nobody here knows the precision of what computes elsewhere.
         assert card.precision == "remote" or card.precision in function.numeric_class

@@ -43,3 +43,15 @@ def test_what_is_done_in_time_is_left_alone() -> None:
         "print('alive')\n"
     )
     assert done.stdout == "alive\n", done.stderr
+
+
+def test_the_reason_is_handed_over_where_standard_error_was_replaced_as_in_a_workers_process() -> None:
+    done = ran(
+        "import io, sys, time\n"
+        "from valerie.perception.limits import time_limit\n"
+        "sys.stderr = io.StringIO()\n"
+        "with time_limit(0.2, what='f', before_end=lambda reason: print('kept:', reason, flush=True)):\n"
+        "    time.sleep(30)\n"
+    )
+    assert (done.returncode, done.stdout) == (124, "kept: f took longer than 0.2 s\n")
+    assert done.stderr == "valerie: f took longer than 0.2 s\n"

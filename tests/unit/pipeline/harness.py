@@ -25,7 +25,7 @@ from valerie.pipeline.makers.evaluation import EvaluateMaker
 from valerie.pipeline.makers.inference import InferMaker
 from valerie.pipeline.makers.rendering import RenderMaker
 from valerie.pipeline.probe import probe_engine, probe_function
-from valerie.pipeline.stages import LooksAhead, run_stage
+from valerie.pipeline.stages import LooksAhead, MayEnd, run_stage
 from valerie.pipeline.submit import submit
 from valerie.runs.spec import parse
 from valerie.settings import load_settings
@@ -68,6 +68,10 @@ class Watched:
         if isinstance(self._maker, LooksAhead):
             self._maker.expect(jobs)
 
+    def before_end(self, tell: Callable[[str], None]) -> None:
+        if isinstance(self._maker, MayEnd):
+            self._maker.before_end(tell)
+
     def make(self, job: Job) -> Finished:
         self.before(job)
         finished = self._maker.make(job)
@@ -79,7 +83,8 @@ class Pipeline:
     """One process that is everything."""
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
-        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0, **settings}
+        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
+        given |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
         self.settings = load_settings(
             {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **given
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from numpy import uint8
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError, ValerieError
-from valerie.perception.base import BatchFunction, PerceptionFunction
 from valerie.perception.batches import require_size
-from valerie.perception.limits import time_limit
+from valerie.pipeline.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.capture import capture_of
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_source import FunctionSource
@@ -38,8 +37,9 @@ class InferMaker:
         self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
         self._source = FunctionSource(context)
-        self._seconds = context.settings.infer_seconds
-        self._loaded: tuple[tuple[str, ...], PerceptionFunction] | None = None
+        self._settings = context.settings
+        self._tell: Callable[[str], None] | None = None
+        self._loaded: tuple[tuple[str, ...], BoundedFunction] | None = None
         self._expected: dict[str, Job] = {}
         self._ahead: dict[str, Predicted] = {}
 
@@ -47,6 +47,10 @@ class InferMaker:
         """See `valerie.pipeline.stages.LooksAhead`."""
         self._expected = {job.digest: job for job in jobs}
         self._ahead.clear()
+
+    def before_end(self, tell: Callable[[str], None]) -> None:
+        """See `valerie.pipeline.stages.MayEnd`."""
+        self._tell = tell
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.stages.Maker`."""
@@ -64,26 +68,22 @@ class InferMaker:
             raise InferenceError(f"product {job.digest} is no prediction")
         run = self._runs.run(job.run_id)
         name = run.resolved.spec.functions[job.function_index]
-        with time_limit(self._seconds, what=f"opening {name}"):
-            function = self._function(name, run.pins["functions"][name])
+        function = self._function(name, run.pins["functions"][name])
         pictures = {job.digest: self._picture(job)}
         # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
-        size = function.batch_size if isinstance(function, BatchFunction) and job.attempts == 1 else 1
+        size = function.batch_size if job.attempts == 1 else 1
         if size > 1:
             pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
-        with time_limit(self._seconds * len(pictures), what=name):
-            predictions = self._predictions(function, list(pictures.values()))
+        predictions = self._predictions(function, list(pictures.values()))
         each = (time.process_time() - started) / len(predictions)
         first, *others = zip(pictures, predictions, strict=False)
         self._ahead |= {digest: (labels, each) for digest, labels in others}
         return first[1], each
 
-    def _predictions(
-        self, function: PerceptionFunction, pictures: Sequence[NDArray[uint8]]
-    ) -> Sequence[NDArray[uint8]]:
+    def _predictions(self, function: BoundedFunction, pictures: Sequence[NDArray[uint8]]) -> Sequence[NDArray[uint8]]:
         """Of all pictures; of the first alone where together they fail, so that one picture harms no other."""
         predictions = None
-        if len(pictures) > 1 and isinstance(function, BatchFunction):
+        if len(pictures) > 1:
             try:
                 predictions = function.predict_many(pictures)
             except Exception:  # a plug-in may raise anything, and each picture is to fail for itself
@@ -127,11 +127,16 @@ class InferMaker:
         )
         return capture.picture(self._reader)
 
-    def _function(self, name: str, pin: Mapping[str, Any]) -> PerceptionFunction:
+    def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
         key = (name, pin["digest"], pin["numeric_class"])
         if self._loaded is None or self._loaded[0] != key:
             if self._loaded is not None:
                 self._loaded[1].close()
                 self._loaded = None  # one network at a time, also while the next one is opened
-            self._loaded = (key, self._source.open(name, pin))
+            opened = open_bounded(lambda: self._source.open(name, pin), self._settings, name=name, before_end=self._say)
+            self._loaded = (key, opened)
         return self._loaded[1]
+
+    def _say(self, reason: str) -> None:
+        if self._tell is not None:
+            self._tell(f"{reason} (VALERIE_INFER_SECONDS)")

@@ -1,0 +1,84 @@
+"""A package with plug-ins as an installer leaves it: modules beside a ``dist-info`` folder, to be put on a path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+
+def write_package(
+    folder: Path, name: str, *, modules: Mapping[str, str], entry_points: Mapping[str, Mapping[str, str]]
+) -> Path:
+    """Write a distribution.
+
+    Args:
+        folder: to put on a path; made if missing.
+        name: of the distribution.
+        modules: dotted name of each module to its source.
+        entry_points: group to names to ``module:attribute``.
+
+    Returns:
+        ``folder``.
+    """
+    info = folder / f"{name.replace('-', '_')}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    sections = (
+        f"[{group}]\n" + "".join(f"{point} = {value}\n" for point, value in points.items())
+        for group, points in entry_points.items()
+    )
+    (info / "entry_points.txt").write_text("\n".join(sections))
+    for module, source in modules.items():
+        path = folder.joinpath(*module.split(".")).with_suffix(".py")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(source)
+    return folder
+
+
+#: Functions that hang and that ask for too much, each where the picture's first pixel says so; all else is road.
+GREEDY = '''
+import hashlib
+import time
+
+import numpy as np
+
+from valerie.perception.base import FunctionCard
+
+
+def troubles(picture):
+    """Whether this picture makes trouble: about every second one."""
+    return hashlib.sha256(picture.tobytes()).digest()[0] % 2 == 0
+
+
+class _Function:
+    revision = 1
+
+    def __init__(self):
+        name = type(self).__name__.lower()
+        self.card = FunctionCard(name, hashlib.sha256(name.encode()).hexdigest(), name, "uint8", "numpy", {})
+        self.numeric_class = "numpy-uint8"
+
+    def predict(self, picture):
+        if troubles(picture):
+            self.trouble()
+        return np.zeros(picture.shape[:2], np.uint8)
+
+    def close(self):
+        pass
+
+
+class Sleeper(_Function):
+    def trouble(self):
+        time.sleep(3600)
+
+
+class Glutton(_Function):
+    def trouble(self):
+        np.empty(6 << 30, np.uint8)  # reserved and never touched: harmless where nothing refuses it
+'''
+_POINTS = {"valerie.functions": {"sleeper": "greedy:Sleeper", "glutton": "greedy:Glutton"}}
+
+
+def write_greedy(folder: Path) -> Path:
+    """The distribution ``greedy-functions`` with the functions ``sleeper`` and ``glutton``; ``folder``."""
+    return write_package(folder, "greedy-functions", modules={"greedy": GREEDY}, entry_points=_POINTS)

@@ -1,0 +1,181 @@
+"""Runs whose functions do not answer, ask for too much or take turns: every failure is counted, and nothing else is lost."""
+
+from __future__ import annotations
+
+import time
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from http.server import BaseHTTPRequestHandler
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.acceptance.system import spec
+from tests.unit.label_server import Server
+from tests.unit.pipeline.harness import Pipeline
+from valerie.db import processes, results
+from valerie.db.engine import reading, writing
+from valerie.db.products import Finished, Job
+from valerie.perception.base import FunctionCard
+from valerie.perception.documents import parse_function
+from valerie.perception.label_png import encode_png
+from valerie.pipeline import functions
+from valerie.pipeline.function_source import FunctionSource
+from valerie.storage.keys import run_key
+from valerie.testing.blank import BlankFunction
+
+#: Two places, two cameras: 4 frames.
+FOUR = spec(xs=2, ys=1)
+
+
+def offer(pipeline: Pipeline, *offers: dict[str, Any]) -> None:
+    """A second worker of the stage of inference."""
+    row = {"id": "i", "stage": "infer", "host": "h", "pid": 2, "offers": list(offers), "started_at": time.time()}
+    with writing(pipeline.context.engine) as connection:
+        processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
+
+
+def failures(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+    with reading(pipeline.context.engine) as connection:
+        return results.failures(connection, run_id)
+
+
+class TestAnEndpointThatDoesNotAnswerInTime:
+    @pytest.fixture
+    def server(self) -> Iterator[Server]:
+        server = Server()
+        yield server
+        server.close()
+
+    @pytest.fixture
+    def asked(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
+        """A finished run of which the endpoint left the second picture without an answer."""
+
+        def answer(handler: BaseHTTPRequestHandler, picture: NDArray[np.uint8]) -> None:
+            if len(server.requests) == 2:
+                time.sleep(10)
+                return
+            server.send(handler, encode_png(np.zeros(picture.shape[:2], np.uint8)))
+
+        server.answer = answer
+        pipeline = pipelines(http_functions="127.0.0.0/8", max_attempts=3)
+        text = {
+            "name": "remote",
+            "kind": "http",
+            "options": {"url": server.url, "timeout_s": 2},
+            "output": {"kind": "labels", "classes": ["road", "person"]},
+        }
+        functions.register(pipeline.context, parse_function(text), None)
+        offer(
+            pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"}
+        )
+        run_id = pipeline.submit({**FOUR, "functions": ["remote", "blank"]})
+        assert pipeline.run(run_id) == "completed-with-failures"
+        return pipeline, run_id
+
+    def test_is_a_counted_failure_with_its_reason_and_was_asked_once(
+        self, asked: tuple[Pipeline, str], server: Server
+    ) -> None:
+        pipeline, run_id = asked
+        assert len(server.requests) == 4, "each picture is sent once, answered or not"
+
+        (lost,) = (one for one in failures(pipeline, run_id) if one["kind"] == "prediction")
+        assert (lost["error"]["type"], lost["error"]["attempts"]) == ("InferenceError", 1)
+        assert lost["error"]["message"].endswith(": no answer within 2 s")
+
+        row = pipeline.row(run_id)
+        assert row.reason.startswith("1 products failed for good")
+        assert row.progress["stages"]["infer"]["failed"] == 1
+        assert row.progress["stages"]["infer"]["done"] == 7
+        counted = {one["function"]: one["frames"] for one in row.summary["summary"]["rows"]}
+        assert counted["remote"] == counted["blank"] - 1 == 3
+        report = pipeline.context.store.get(run_key(run_id, "report.html")).decode()
+        assert "no answer within 2 s" in report
+
+
+class Noted(BlankFunction):
+    """Notes when it is opened and closed."""
+
+    def __init__(self, name: str, book: list[str]) -> None:
+        card = BlankFunction.card
+        self.card = FunctionCard(name, card.digest, name, card.precision, card.engine, {})  # type: ignore[misc]
+        self._book = book
+        book.append(f"open {name}")
+
+    def close(self) -> None:
+        self._book.append(f"close {self.card.name}")
+
+
+def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    book: list[str] = []
+    opened: list[weakref.ref[Noted]] = []
+
+    def open_one(_: FunctionSource, name: str, pin: Mapping[str, Any]) -> Noted:
+        assert all(one() is None for one in opened), "the one before still takes memory"
+        function = Noted(name, book)
+        opened.append(weakref.ref(function))
+        return function
+
+    monkeypatch.setattr(FunctionSource, "open", open_one)
+    for number, name in enumerate(("one", "two")):
+        text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
+        functions.register(pipeline.context, parse_function(text), None)
+    offer(pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"})
+    run_id = pipeline.submit({**FOUR, "functions": ["one", "two", "blank"]})
+    assert pipeline.run(run_id) == "completed"
+    names = [entry.partition(" ")[2] for entry in book[::2]]
+    assert set(names) == {"one", "two", "blank"}
+    turns = [entry for name in names for entry in (f"open {name}", f"close {name}")]
+    assert book == turns[:-1], "each is closed before the next is opened, and the last one stays loaded"
+
+
+class Ended(BaseException):
+    """Stands for the end of the process."""
+
+
+class Ending:
+    """A maker whose process ends in the middle of one product, told beforehand."""
+
+    def __init__(self, maker: Any, victim: Callable[[Sequence[str]], str]) -> None:
+        self._maker, self._choose = maker, victim
+        self.victim = ""
+        self._tell: Callable[[str], None] = lambda _: None
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        self.victim = self.victim or self._choose([job.digest for job in jobs])
+
+    def before_end(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+
+    def make(self, job: Job) -> Finished:
+        if job.digest == self.victim:
+            self._tell("f took longer than 2 s (VALERIE_INFER_SECONDS)")
+            raise Ended
+        finished: Finished = self._maker.make(job)
+        return finished
+
+
+def test_a_process_that_ends_over_one_picture_keeps_the_reason_and_costs_its_neighbours_nothing(
+    pipeline: Pipeline,
+) -> None:
+    ending = Ending(pipeline.makers["infer"], lambda digests: digests[1])
+    pipeline.makers["infer"] = ending  # type: ignore[assignment]
+    run_id = pipeline.submit(FOUR)
+    ends = 0
+    for _ in range(60):
+        try:
+            pipeline.step()
+        except Ended:
+            ends += 1
+        if pipeline.state(run_id) == "completed-with-failures":
+            break
+    assert ends == 2, "as many as there are attempts"
+    products = {one.digest: one for one in pipeline.products() if one.kind == "prediction"}
+    failed = products.pop(ending.victim)
+    assert (failed.state, failed.error["attempts"]) == ("failed", 2)
+    assert failed.error["message"] == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
+    assert {(one.state, one.attempts) for one in products.values()} == {("done", 1)}
