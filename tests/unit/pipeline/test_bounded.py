@@ -22,7 +22,7 @@ from valerie.perception.documents import parse_function
 from valerie.perception.functions import open_function
 from valerie.pipeline import bounded, functions
 from valerie.pipeline.bounded import open_bounded
-from valerie.pipeline.opening import open_reference
+from valerie.pipeline.opening import open_pinned, open_reference
 from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
 from valerie.testing.functions import small_onnx
@@ -94,9 +94,14 @@ class TestMemory:
         function.close()
         assert memory_limit() == before
 
-    def test_is_bounded_in_workers(self, pipelines: Callable[..., Pipeline]) -> None:
+    def test_is_bounded_in_workers_and_for_what_a_run_pinned(self, pipelines: Callable[..., Pipeline]) -> None:
+        before = memory_limit()
         pipeline = pipelines(infer_memory_mb=MANY_MB)
-        assert pipeline.run(pipeline.submit(spec(xs=1, ys=1))) == "completed"
+        run_id = pipeline.submit(spec(xs=1, ys=1))
+        assert pipeline.run(run_id) == "completed"
+        assert memory_limit() == MANY_MB << 20
+        resource.setrlimit(resource.RLIMIT_DATA, (before, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+        open_pinned("blank", pipeline.row(run_id).pins["functions"]["blank"], context=pipeline.context)
         assert memory_limit() == MANY_MB << 20
 
 
