@@ -15,13 +15,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
 from valerie.cli.datasets import Lines
 from valerie.pipeline.comparison import compare_versions
-from valerie.pipeline.context import open_context
+from valerie.pipeline.context import Context, open_context
 from valerie.pipeline.opening import open_reference
 from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain
 from valerie.pipeline.weakness import find_weakness
@@ -34,56 +35,86 @@ FUNCTION = "semantic-fpn-small"
 def main() -> int:
     options = _parser().parse_args()
     out, data = options.out, options.out / "data"
-    started = time.monotonic()
+    settings = RetrainSettings(
+        frames=options.frames, streets=options.streets, steps=options.steps, batch=4, held_out_frames=0
+    )
     _say("1. validate (products that are there already are not made again)")
     run_id = _validate(data)
     context = open_context(load_settings(data_dir=data))
     try:
-        _say(f"2. read where {FUNCTION} is weak: {options.where}")
-        weakness = find_weakness(context, run_id, options.where, FUNCTION)
-        _say(f"   {weakness.selected} of {weakness.evaluated} persons; region: {weakness.region}")
-        settings = RetrainSettings(
-            frames=options.frames, streets=options.streets, steps=options.steps, batch=4, held_out_frames=0
-        )
-        versions = [FUNCTION]
-        made: dict[str, object] = {}
-        for name, targeted in (("targeted", True), ("random", False)):
-            _say(f"3. {name} frames, and {settings.steps} steps of training on them")
-            lines = Lines("steps")
-            retrained = retrain(
-                weakness,
-                out / f"{name}.safetensors",
-                settings.model_copy(update={"targeted": targeted}),
-                folder=out / name,
-                processes=options.processes,
-                threads=options.threads,
-                on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
-                on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
-                    now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
-                ),
-            )
-            _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
-            registered, _ = register_retrained(context, retrained, f"{FUNCTION}-{name}")
-            versions.append(registered.document.name)
-            made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
-        _say("4. the same validation again: the same frames, nothing is rendered")
-        lines = Lines("frames")
-        comparison = compare_versions(
-            context,
-            run_id,
-            versions,
-            open_function=lambda name: open_reference(name, context=context),
-            where=options.where,
-            region=weakness.region,
-            progress=lines.tell,
+        close_the_loop(
+            context, run_id, options.where, settings, out, threads=options.threads, processes=options.processes
         )
     finally:
         context.engine.dispose()
+    return 0
+
+
+def close_the_loop(
+    context: Context,
+    run_id: str,
+    where: str,
+    settings: RetrainSettings,
+    out: Path,
+    *,
+    threads: int = 1,
+    processes: int = 1,
+) -> dict[str, Any]:
+    """From a run to its comparison with two new versions, one trained on targeted frames, one on as many drawn anywhere.
+
+    Args:
+        context: of the deployment that has the run.
+        run_id: of a validation with `FUNCTION`.
+        where: the weakness.
+        settings: of both trainings.
+        out: folder of frames, function files, ``comparison.json`` and ``comparison.png``.
+        threads: torch's CPU threads, in training.
+        processes: that render.
+
+    Returns:
+        What ``comparison.json`` holds.
+    """
+    started = time.monotonic()
+    _say(f"2. read where {FUNCTION} is weak: {where}")
+    weakness = find_weakness(context, run_id, where, FUNCTION)
+    _say(f"   {weakness.selected} of {weakness.evaluated} persons; region: {weakness.region}")
+    versions = [FUNCTION]
+    made: dict[str, object] = {}
+    for name, targeted in (("targeted", True), ("random", False)):
+        _say(f"3. {name} frames, and {settings.steps} steps of training on them")
+        lines = Lines("steps")
+        retrained = retrain(
+            weakness,
+            out / f"{name}.safetensors",
+            settings.model_copy(update={"targeted": targeted}),
+            folder=out / name,
+            processes=processes,
+            threads=threads,
+            on_street=lambda shard: _say(f"   street {shard.street_seed}: {len(shard.sizes)} frames"),
+            on_step=lambda now, lines=lines: lines.tell(  # type: ignore[misc]
+                now.step, now.steps, now.step / max(now.elapsed_s, 1e-9)
+            ),
+        )
+        _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
+        registered, _ = register_retrained(context, retrained, f"{FUNCTION}-{name}")
+        versions.append(registered.document.name)
+        made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
+    _say("4. the same validation again: the same frames, nothing is rendered")
+    lines = Lines("frames")
+    comparison = compare_versions(
+        context,
+        run_id,
+        versions,
+        open_function=lambda name: open_reference(name, context=context),
+        where=where,
+        region=weakness.region,
+        progress=lines.tell,
+    )
     Console(highlight=False, width=None if sys.stdout.isatty() else 150).print(comparison_renderable(comparison))
     document = {
         "run": run_id,
         "function": FUNCTION,
-        "where": options.where,
+        "where": where,
         "region": weakness.region.model_dump(mode="json"),
         "settings": settings.model_dump(mode="json"),
         "training_sets": made,
@@ -94,7 +125,7 @@ def main() -> int:
     title = f"{FUNCTION}, before and after {settings.steps} steps on {settings.frames} frames"
     draw_comparison(comparison, out / "comparison.png", title=title)
     _say(f"\nwrote {out / 'comparison.json'} and {out / 'comparison.png'}")
-    return 0
+    return document
 
 
 def _validate(data: Path) -> str:

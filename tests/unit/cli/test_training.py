@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -32,3 +34,29 @@ def test_for_a_run_with_several_functions_the_command_of_each_is_shown(tmp_path:
     assert [words[-2:] for words in called] == [["--function", name] for name in FUNCTIONS]
     for words in called:
         assert words[words.index("train") + 1 : -2] == given[1:]
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.processes
+def test_a_new_version_is_trained_registered_and_compared_in_one_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "data"
+    context, bell = open_sketch(settings_of(folder))
+    run_id = work(context, bell, spec("validation", functions=["semantic-fpn-small"]))
+    context.engine.dispose()
+    monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
+    monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")
+    little = ["--frames", "1", "--streets", "1", "--steps", "1", "--batch", "2", "--held-out-frames", "0"]
+    place = ["--data-dir", str(folder)]
+    where = "pacc < 0.9 and distance_m > 25"
+    given = ["train", "--from", run_id, "--where", where, *little, *place, "--json"]
+    result = CliRunner().invoke(app, given, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["versions"][0] == "semantic-fpn-small"
+    listed = json.loads(CliRunner().invoke(app, ["function", "list", "--json", *place], catch_exceptions=False).stdout)
+    (new,) = [one for one in listed if one["name"] == "semantic-fpn-small-retrained"]
+    assert json.loads(result.stdout)["versions"][1].startswith(f"semantic-fpn-small-retrained@{new['digest'][:12]}")
+    assert f"functions: [semantic-fpn-small, semantic-fpn-small-retrained@{new['digest'][:12]}]" in result.stderr

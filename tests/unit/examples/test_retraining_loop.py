@@ -1,0 +1,71 @@
+"""The example of the loop back to training, through its own function, with as few frames and steps as there can be."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from sketch.runs import open_sketch, settings_of, spec, work
+
+from examples.retraining.loop import FUNCTION, close_the_loop
+from valerie.perception.function_file import read_header
+from valerie.pipeline.retraining import RetrainSettings
+from valerie.storage.keys import run_key
+
+WEAK = "pacc < 0.9 and distance_m > 25"
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.processes
+def test_a_run_is_shown_beside_two_new_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    context, bell = open_sketch(settings_of(tmp_path / "data"))
+    run_id = work(context, bell, spec("validation"))
+    settings = RetrainSettings(
+        frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
+    )
+    document = close_the_loop(context, run_id, WEAK, settings, tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert written == json.loads(json.dumps(document))
+    versions = [FUNCTION, f"{FUNCTION}-targeted", f"{FUNCTION}-random"]
+    assert written["versions"] == versions
+    assert set(written["changes"]) == set(versions[1:])
+
+    table = context.store.get(run_key(run_id, "evaluations.csv")).decode()
+    rows = [row for row in csv.DictReader(io.StringIO(table)) if row["function"] == FUNCTION and row["pacc"]]
+    found, all_pixels = (sum(int(row[name]) for row in rows) for name in ("tp", "fn"))
+    everyone = written["groups"][0]
+    before, *after = everyone["sides"]
+    assert (everyone["name"], everyone["persons"]) == ("all persons", len(rows))
+    assert before["pacc_mean"] == pytest.approx(sum(float(row["pacc"]) for row in rows) / len(rows))
+    assert before["pacc_pooled"] == pytest.approx(found / (found + all_pixels))
+    assert len(after) == 2
+    assert all(0 <= side["pacc_pooled"] <= 1 for side in after)
+    weak = sum(float(row["pacc"]) < 0.9 and float(row["distance_m"]) > 25 for row in rows)
+    groups = {group["name"]: group for group in written["groups"]}
+    assert groups[f"selected by the scores of {FUNCTION}"]["persons"] == weak > 0
+
+    weights = set()
+    for name in ("targeted", "random"):
+        made = written["training_sets"][name]
+        header = read_header(tmp_path / "out" / f"{name}.safetensors")
+        weights.add(header.digest)
+        assert made["frames"] == int(header.provenance["frames"]) == 2
+        assert made["drawn"] >= 2
+        assert made["reference"].startswith(f"{FUNCTION}-{name}@")
+        assert (header.provenance["retrained-from-run"], header.provenance["retrained-where"]) == (run_id, WEAK)
+    assert len(weights) == 2
+    with Image.open(tmp_path / "out" / "comparison.png") as picture:
+        assert len(picture.convert("L").getcolors(256) or ()) > 8, "something is drawn"
+    printed = capsys.readouterr().out
+    assert "all persons" in printed
+    assert all(name in printed for name in versions)
