@@ -1,4 +1,4 @@
-"""The example of the loop back to training, through its own function, with as few frames and steps as there can be."""
+"""The example of the loop back to training, through its own function, on a drawn run and drawn frames."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from sketch.runs import open_sketch, settings_of, spec, work
+from sketch.training import DRAWS, draw_frames
 
 from examples.retraining.loop import FUNCTION, close_the_loop
 from valerie.perception.function_file import read_header
@@ -21,15 +22,15 @@ from valerie.pipeline.retraining import RetrainSettings
 from valerie.storage.keys import run_key
 
 WEAK = "pacc < 0.9 and distance_m > 25"
+ALONG_THE_STREET = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
 
 
-@pytest.mark.gl
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-@pytest.mark.processes
-def test_a_run_is_shown_beside_two_new_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_shown_beside_two_new_versions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("valerie.pipeline.retraining.render_frames", draw_frames)
     context, bell = open_sketch(settings_of(tmp_path / "data"))
-    run_id = work(context, bell, spec("validation"))
+    run_id = work(context, bell, spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
         frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
@@ -60,7 +61,7 @@ def test_a_run_is_shown_beside_two_new_versions(tmp_path: Path, capsys: pytest.C
         header = read_header(tmp_path / "out" / f"{name}.safetensors")
         weights.add(header.digest)
         assert made["frames"] == int(header.provenance["frames"]) == 2
-        assert made["drawn"] >= 2
+        assert made["drawn"] == (2 * DRAWS if name == "targeted" else 2)
         assert made["reference"].startswith(f"{FUNCTION}-{name}@")
         assert (header.provenance["retrained-from-run"], header.provenance["retrained-where"]) == (run_id, WEAK)
     assert len(weights) == 2
