@@ -52,8 +52,8 @@ def settings_of(folder: Path, **values: Any) -> Settings:
     return load_settings(data_dir=folder, **{"broker_url": nobody, "min_free_mb": 0, **values})
 
 
-def open_sketch(settings: Settings) -> tuple[Context, Bell]:
-    """A migrated database with one worker per stage that offers drawn products."""
+def open_sketch(settings: Settings, *, infer_class: str = CLASS) -> tuple[Context, Bell]:
+    """A migrated database with one worker per stage that offers drawn products, functions as if in ``infer_class``."""
     context = open_context(settings)
     migrate(context.engine)
     bell = Bell()
@@ -65,7 +65,7 @@ def open_sketch(settings: Settings) -> tuple[Context, Bell]:
     ]
     infer = [
         {
-            "stage": "infer", "name": name, "numeric_class": CLASS, "route": f"infer.{CLASS}",
+            "stage": "infer", "name": name, "numeric_class": infer_class, "route": f"infer.{infer_class}",
             "digest": function_card(name).digest,
             "card": {
                 "name": name, "digest": function_card(name).digest, "architecture": name, "precision": "fp32", "engine": "sketch",

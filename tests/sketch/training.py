@@ -1,4 +1,4 @@
-"""Training frames that are drawn, in the place of rendered ones."""
+"""The loop back to training without an engine: training frames that are drawn, and what a drawn run is compared in."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from valerie.labels import PERSON, VOID
+from valerie.perception.catalog import load_function
 from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
 from valerie.pipeline.training_frames import FrameSettings
+from valerie.settings import Settings
 
 #: Scenes that drawing one frame of a region is said to have taken.
 DRAWS = 3
@@ -35,6 +37,15 @@ def draw_frames(
     seeds = settings.seeds()
     write_index(folder, shards, {"asset": settings.asset, "street-seeds": f"{seeds[0]}-{seeds[-1]}"})
     return FrameFolder(folder)
+
+
+def class_here(function: str, settings: Settings) -> str:
+    """The numeric class in which a function that ships with VALERIE runs in this process."""
+    opened = load_function(function, threads=settings.inference_threads, device=settings.infer_device)
+    try:
+        return opened.numeric_class
+    finally:
+        opened.close()
 
 
 def _frame(settings: FrameSettings, seed: int, number: int) -> TrainingFrame:

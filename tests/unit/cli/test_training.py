@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from sketch.runs import FUNCTIONS, open_sketch, settings_of, spec, work
-from sketch.training import draw_frames
+from sketch.training import class_here, draw_frames
 
 from valerie.cli.main import app
 from valerie.errors import InvalidInput
@@ -37,11 +37,13 @@ def test_for_a_run_with_several_functions_the_command_of_each_is_shown(tmp_path:
         assert words[words.index("train") + 1 : -2] == given[1:]
 
 
+@pytest.mark.timeout(900)
 def test_a_new_version_is_trained_registered_and_compared_in_one_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "data"
-    context, bell = open_sketch(settings_of(folder))
+    deployment = settings_of(folder)
+    context, bell = open_sketch(deployment, infer_class=class_here("semantic-fpn-small", deployment))
     along_the_street = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
     run_id = work(context, bell, spec("validation", vary=along_the_street, functions=["semantic-fpn-small"]))
     context.engine.dispose()

@@ -14,7 +14,7 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from sketch.runs import open_sketch, settings_of, spec, work
-from sketch.training import DRAWS, draw_frames
+from sketch.training import DRAWS, class_here, draw_frames
 
 from examples.retraining.loop import FUNCTION, close_the_loop
 from valerie.perception.function_file import read_header
@@ -25,11 +25,13 @@ WEAK = "pacc < 0.9 and distance_m > 25"
 ALONG_THE_STREET = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
 
 
+@pytest.mark.timeout(900)
 def test_a_run_is_shown_beside_two_new_versions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("valerie.pipeline.retraining.render_frames", draw_frames)
-    context, bell = open_sketch(settings_of(tmp_path / "data"))
+    deployment = settings_of(tmp_path / "data")
+    context, bell = open_sketch(deployment, infer_class=class_here(FUNCTION, deployment))
     run_id = work(context, bell, spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
         frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
