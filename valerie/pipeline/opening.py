@@ -76,7 +76,7 @@ def open_pinned(name: str, pin: Mapping[str, Any], *, context: Context, threads:
 
     Raises:
         NotFound: this version was removed.
-        Conflict: it has another digest here, or it runs in another numeric class.
+        Conflict: it has another digest or revision here, or it runs in another numeric class.
         TransientError: opening it needs more memory than it may have.
         ValerieError: it cannot be opened here.
     """
@@ -102,12 +102,21 @@ def open_reference(reference: str, *, context: Context, threads: int | None = No
 
 def _open_pinned(name: str, pin: Mapping[str, Any], context: Context, threads: int | None) -> PerceptionFunction:
     try:
-        return FunctionSource(context).open(name, pin, threads=threads)
+        function = FunctionSource(context).open(name, pin, threads=threads)
     except TransientError as error:
-        raise Conflict(
-            f"{error}. What is compared must be computed alike: do it on a machine like the run's workers and with as many "
-            "threads as they have, or run the validation again here"
-        ) from None
+        raise _unlike(str(error)) from None
+    pinned = pin.get("revision", 1)
+    if function.revision != pinned:
+        function.close()
+        raise _unlike(f"{name} is in revision {function.revision} here; the run pinned {pinned}")
+    return function
+
+
+def _unlike(what: str) -> Conflict:
+    return Conflict(
+        f"{what}. What is compared must be computed alike: do it on a machine like the run's workers and with as many threads "
+        "as they have, or run the validation again here"
+    )
 
 
 def _open(reference: str, context: Context, threads: int | None) -> PerceptionFunction:

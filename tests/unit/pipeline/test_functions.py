@@ -15,6 +15,7 @@ from valerie.broker import route_of
 from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
+from valerie.perception.adapted import AdaptedFunction
 from valerie.perception.documents import FunctionDocument, parse_function
 from valerie.pipeline import functions, gc, lifecycle
 from valerie.pipeline.catalog import function as catalogued
@@ -273,6 +274,17 @@ class TestBesideARun:
         threads = served.settings.inference_threads + 1
         with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
+
+    def test_what_gives_other_labels_since_then_is_refused(
+        self, served: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        side = run_side(served.context, run, "small")
+        monkeypatch.setattr(AdaptedFunction, "revision", AdaptedFunction.revision + 1)
+        with pytest.raises(Conflict, match=f"is in revision {AdaptedFunction.revision} here; the run pinned"):
+            open_pinned(side.called, side.pin, context=served.context)
 
     def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
