@@ -6,7 +6,7 @@ import unicodedata
 
 import pytest
 
-from valerie.spelling import plain_name
+from valerie.spelling import package_name, plain_name
 
 
 @pytest.mark.parametrize(
@@ -48,3 +48,9 @@ def test_a_long_name_is_cut_and_keeps_what_tells_it_apart() -> None:
 
 def test_half_a_surrogate_pair_does_not_stop_it() -> None:
     assert plain_name("a\ud800b") == "a-b"
+
+
+def test_spellings_of_one_package_are_one_name() -> None:
+    assert {package_name(text) for text in ("My_Package", "my-package", " my.package ", "MY--Package")} == {
+        "my-package"
+    }
