@@ -6,11 +6,13 @@ import pytest
 import shapely
 
 from valerie.errors import InvalidInput
-from valerie.pipeline.training_scenes import TrainingScene, crowd_asset, draw_scene
-from valerie.scene.asset import SceneAsset
+from valerie.parameters.definitions import Value
+from valerie.pipeline.training_scenes import TrainingScene, _draw_traffic, crowd_asset, draw_scene
+from valerie.scene.asset import SceneAsset, asset_manifest
 from valerie.scene.ground import ground_height
 from valerie.scene.manifest import Manifest
-from valerie.scene.model import Scene, Texture
+from valerie.scene.model import Camera, Scene, Texture
+from valerie.scene.transforms import camera_transform
 from valerie.sensing.settings import SensorSetting
 from valerie.testing.assets import simple_asset
 
@@ -174,3 +176,18 @@ def test_a_dyed_texture_gets_a_grey_twin_that_keeps_the_weave() -> None:
         draw_scene(crowd, np.random.default_rng(seed)).scene.materials[name].base_color_texture for seed in range(30)
     }
     assert used == {"yellow", "neutral/yellow"}
+
+
+def test_vehicles_that_the_street_got_later_change_no_draw() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 0.0, 0.0, 0.0), 50.0, 36.0)
+    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in manifest.added)})
+    assert len(first.movable) < len(manifest.movable)
+    drawn: list[dict[str, Value]] = []
+    for one in (manifest, first):
+        rng, assignment = np.random.default_rng(4), dict[str, Value]()
+        for _ in range(10):
+            _draw_traffic(camera, assignment, one, rng)
+        drawn.append({**assignment, "next": float(rng.random())})
+    assert drawn[0] == drawn[1]
+    assert {path.split(".")[1] for path in drawn[0] if path != "next"} == {"car-101", "bicycle-101"}

@@ -7,10 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from valerie.labels import CITYSCAPES, VOID
 from valerie.parameters.definitions import ParameterType, Value
 from valerie.pipeline.training_scenes import crowd_asset
+from valerie.rendering.base import View
+from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.gltf import load_gltf, save_gltf
 from valerie.scene.legality import rejection_reason
@@ -368,3 +371,43 @@ def test_what_was_declared_later_is_an_input_only_where_it_says_something_else()
     bus = split({**said, "scene.bus-101.visible": True}, MANIFEST, "camera-1")
     assert bus.background == now.background
     assert bus.geometry != now.geometry
+
+
+@pytest.mark.gl
+def test_a_house_that_was_moved_hides_who_stands_behind_it_as_rays_say(asset: SceneAsset) -> None:
+    width, height = 480, 270
+    house = HOUSES[4]
+    person: dict[str, Value] = {"scene.person-1.pos.x": 8.5, "scene.person-1.pos.y": 22.0}
+    moved = {**person, f"{house}.pos.x": MANIFEST.definition(f"{house}.pos.x").minimum or 0.0, f"{house}.scale": 0.97}
+    view = View("camera-1", width, height)
+    truth_pass = TruthPass()
+    try:
+        scene = apply(moved, asset)
+        statics, layer = truth_pass.parts(scene, view)
+        truth, before = truth_pass.truth(scene, view), truth_pass.truth(apply(person, asset), view)
+    finally:
+        truth_pass.close()
+    assert np.array_equal(layer.over(statics).class_map, truth.class_map)
+    rows, columns = np.nonzero(before.instance_map == 24001)
+    assert len(rows) > 100
+    camera = scene.cameras["camera-1"]
+    scale = camera.sensor_width_mm / camera.focal_length_mm / width
+    local = np.column_stack(
+        [(columns + 0.5 - width / 2) * scale, (height / 2 - rows - 0.5) * scale, -np.ones(len(rows))]
+    )
+    triangles = [
+        (mesh.positions.astype(float) @ world[:3, :3].T + world[:3, 3])[mesh.faces.astype(int)]
+        for world in [scene.world_transform(house)]
+        for mesh in scene.nodes[house].meshes
+    ]
+    walls = trimesh.Trimesh(**trimesh.triangles.to_kwargs(np.concatenate(triangles)))
+    points, hit, _ = walls.ray.intersects_location(
+        np.repeat(camera.position[None], len(rows), 0), local @ camera.transform[:3, :3].T, multiple_hits=False
+    )
+    nearer = np.linalg.norm(points - camera.position, axis=1) < before.depth[rows[hit], columns[hit]]
+    hidden = np.zeros(len(rows), bool)
+    hidden[hit[nearer]] = True
+    assert hidden.sum() > 0.5 * len(rows)
+    seen_as_house = truth.instance_map[rows, columns] != 24001
+    assert np.count_nonzero(hidden != seen_as_house) <= 2
+    assert set(np.unique(truth.class_map[rows[hidden & seen_as_house], columns[hidden & seen_as_house]])) == {11}
