@@ -120,6 +120,8 @@ _WEATHER: Final = frozenset({"cloud_cover", "visibility", "rain"})
 WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_lamps"}})
 #: Engines that need the sun above the horizon.
 BY_DAY_ONLY: Final = frozenset({"pyrender"})
+#: Engines without cut-out textures.
+WHOLE_CARDS: Final = frozenset({"pyrender"})
 _RENDERERS: Final = _Kind(
     "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
 )

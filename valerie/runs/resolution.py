@@ -23,7 +23,7 @@ from valerie.parameters.distributions import (
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
-from valerie.plugins import BY_DAY_ONLY, RENDERERS, WITHOUT
+from valerie.plugins import BY_DAY_ONLY, RENDERERS, WHOLE_CARDS, WITHOUT
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
 from valerie.runs.motion import Times, resolve_times
@@ -495,6 +495,11 @@ class _Resolver:
                 f"{definition.name} is declared and not varied; it stays at {_shown(definition.default, definition)}"
             )
         self._look_at_times(used | constant)
+        if self.spec.engine in WHOLE_CARDS and (self.manifest.files or self.manifest.placed_files):
+            self.warnings.append(
+                f"renderer {self.spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
+                "fences), its images are out of step with the ground truth"
+            )
         if not self.spec.functions:
             self.warnings.append("no function under test: the run makes frames and truth, and evaluates nothing")
 

@@ -208,6 +208,15 @@ def test_what_is_probably_not_meant_is_warned_of(street: Manifest, given: dict[s
     assert words in "\n".join(resolved(street, **given).warnings)
 
 
+@pytest.mark.parametrize(("engine", "warned"), [("pyrender", True), ("raster", False)])
+def test_cut_outs_of_files_that_an_engine_draws_whole_are_warned_of(
+    street: Manifest, engine: str, warned: bool
+) -> None:
+    from_files = street.model_copy(update={"files": ("street.glb",)})
+    assert any("cut-out" in text for text in resolved(from_files, renderer=engine).warnings) is warned
+    assert not any("cut-out" in text for text in resolved(street, renderer=engine).warnings)
+
+
 def test_all_cameras_are_taken_unless_some_are_named(street: Manifest) -> None:
     assert resolved(street).cameras == ("camera-1", "camera-2", "camera-3")
     assert resolved(street, cameras=["camera-3", "camera-1"]).cameras == ("camera-3", "camera-1")

@@ -1,8 +1,8 @@
 """The rectangle of an image that movables can change: a bound that is never too small, by construction.
 
 Light leaves a movable's trace in four ways: its own pixels, its shadow (a prism from its box away from the sun down to the
-lowest ground), near occlusion (a screen radius that shrinks with depth), and filters of a few pixels. The raster engine has
-no screen-space reflections and no bounce from movables, so there is no fifth.
+lowest ground), near occlusion (a screen radius that shrinks with depth), and filters of a few pixels. The raster engine mirrors
+statics alone, and has no bounce from movables, so there is no fifth.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import moderngl
 import numpy as np
@@ -31,6 +31,9 @@ from valerie.scene.model import Camera, Scene
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
 
+#: Share of the sky's light on level ground that a wall has in a street as wide as its houses are high: half for its slope, and
+#: a third less for what stands opposite.
+_WALL_SKY: Final = 0.35
 #: Linear albedo of an average street surface: plaster, brick, asphalt.
 _STREET_ALBEDO = np.array([0.26, 0.23, 0.20])
 
@@ -92,6 +95,7 @@ class Lighting:
     def inputs(
         self,
         targets: ImageTargets,
+        statics: Target,
         table: moderngl.Texture,
         camera: Camera,
         view: View,
@@ -102,9 +106,10 @@ class Lighting:
         movable_shadow: ShadowMap | None,
         lamps: LampLight | None = None,
     ) -> LitFrame:
-        """The passes with everything they read bound to them, for one frame."""
+        """The passes with everything they read bound to them, for one frame; ``statics`` is the G-buffer without movables."""
         surfaces = targets.surfaces
         assert surfaces.depth is not None
+        assert statics.depth is not None
         assert static_shadow.casters is not None
         common = _sample_values(camera, view)
         depth = {"depth_map": surfaces.depth}
@@ -141,6 +146,9 @@ class Lighting:
             "static_shadow": static_shadow.texture,
             "static_casters": static_shadow.casters,
             "movable_shadow": caster.texture,
+            "mirror_albedo": statics.colors[0],
+            "mirror_material": statics.colors[2],
+            "mirror_depth": statics.depth,
         }
         shade = common | {
             "light_rows": static_shadow.light.rows,
@@ -157,6 +165,8 @@ class Lighting:
             "haze": sky.haze,
             "ground": sky.ground,
             "street": street_by_sky + street_by_sun * 0.4,
+            "mirrored_light": _WALL_SKY * sky.sky_irradiance + street_by_sun * 0.4 / _STREET_ALBEDO,
+            "screen_basis": np.linalg.inv(common["ray_basis"]),
             "extinction": sky.extinction,
             "wetness": sky.wetness,
             "drops": sky.drops,

@@ -56,7 +56,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 7
+    revision: ClassVar[int] = 8
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -211,6 +211,7 @@ class RasterRenderer:
         lamps = self._lamplight(frame, movables=movables)
         lit = self._lighting.inputs(
             frame.canvas.targets,
+            frame.surfaces.target,
             frame.table,
             frame.camera,
             frame.view,

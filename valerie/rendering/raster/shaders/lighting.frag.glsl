@@ -142,6 +142,8 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
 }
 
 #ifdef RAIN
+#include "mirror.glsl"
+
 float random_of(vec3 p) {
     p = fract(p * vec3(0.1031, 0.1030, 0.0973));
     p += dot(p, p.yzx + 33.33);
@@ -297,6 +299,10 @@ void main() {
     float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
     vec3 environment = mix(mix(street, above, seen), blurred, smoothstep(0.08, 0.55, roughness));
+#ifdef RAIN
+    vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, above, film > 0.0);
+    environment = mix(environment, mix(mix(street, above, seen), image.rgb, image.a), film);
+#endif
     color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
 
 #ifdef LAMPS

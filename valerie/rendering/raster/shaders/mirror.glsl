@@ -1,0 +1,79 @@
+// What a wet surface mirrors of the statics that the camera sees, found along the mirrored ray in their G-buffer. Movables have no
+// mirror image: what a pixel shows here never depends on them.
+uniform sampler2D mirror_albedo;    // of the statics alone, as in the G-buffer
+uniform sampler2D mirror_depth;
+uniform usampler2D mirror_material;
+uniform mat3 screen_basis;          // inverse of ray_basis
+uniform vec3 mirrored_light;        // times its albedo, the radiance of an average wall
+
+const int MIRROR_STEPS = 24;
+const int MIRROR_HALVINGS = 4;
+const float MIRROR_REACH = 150.0;   // metres
+// Metres that a thing is thick, and the part of its distance that is added: a ray may pass behind what is thinner.
+const vec2 MIRROR_THICKNESS = vec2(1.0, 0.1);
+// Metres above the mirror from which on a thing is seen in it.
+const float ABOVE = 0.03;
+
+ivec2 mirror_sample(vec2 screen) {
+    return clamp(ivec2((screen * 0.5 + 0.5) * vec2(sample_size)), ivec2(0), sample_size - 1);
+}
+
+// Whether a ray at a place of the image and this depth is behind what is seen there. What lies no higher than the mirror is not
+// seen in it: else the road would be in its own way where a sample holds metres of it.
+bool is_behind(vec2 screen, float depth, float level, out float seen) {
+    ivec2 place = mirror_sample(screen);
+    seen = linear_depth(texelFetch(mirror_depth, place, 0).r);
+    return seen < 0.999 * depth && eye.z + ray_of(place).z * seen > level + ABOVE;
+}
+
+// Radiance from around direction r at p, within ``spread`` radians, and the share of it that is known: none where the image holds
+// nothing but what lies below.
+vec4 mirrored(vec3 p, vec3 r, float spread, vec3 above, bool wanted) {
+    vec3 first = screen_basis * (p - eye), toward = screen_basis * r;
+    float reach = toward.z < 0.0 ? min(MIRROR_REACH, 0.9 * first.z / -toward.z) : MIRROR_REACH;
+    vec3 last = first + reach * toward;
+    vec2 from = first.xy / first.z, way = last.xy / last.z - from;
+    // Along the way over the image, 0 … 1, inverse depth is linear. Only a part of it may lie in the image.
+    float near = 1.0 / first.z, rise = 1.0 / last.z - near;
+    vec2 exits = (1.0 - from * sign(way)) / (abs(way) + 1e-6);
+    float part = clamp(min(exits.x, exits.y), 0.0, 1.0);
+    bool hit = false;
+    float before = 0.0, behind = part, passed = 0.0;
+    int steps = wanted ? MIRROR_STEPS : 0;
+    for (int i = 1; i <= steps; ++i) {
+        // Short steps first: what stands on the road is mirrored from its foot.
+        float share = float(i) / float(MIRROR_STEPS), at = part * share * mix(0.25, 1.0, share);
+        float depth = 1.0 / (near + rise * at), nearer = 1.0 / (near + rise * passed);
+        float seen;
+        bool met = is_behind(from + way * at, depth, p.z, seen) && !hit
+            && seen > nearer - MIRROR_THICKNESS.x - MIRROR_THICKNESS.y * nearer;
+        before = met ? passed : before;
+        behind = met ? at : behind;
+        hit = hit || met;
+        passed = at;
+    }
+    int halvings = hit ? MIRROR_HALVINGS : 0;
+    for (int i = 0; i < halvings; ++i) {
+        float at = 0.5 * (before + behind), seen;
+        bool met = is_behind(from + way * at, 1.0 / (near + rise * at), p.z, seen);
+        behind = met ? at : behind;
+        before = met ? before : at;
+    }
+    // A rough film draws the image out up and down, in the plane of the ray. What leaves the image goes on as at its border.
+    vec2 middle = from + way * behind;
+    float along = reach * behind / (last.z * (near + rise * behind));
+    vec3 clear_air = exp(-extinction * along);
+    vec2 tap = normalize(way + vec2(0.0, 1e-6)) * (spread * 0.5 / length(ray_basis[1]));
+    vec4 sum = vec4(0.0);
+    int taps = wanted ? 2 : -3;
+    for (int i = -2; i <= taps; ++i) {
+        ivec2 place = mirror_sample(middle + float(i) * tap);
+        float window = texelFetch(mirror_depth, place, 0).r;
+        bool is_sky = window == 1.0, is_thing = eye.z + ray_of(place).z * linear_depth(window) > p.z + ABOVE;
+        vec3 root = texelFetch(mirror_albedo, place, 0).rgb;
+        vec3 glow = texelFetch(material_table, ivec2(2, int(texelFetch(mirror_material, place, 0).r)), 0).rgb;
+        vec3 color = is_sky ? above : mix(haze, root * root * mirrored_light + glow, clear_air);
+        sum += vec4(color, 1.0) * (is_sky || is_thing ? float(3 - abs(i)) / 9.0 : 0.0);
+    }
+    return vec4(sum.rgb / max(sum.a, 1e-6), min(3.0 * sum.a, 1.0));
+}
