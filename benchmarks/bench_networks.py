@@ -57,18 +57,20 @@ def main() -> None:
             engines["cycles"] = CYCLES
         figures: dict[str, Any] = {"spec": str(given.spec), "least_person_pixels": LEAST_PIXELS, "aims": AIMS}
         for engine, renderer in engines.items():
-            run_id = validate(
+            run_id, state = validate(
                 {**document, "name": f"{document['name']}-{engine}", "renderer": dict(renderer)}, settings
             )
-            figures[engine] = {"run": run_id, "functions": measured(settings, run_id)}
+            figures[engine] = {"run": run_id, "state": state, "functions": measured(settings, run_id)}
             show(engine, figures[engine]["functions"], aims=AIMS if engine == "raster" else {})
+            if state != "completed":
+                print(f"the run is {state}: frames that failed are in none of these figures")
     except (ValerieError, OSError) as error:
         raise SystemExit(str(error)) from None
     results.write("networks", figures)
 
 
-def validate(document: Mapping[str, Any], settings: Settings) -> str:
-    """Run a validation through the real system, which tells how far it is; the run's id.
+def validate(document: Mapping[str, Any], settings: Settings) -> tuple[str, str]:
+    """Run a validation through the real system, which tells how far it is; the run's id and the state in which it ended.
 
     Raises:
         SystemExit: it did not end with results.
@@ -79,7 +81,7 @@ def validate(document: Mapping[str, Any], settings: Settings) -> str:
     finished = next((event for event in events if event["event"] == "finished"), None)
     if finished is None or finished["summary"] is None:
         raise SystemExit(done.returncode or 1)
-    return str(finished["run"])
+    return str(finished["run"]), str(finished["state"])
 
 
 def measured(settings: Settings, run_id: str) -> dict[str, Any]:
@@ -153,8 +155,8 @@ def cell(value: float | None, count: int) -> str:
 
 
 def verdict(value: float | None, aim: float) -> str:
-    reached = value is not None and value >= aim
-    return f"{'reached' if reached else 'missed'} (≥ {100 * aim:.0f})"
+    word = "undefined" if value is None else "reached" if value >= aim else "missed"
+    return f"{word} (≥ {100 * aim:.0f})"
 
 
 if __name__ == "__main__":

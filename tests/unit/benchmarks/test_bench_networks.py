@@ -63,3 +63,5 @@ def test_what_is_printed_says_where_the_aim_stands(capsys: pytest.CaptureFixture
     assert "aim: pACC missed (≥ 85), precision reached (≥ 75)" in printed
     show("cycles", {"net": statistics([])}, aims={})
     assert "undefined (0)" in capsys.readouterr().out
+    show("raster", {"net": statistics([])}, aims={"miou": 0.6})
+    assert "aim: mIoU undefined (≥ 60)" in capsys.readouterr().out
