@@ -95,4 +95,5 @@ def _middle(house: Placement) -> float:
 
 
 def _sum(one: float, other: float) -> float:
-    return round(one + other, 4)
+    """To a decimetre: a range is read by people."""
+    return round(one + other, 1)

