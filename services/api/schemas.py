@@ -340,7 +340,9 @@ class FunctionRead(Read):
     judged_by: list[str] = Field(
         [], description="Cityscapes classes that its all-class figures are over; empty: all 19"
     )
-    card: list[tuple[str, str]] = Field(description="title and text of each row of its card, for people to read")
+    card: list[Annotated[list[str], Field(min_length=2, max_length=2)]] = Field(
+        description="title and text of each row of its card, for people to read"
+    )
     created_at: Moment | None = None
 
 
