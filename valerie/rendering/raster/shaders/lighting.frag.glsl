@@ -300,7 +300,9 @@ void main() {
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
     vec3 environment = mix(mix(street, above, seen), blurred, smoothstep(0.08, 0.55, roughness));
 #ifdef RAIN
-    vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, above, film > 0.0);
+    // Seen along the road, a film's lobe is drawn out: it takes in the rest of the sky at less roughness than above.
+    vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
+    vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, wide, film > 0.0);
     environment = mix(environment, mix(mix(street, above, seen), image.rgb, image.a), film);
 #endif
     color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
