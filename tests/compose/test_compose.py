@@ -33,9 +33,11 @@ class Stack:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
         self.token = "token-of-the-container-test"
+        self._project = f"valerie-test-{os.getpid()}"
         self._environment = {
             **os.environ,
-            "COMPOSE_PROJECT_NAME": f"valerie-test-{os.getpid()}",
+            "COMPOSE_PROJECT_NAME": self._project,
+            "VALERIE_IMAGE_TAG": self._project,
             "VALERIE_API_TOKEN": self.token,
             "VALERIE_API_PORT": str(self.port),
             "BUILDX_NO_DEFAULT_ATTESTATIONS": "1",
@@ -60,6 +62,14 @@ class Stack:
         lines = self.compose("ps", "--format", "json").splitlines()
         found = [json.loads(line) for line in lines if line.strip()]
         return [one for entry in found for one in (entry if isinstance(entry, list) else [entry])]
+
+    def take_down(self) -> None:
+        """No container, volume or image of this project is left: each build is gigabytes that nothing else would free."""
+        self.compose("down", "--volumes", "--timeout", "20", check=False, capture=False)
+        mine = f"label=com.docker.compose.project={self._project}"
+        subprocess.run(
+            ["docker", "image", "prune", "--all", "--force", "--filter", mine], check=False, capture_output=True
+        )
 
     def client(self) -> Client:
         return Client(f"http://127.0.0.1:{self.port}", token=self.token)
@@ -86,7 +96,7 @@ def stack() -> Iterator[Stack]:
         stack.compose("logs", "--tail", "60", check=False, capture=False)
         raise
     finally:
-        stack.compose("down", "--volumes", "--timeout", "20", check=False, capture=False)
+        stack.take_down()
 
 
 @pytest.fixture(scope="module")

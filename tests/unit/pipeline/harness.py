@@ -128,9 +128,11 @@ class Pipeline:
         for run_id in finishing:
             finish_run(self.context, run_id)
 
-    def run(self, run_id: str, *, until: Sequence[str] = (), rounds: int = 60) -> str:
+    def run(self, run_id: str, *, until: Sequence[str] = ()) -> str:
         """Step until the run ended, or is in one of ``until``; its state."""
-        for _ in range(rounds):
+        # Pauses before another attempt are of the clock, however many steps fit into them.
+        latest = time.monotonic() + 60.0
+        while time.monotonic() < latest:
             self.step()
             state = self.state(run_id)
             if state in (*until, "completed", "completed-with-failures", "cancelled", "failed"):

@@ -74,7 +74,7 @@ def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure
     with_blender: Callable[[str], Pipeline], behaviour: str, said: str
 ) -> None:
     pipeline = with_blender(behaviour)
-    assert pipeline.run(pipeline.submit(SMALL), rounds=400) == "completed-with-failures"
+    assert pipeline.run(pipeline.submit(SMALL)) == "completed-with-failures"
     for row in products(pipeline, "background"):
         assert row.error["type"] == "TransientError"
         assert said in row.error["message"]
@@ -83,7 +83,7 @@ def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure
 
 def test_one_crash_costs_nothing_but_time(with_blender: Callable[[str], Pipeline]) -> None:
     pipeline = with_blender("crashes once")
-    assert pipeline.run(pipeline.submit(SMALL), rounds=400) == "completed"
+    assert pipeline.run(pipeline.submit(SMALL)) == "completed"
     assert max(row.attempts for row in products(pipeline, "background")) == 2
 
 

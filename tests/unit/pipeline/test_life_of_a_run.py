@@ -160,7 +160,7 @@ class TestFailures:
                 raise TransientError("try again")
 
         pipeline.makers["infer"].before = stumble
-        assert pipeline.run(pipeline.submit(), rounds=600) == "completed"
+        assert pipeline.run(pipeline.submit()) == "completed"
         predictions = [product for product in pipeline.products() if product.kind == "prediction"]
         assert {product.attempts for product in predictions} == {2}
 
@@ -304,7 +304,7 @@ class TestTheControlLoop:
         pipeline.step()
         assert pipeline.made() == {}
         pipeline.broker.down = False
-        assert pipeline.run(run, rounds=300) == "completed"
+        assert pipeline.run(run) == "completed"
 
     def test_a_run_waits_with_a_reason_until_workers_offer_what_it_needs(
         self, pipelines: Callable[..., Pipeline]
