@@ -1,6 +1,6 @@
 """The Blender process: found, started, spoken with, and ended when it crashes, hangs or grows too large.
 
-Blender is under the GPL; it runs `inside_blender.py` as a program of its own, in an environment of its own
+Blender is under the GPL; it runs the programs of the package `inside` as programs of their own, in an environment of its own
 (docs/cycles.md), and messages over two pipes are all that it shares with this process.
 """
 
@@ -27,7 +27,12 @@ from numpy.typing import NDArray
 from valerie.errors import MissingDependency, RenderingError, TransientError
 from valerie.settings import Settings, load_settings
 
-_PROGRAM: Final = Path(__file__).with_name("inside_blender.py")
+#: Of the package `inside`, which Blender's Python has not installed. The folder comes last, so that its other modules hide none.
+_FOLDER: Final = Path(__file__).parent
+_START: Final = (
+    "import runpy, sys; sys.path.append(sys.argv.pop(1)); "
+    "runpy.run_module(sys.argv.pop(1), run_name='__main__', alter_sys=True)"
+)
 _HEADER: Final = struct.Struct("<I")
 #: Seconds that importing Blender and looking for devices may take.
 _START_SECONDS: Final = 120.0
@@ -66,7 +71,7 @@ class BlenderProcess:
         self.settings: dict[str, Any] | None = None
         self.cpu_seconds = 0.0
         self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
-            [str(python), "-I", str(_PROGRAM), self._folder.name],
+            blender_program(python, "inside", self._folder.name),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -91,7 +96,7 @@ class BlenderProcess:
         """One request and its answer.
 
         Args:
-            kind: what is asked for, see `inside_blender.Studio`.
+            kind: what is asked for, see `inside.studio.Studio`.
             arrays: by name.
             silence: seconds without any sign of life after which Blender is taken for hung; None: the setting.
             header: what else belongs to the request.
@@ -295,6 +300,11 @@ class BlenderHolder:
             self._past_cpu_seconds += self._blender.cpu_seconds
             self._blender.close()
             self._blender = None
+
+
+def blender_program(python: Path, module: str, *arguments: str) -> list[str]:
+    """The command that runs a module of `inside` in Blender's Python, isolated from this environment."""
+    return [str(python), "-I", "-B", "-c", _START, str(_FOLDER), module, *arguments]
 
 
 def blender_environment() -> dict[str, str]:

@@ -13,10 +13,9 @@ from typing import Any, Final
 import psutil
 
 from valerie.errors import InvalidInput, RenderingError
-from valerie.rendering.cycles.blender import blender_environment, interpreter
+from valerie.rendering.cycles.blender import blender_environment, blender_program, interpreter
 from valerie.settings import Settings
 
-_PROGRAM: Final = Path(__file__).with_name("inside_converter.py")
 _MAGIC: Final = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # plain, gzip (before 3.0), zstd
 #: Longest time for one file, seconds.
 _LONGEST_S: Final = 1800.0
@@ -61,7 +60,7 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
     python = interpreter(settings)
     with tempfile.TemporaryDirectory(prefix="valerie-convert-") as folder:
         made, report = Path(folder, "scene.glb"), Path(folder, "report.json")
-        command = [str(python), "-I", str(_PROGRAM), str(source.resolve()), str(made), str(report)]
+        command = blender_program(python, "inside.convert", str(source.resolve()), str(made), str(report))
         with Path(folder, "log").open("w+b") as log:
             _run(command, log, settings.cycles_max_memory_mb * 1_000_000)
             log.seek(0)

@@ -133,7 +133,7 @@ def _ask(
     movables: bool = True,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     camera = camera_of(scene, view)
-    # The index is taken with one sample, see `inside_blender`.
+    # The index is taken with one sample, see `inside.film`.
     _keep_to(blender, {**settings, "samples": 1} if index else settings)
     sky = sky_of(scene)
     lamps, scene, unlit = lit_lamps(scene, sky), glowing(scene, sky), scene

@@ -1,4 +1,4 @@
-"""A program that speaks as `inside_blender.py` does, without Blender, and misbehaves as its first argument says."""
+"""A program that speaks as the package `inside` does, without Blender, and misbehaves as its first argument says."""
 
 import json
 import math

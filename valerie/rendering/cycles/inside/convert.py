@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program that runs inside Blender's Python to turn a .blend file into one binary glTF file.
+"""Turns a .blend file into one binary glTF file.
 
-Licence note. This program imports Blender (``bpy``, GPL-3.0-or-later) and nothing of VALERIE, and VALERIE imports nothing
-of it. Its text is under Apache-2.0; together with Blender in one process, the whole is under GPL-3.0-or-later.
-
-``python -I inside_converter.py FILE.blend OUT.glb REPORT.json``. Nothing that the file brings is run: the file is opened
+``python -m inside.convert FILE.blend OUT.glb REPORT.json``. Nothing that the file brings is run: the file is opened
 with scripts off, so that neither its text blocks nor Python in its drivers are executed (arithmetic in drivers is, after
 Blender has found it harmless). Images from outside the file's own folder are left out. REPORT.json says what was left out.
 """
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
-import signal
 import sys
 from typing import Any
 
-_PR_SET_PDEATHSIG = 1
+from .process import die_with_parent
 
 
 def convert(bpy: Any, source: str, target: str) -> list[str]:
@@ -84,18 +79,9 @@ def procedural_materials(bpy: Any) -> list[str]:
     return found
 
 
-def _die_with_parent() -> None:
-    """Ask the kernel to end this process when its parent ends, however it ends (Linux)."""
-    if sys.platform == "linux":
-        parent = os.getppid()
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:
-            os._exit(1)
-
-
 def main(source: str, target: str, report: str) -> None:
     """Convert, and write {"version", "notes"} or {"error"}."""
-    _die_with_parent()
+    die_with_parent()
     import bpy
 
     try:

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Surfaces, in the words of Blender's nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .nodes import Nodes
+
+
+class Materials:
+    """Blender's materials, their textures, and what air and water do to all of them."""
+
+    def __init__(self, data: Any) -> None:
+        self._data = data
+        self._made: dict[str, Any] = {}
+        self._textures: dict[str, Any] = {}
+        self._air: Any = _air_group(data)
+        self._water: Any = _water_group(data)
+
+    def __getitem__(self, key: str) -> Any:
+        return self._made[key]
+
+    def forget(self, materials: list[str], textures: list[str]) -> None:
+        """Remove what nothing uses any more."""
+        for key in materials:
+            self._data.materials.remove(self._made.pop(key))
+        for key in textures:
+            self._data.images.remove(self._textures.pop(key))
+
+    def show(self, light: dict[str, Any]) -> None:
+        """The water and the air of ``light``."""
+        self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
+        self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
+        self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
+
+    def texture(self, header: dict[str, Any], pixels: Any) -> None:
+        """An (H, W, 3 or 4) uint8 image; ``color``: sRGB colour, else data."""
+        height, width, channels = pixels.shape
+        image = self._data.images.new(header["key"], width, height, alpha=channels == 4)
+        image.colorspace_settings.name = "sRGB" if header["color"] else "Non-Color"
+        image.alpha_mode = "CHANNEL_PACKED"
+        rgba = np.ones((height, width, 4), np.float32)
+        rgba[..., :channels] = pixels[::-1] / np.float32(255)
+        image.pixels.foreach_set(rgba.ravel())
+        image.pack()
+        self._textures[header["key"]] = image
+
+    def material(self, header: dict[str, Any]) -> None:
+        """Blender's Principled BSDF with the numbers of ``header``."""
+        material = self._data.materials.new(header["key"])
+        material.use_nodes = True
+        material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
+        # The haze before a surface is an emission too, but no lamp.
+        material.cycles.emission_sampling = "AUTO" if any(header["emissive"]) and not header["lens"] else "NONE"
+        nodes = Nodes(material.node_tree)
+        principled = nodes.add("ShaderNodeBsdfPrincipled")
+        base: Any = nodes.color(header["base_color"])
+        alpha = None
+        if header["base_color_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["base_color_texture"]]
+            base, alpha = nodes.multiplied(image.outputs["Color"], header["base_color"]), image.outputs["Alpha"]
+        nodes.link(base, principled.inputs["Base Color"])
+        for name in ("metallic", "roughness"):
+            principled.inputs[name.capitalize()].default_value = header[name]
+        if header["roughness_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["roughness_texture"]]
+            channels = nodes.add("ShaderNodeSeparateColor")
+            nodes.link(image.outputs["Color"], channels.inputs["Color"])
+            for name, channel in (("metallic", "Blue"), ("roughness", "Green")):
+                factor = nodes.math("MULTIPLY", channels.outputs[channel], header[name])
+                nodes.link(factor, principled.inputs[name.capitalize()])
+        # 1 stands for a reflectance of 4 %, which is half of the socket's range (index of refraction 1.5).
+        principled.inputs["Specular IOR Level"].default_value = 0.5 * header["specular"]
+        nodes.link(nodes.tinted(base, header["specular_tint"]), principled.inputs["Specular Tint"])
+        principled.inputs["Emission Color"].default_value = (*header["emissive"], 1.0)
+        principled.inputs["Emission Strength"].default_value = 1.0 if any(header["emissive"]) else 0.0
+        if header["lens"]:
+            # A lamp stands in front of it and gives the light: the glow is only looked at.
+            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            nodes.link(seen, principled.inputs["Emission Strength"])
+        if header["normal_texture"] is not None:
+            image = nodes.add("ShaderNodeTexImage")
+            image.image = self._textures[header["normal_texture"]]
+            bumps = nodes.add("ShaderNodeNormalMap")
+            bumps.uv_map = "uv"
+            nodes.link(image.outputs["Color"], bumps.inputs["Color"])
+            nodes.link(bumps.outputs["Normal"], principled.inputs["Normal"])
+        if header["wet"]:
+            water = nodes.add("ShaderNodeGroup")
+            water.node_tree = self._water
+            nodes.feed_alike(water.inputs["Metallic"], principled.inputs["Metallic"])
+            for name in ("Base Color", "Roughness", "Specular IOR Level"):
+                nodes.feed_alike(water.inputs[name], principled.inputs[name])
+                nodes.link(water.outputs[name], principled.inputs[name])
+            if header["normal_texture"] is not None:
+                nodes.link(water.outputs["Relief"], bumps.inputs["Strength"])
+        surface = principled.outputs["BSDF"]
+        if header["translucency"]:
+            through = nodes.add("ShaderNodeBsdfTranslucent")
+            nodes.link(base, through.inputs["Color"])
+            surface = nodes.mixed(header["translucency"], surface, through.outputs["BSDF"])
+        air = nodes.add("ShaderNodeGroup")
+        air.node_tree = self._air
+        nodes.link(surface, air.inputs[0])
+        surface = air.outputs[0]
+        if header["alpha_cutoff"] is not None and alpha is not None:
+            cut = nodes.add("ShaderNodeMath")
+            cut.operation = "LESS_THAN"
+            cut.inputs[1].default_value = header["alpha_cutoff"]
+            nodes.link(alpha, cut.inputs[0])
+            clear = nodes.add("ShaderNodeBsdfTransparent")
+            surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
+        if header["transmission"]:
+            # What is seen through a pane has its own haze, over the whole way.
+            pane = nodes.add("ShaderNodeBsdfTransparent")
+            surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
+        if not header["double_sided"]:
+            # Back faces are not there for the camera; light meets them, as a closed body's inside never sees any.
+            seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            hidden = nodes.math("MULTIPLY", nodes.add("ShaderNodeNewGeometry").outputs["Backfacing"], seen)
+            surface = nodes.mixed(hidden, surface, nodes.add("ShaderNodeBsdfTransparent").outputs["BSDF"])
+        nodes.link(surface, nodes.add("ShaderNodeOutputMaterial").inputs["Surface"])
+        self._made[header["key"]] = material
+
+
+def _air_group(data: Any) -> Any:
+    """What the air between a surface and the camera does: fades it into the haze, exp(−extinction · distance)."""
+    group = data.node_groups.new("air", "ShaderNodeTree")
+    group.interface.new_socket("surface", in_out="INPUT", socket_type="NodeSocketShader")
+    group.interface.new_socket("surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+    nodes = Nodes(group)
+    given, result = nodes.add("NodeGroupInput"), nodes.add("NodeGroupOutput")
+    extinction = nodes.add("ShaderNodeValue", "extinction")
+    haze = nodes.add("ShaderNodeEmission", "haze")
+    distance = nodes.add("ShaderNodeCameraData").outputs["View Distance"]
+    clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", distance, extinction.outputs[0]))
+    hidden = nodes.math("SUBTRACT", 1.0, clear)
+    seen = nodes.add("ShaderNodeLightPath").outputs["Is Camera Ray"]
+    nodes.link(nodes.mixed(nodes.math("MULTIPLY", hidden, seen), given.outputs[0], haze.outputs[0]), result.inputs[0])
+    return group
+
+
+def _water_group(data: Any) -> Any:
+    """Water on what faces up, as in the raster engine: full pores darken (Lekner and Dorf 1988,
+    doi:10.1364/AO.27.001278), the film is smooth, fills the relief and reflects as water does, and stands in puddles and
+    patches a metre or two wide.
+    """
+    group = data.node_groups.new("water", "ShaderNodeTree")
+    sockets = {"Base Color": "Color", "Roughness": "Float", "Specular IOR Level": "Float"}
+    for name, kind in {**sockets, "Metallic": "Float"}.items():
+        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    for name, kind in {**sockets, "Relief": "Float"}.items():
+        group.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
+    nodes = Nodes(group)
+    given, result = nodes.add("NodeGroupInput").outputs, nodes.add("NodeGroupOutput").inputs
+    geometry = nodes.add("ShaderNodeNewGeometry").outputs
+    up, at = nodes.add("ShaderNodeSeparateXYZ"), nodes.add("ShaderNodeSeparateXYZ")
+    nodes.link(geometry["Normal"], up.inputs[0])
+    nodes.link(geometry["Position"], at.inputs[0])
+    x, y = at.outputs["X"], at.outputs["Y"]
+
+    def wave(along: Any, along_rate: float, across: Any, across_rate: float) -> Any:
+        bent = nodes.math("MULTIPLY", nodes.math("SINE", nodes.math("MULTIPLY", across, across_rate)), 2.0)
+        return nodes.math("SINE", nodes.math("MULTIPLY_ADD", along, along_rate, bent))
+
+    dry = nodes.math("SUBTRACT", 1.0, given["Metallic"])
+    wetness = nodes.add("ShaderNodeValue", "wetness").outputs[0]
+    film = nodes.math("MULTIPLY", nodes.math("MULTIPLY", wetness, nodes.smoothstep(0.7, 0.95, up.outputs["Z"])), dry)
+    pores = nodes.math("MULTIPLY", film, nodes.smoothstep(0.2, 0.6, given["Roughness"]))
+    patch = nodes.math("MULTIPLY_ADD", nodes.math("MULTIPLY", wave(x, 1.9, y, 1.3), wave(y, 0.9, x, 0.7)), 0.5, 0.5)
+    nodes.link(nodes.scaled(given["Base Color"], nodes.between(1.0, 0.5, pores)), result["Base Color"])
+    smooth = nodes.between(given["Roughness"], nodes.between(0.32, 0.07, patch), film)
+    nodes.link(smooth, result["Roughness"])
+    # Half of the socket's range is a reflectance of 4 %.
+    shining = nodes.math("MAXIMUM", given["Specular IOR Level"], 0.5 * 0.55)
+    nodes.link(nodes.between(given["Specular IOR Level"], shining, film), result["Specular IOR Level"])
+    nodes.link(nodes.between(1.0, 0.15, film), result["Relief"])
+    return group

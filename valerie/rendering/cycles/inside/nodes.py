@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node trees of shaders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Nodes:
+    """A node tree that is built from empty."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree = tree
+        tree.nodes.clear()
+
+    def add(self, kind: str, name: str = "") -> Any:
+        node = self._tree.nodes.new(kind)
+        if name:
+            node.name = name
+        return node
+
+    def link(self, output: Any, target: Any) -> None:
+        self._tree.links.new(output, target)
+
+    def color(self, rgb: Any) -> Any:
+        node = self.add("ShaderNodeRGB")
+        node.outputs[0].default_value = (*rgb, 1.0)
+        return node.outputs[0]
+
+    def feed_alike(self, target: Any, other: Any) -> None:
+        """Give an input what another one has: its link, or its value."""
+        if other.is_linked:
+            self.link(other.links[0].from_socket, target)
+        else:
+            target.default_value = other.default_value
+
+    def multiplied(self, output: Any, rgb: Any) -> Any:
+        if tuple(rgb) == (1.0, 1.0, 1.0):
+            return output
+        return self._vector("MULTIPLY", output, rgb)
+
+    def tinted(self, base: Any, share: float) -> Any:
+        """White for 0, the hue of ``base`` at luminance 1 for 1."""
+        if share <= 0:
+            return self.color((1.0, 1.0, 1.0))
+        gray = self.add("ShaderNodeRGBToBW")
+        self.link(base, gray.inputs[0])
+        hue = self._vector("DIVIDE", base, gray.outputs[0])
+        return self._vector("MULTIPLY_ADD", hue, (share,) * 3, (1 - share,) * 3)
+
+    def smoothstep(self, low: float, high: float, value: Any) -> Any:
+        """0 below ``low``, 1 above ``high``, smooth between."""
+        node = self.add("ShaderNodeMapRange")
+        node.interpolation_type = "SMOOTHSTEP"
+        self._feed(node, (value, low, high, 0.0, 1.0))
+        return node.outputs[0]
+
+    def between(self, first: Any, second: Any, share: Any) -> Any:
+        """``first`` (1 − share) + ``second`` share."""
+        return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
+
+    def scaled(self, vector: Any, factor: Any) -> Any:
+        """A vector or colour times a number."""
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = "SCALE"
+        self.link(vector, node.inputs[0])
+        self.link(factor, node.inputs["Scale"])
+        return node.outputs[0]
+
+    def mixed(self, share: Any, first: Any, second: Any) -> Any:
+        """The first shader, with a share (a number or an output) of the second."""
+        mix = self.add("ShaderNodeMixShader")
+        if isinstance(share, float):
+            mix.inputs[0].default_value = share
+        else:
+            self.link(share, mix.inputs[0])
+        self.link(first, mix.inputs[1])
+        self.link(second, mix.inputs[2])
+        return mix.outputs[0]
+
+    def math(self, operation: str, *operands: Any) -> Any:
+        """A number from outputs and numbers."""
+        node = self.add("ShaderNodeMath")
+        node.operation = operation
+        self._feed(node, operands)
+        return node.outputs[0]
+
+    def dot(self, vector: Any, direction: Any) -> Any:
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = "DOT_PRODUCT"
+        self._feed(node, (vector, tuple(direction)))
+        return node.outputs["Value"]
+
+    def _vector(self, operation: str, *operands: Any) -> Any:
+        node = self.add("ShaderNodeVectorMath")
+        node.operation = operation
+        self._feed(node, operands)
+        return node.outputs[0]
+
+    def _feed(self, node: Any, operands: Any) -> None:
+        for target, operand in zip(node.inputs, operands, strict=False):
+            if isinstance(operand, int | float | tuple | list):
+                target.default_value = operand
+            else:
+                self.link(operand, target)

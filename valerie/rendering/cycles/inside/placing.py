@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def matrix_of(pose: Any) -> Any:
+    """Blender's matrix of a (4, 4) array."""
+    from mathutils import Matrix
+
+    return Matrix(pose.tolist())

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the engine may ask of Blender.
+
+Frames and units are those of the scene that is sent: world in metres, z up; a camera looks along −z; radiances are in
+the unit of the picture that comes back (linear Rec. 709, float32, first row at the top).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .film import Film, take_threads, write_floats
+from .light import Light, SkyMeter
+from .materials import Materials
+from .pipe import Pipe
+from .placing import matrix_of
+
+#: Devices in the order in which "auto" takes them.
+_DEVICES = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")
+
+
+class Studio:
+    """Blender with one scene, which follows what is asked for; only what differs is changed."""
+
+    def __init__(self, bpy: Any, folder: str, pipe: Pipe) -> None:
+        self._bpy = bpy
+        self._pipe = pipe
+        self._film = Film(bpy, folder)
+        self._meter = SkyMeter(bpy, self._film)
+        self._device = ("CPU", "")
+        self._threads = 0
+        self._clear()
+
+    def hello(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Choose the device; say what there is."""
+        self._threads = int(header["threads"])
+        wanted = str(header["device"]).upper()
+        preferences = self._bpy.context.preferences.addons["cycles"].preferences
+        names: list[str] = []
+        if wanted != "CPU":
+            offered = {entry[0] for entry in preferences.get_device_types(self._bpy.context)}
+            for kind in _DEVICES if wanted == "AUTO" else (wanted,):
+                if kind not in offered:
+                    continue
+                devices = [d for d in preferences.get_devices_for_type(kind) or () if d.type == kind]
+                if devices:
+                    preferences.compute_device_type = kind
+                    for device in preferences.devices:
+                        device.use = device.type == kind
+                    names = sorted({device.name for device in devices})
+                    self._device = (kind, ", ".join(names))
+                    break
+        self._clear()
+        return {"version": self._bpy.app.version_string, "device": self._device[0], "device_name": self._device[1]}, {}
+
+    def reset(self, _: dict[str, Any], __: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Forget everything that was sent and everything that Cycles keeps."""
+        self._clear()
+        return {}, {}
+
+    def forget(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Remove meshes, materials and textures, and what the last picture made of them."""
+        data = self._bpy.data
+        gone = {*header["meshes"], *header["materials"]}
+        for name in [name for name, (_, state) in self._objects.items() if gone & {state[0], state[1]}]:
+            data.objects.remove(self._objects.pop(name)[0])
+        for key in header["meshes"]:
+            data.meshes.remove(self._meshes.pop(key))
+        self._materials.forget(header["materials"], header["textures"])
+        return {}, {}
+
+    def mesh(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Positions (V, 3), normals (V, 3), uvs (V, 2; v downwards), faces (F, 3)."""
+        faces = arrays["faces"].astype(np.int32)
+        mesh = self._bpy.data.meshes.new(header["key"])
+        mesh.vertices.add(len(arrays["positions"]))
+        mesh.vertices.foreach_set("co", arrays["positions"].ravel())
+        mesh.loops.add(faces.size)
+        mesh.loops.foreach_set("vertex_index", faces.ravel())
+        mesh.polygons.add(len(faces))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+        mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), bool))
+        corners = arrays["uvs"][faces.ravel()].copy()
+        corners[:, 1] = 1 - corners[:, 1]
+        mesh.uv_layers.new(name="uv").data.foreach_set("uv", corners.ravel())
+        mesh.update(calc_edges=True)
+        mesh.normals_split_custom_set_from_vertices(arrays["normals"])
+        mesh.materials.append(None)
+        self._meshes[header["key"]] = mesh
+        return {}, {}
+
+    def texture(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """An (H, W, 3 or 4) uint8 ``image``; ``color``: sRGB colour, else data."""
+        self._materials.texture(header, arrays["image"])
+        return {}, {}
+
+    def material(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Blender's Principled BSDF with the numbers of ``header``."""
+        self._materials.material(header)
+        return {}, {}
+
+    def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """A picture (h, w, 3) float32 of the border (x, y, w, h), or what a denoiser is given for it with ``guides``, or with
+        ``index`` the object index pass (h, w).
+        """
+        self._settings(header["settings"], header["size"], header["border"])
+        self._camera_at(header["camera"])
+        self._objects_at(header["objects"], arrays["matrices"])
+        self._light_at(header["light"], header["sky"], arrays.get("sky"))
+        self._light.lamps(header["lamps"])
+        if header.get("index"):
+            return {}, {"index": self._film.index(self._scene)}
+        if header.get("guides"):
+            return {}, self._film.guided(self._scene)
+        return {}, {"pixels": self._film.picture(self._scene)}
+
+    def denoise(self, _: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What Cycles' own denoiser makes of ``noisy`` with the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
+        return {}, self._film.denoised(self._threads, arrays)
+
+    def _clear(self) -> None:
+        bpy = self._bpy
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.app.handlers.render_stats.append(self._pipe.alive)
+        self._meshes: dict[str, Any] = {}
+        self._objects: dict[str, tuple[Any, tuple[Any, ...]]] = {}
+        self._materials = Materials(bpy.data)
+        self._shown: object = None
+        scene = self._scene = bpy.context.scene
+        scene.render.engine = "CYCLES"
+        scene.render.use_persistent_data = True
+        scene.render.use_compositing = scene.render.use_sequencer = False
+        scene.render.resolution_percentage = 100
+        take_threads(scene, self._threads)
+        scene.cycles.device = "CPU" if self._device[0] == "CPU" else "GPU"
+        write_floats(scene)
+        self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        scene.collection.objects.link(self._camera)
+        scene.camera = self._camera
+        self._light = Light(bpy.data, scene, self._meter)
+
+    def _settings(self, settings: dict[str, Any], size: list[int], border: list[int] | None) -> None:
+        render, cycles = self._scene.render, self._scene.cycles
+        width, height = size
+        render.resolution_x, render.resolution_y = width, height
+        render.use_border = render.use_crop_to_border = border is not None
+        if border is not None:
+            x, y, w, h = border
+            # Blender and Cycles each cut these to whole pixels, in single precision: an edge that lies on a pixel's may come out
+            # a pixel lower, and not in both. A little inside the pixel it is the same for both; rays are not moved by it.
+            inside, bottom = 0.25, height - (y + h)
+            render.border_min_x, render.border_max_x = (x + inside) / width, min((x + w + inside) / width, 1.0)
+            render.border_min_y, render.border_max_y = (
+                (bottom + inside) / height,
+                min((bottom + h + inside) / height, 1.0),
+            )
+        cycles.samples = settings["samples"]
+        cycles.seed = settings["seed"]
+        cycles.use_adaptive_sampling = False
+        cycles.use_denoising = settings["denoise"]
+        if settings["denoise"]:
+            cycles.denoiser = "OPENIMAGEDENOISE"
+            cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+            cycles.denoising_prefilter = "ACCURATE"
+            cycles.denoising_quality = "HIGH"
+            cycles.denoising_use_gpu = self._device[0] != "CPU"
+        cycles.max_bounces = settings["max_bounces"]
+        cycles.diffuse_bounces = cycles.glossy_bounces = cycles.transmission_bounces = settings["max_bounces"]
+        cycles.transparent_max_bounces = 32
+        cycles.use_light_tree = settings["light_tree"]
+        cycles.sample_clamp_indirect = settings["clamp_indirect"]
+        cycles.caustics_reflective = cycles.caustics_refractive = False
+        cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+        cycles.filter_width = 1.5
+
+    def _camera_at(self, camera: dict[str, Any]) -> None:
+        data = self._camera.data
+        data.type, data.sensor_fit = "PERSP", "HORIZONTAL"
+        data.lens, data.sensor_width = camera["focal_length_mm"], camera["sensor_width_mm"]
+        data.clip_start, data.clip_end = camera["near"], camera["far"]
+        self._camera.matrix_world = matrix_of(np.array(camera["matrix"]).reshape(4, 4))
+
+    def _objects_at(self, wanted: list[dict[str, Any]], matrices: Any) -> None:
+        data = self._bpy.data
+        # Noise depends on the order of things. What is not in its place is removed and comes again in the order of a new scene.
+        names = [entry["name"] for entry in wanted]
+        kept = 0
+        for name, there in zip(names, self._objects, strict=False):
+            if name != there:
+                break
+            kept += 1
+        for name in list(self._objects)[kept:]:
+            data.objects.remove(self._objects.pop(name)[0])
+        for entry, matrix in zip(wanted, matrices, strict=True):
+            name = entry["name"]
+            state = (entry["mesh"], entry["material"], entry["index"], matrix.tobytes())
+            thing, known = self._objects.get(name, (None, ()))
+            if known == state:
+                continue
+            mesh = self._meshes[entry["mesh"]]
+            if thing is None:
+                thing = data.objects.new(name, mesh)
+                self._scene.collection.objects.link(thing)
+            elif known[0] != entry["mesh"]:
+                thing.data = mesh
+            slot = thing.material_slots[0]
+            slot.link = "OBJECT"
+            slot.material = self._materials[entry["material"]]
+            thing.pass_index = entry["index"]
+            thing.matrix_world = matrix_of(matrix)
+            self._objects[name] = (thing, state)
+
+    def _light_at(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
+        wanted = (light, sky, None if panorama is None else panorama.tobytes())
+        if self._shown != wanted:
+            self._light.show(light, sky, panorama)
+            self._materials.show(light)
+            self._shown = wanted
