@@ -40,10 +40,12 @@ from valerie.settings import load_settings
 STEPS = ("render", "score", "reach")
 #: Pedestrians of the table of presets stand at least so far away: 1024 samples of a near one's window cost too much.
 PRESETS_BEYOND_M = 32.0
+#: And show at least so many pixels: hidden ones have no pACC.
+PRESETS_VISIBLE = 100
 
 
 def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int) -> None:
-    """Frame after frame; the first ``presets`` distant ones of them at every quality too."""
+    """Frame after frame; the first ``presets`` distant and visible ones of them at every quality too."""
     holder = BlenderHolder(load_settings())
     engine = CyclesRenderer(holder=holder)
     size = frames[0].view
@@ -56,11 +58,13 @@ def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int)
     }
     started, done = time.monotonic(), 0
     try:
-        studio = Studio(Parts(folder, setup), holder)
-        chosen = [one for one in frames if one.distance_m >= PRESETS_BEYOND_M][:presets]
+        parts = Parts(folder, setup)
+        studio = Studio(parts, holder)
         for one in frames:
             made = studio.frame(one)
-            if one in chosen:
+            visible = parts.figures(f"{one.index}/person")["pixels"] >= PRESETS_VISIBLE
+            if presets and visible and one.distance_m >= PRESETS_BEYOND_M:
+                presets -= 1
                 made |= studio.presets(one)
             done += made
             if made:

@@ -153,9 +153,11 @@ class Scores:
         return tuple(self._functions)
 
     def of(self, planned: Planned, names: Iterable[str], shown: Mapping[str, Picture]) -> dict[str, list[float]]:
-        """Function to the pACC of each named picture; functions look only at what is not known."""
+        """Function to the pACC of each named picture; functions look only at what is not known. Empty where nobody is seen."""
         wanted = list(names)
         mask = self._parts.arrays(f"{planned.index}/person")["mask"]
+        if not mask.any():
+            return {}
         found: dict[str, list[float]] = {}
         for name, function in self._functions.items():
             identity = f"{function.card.digest} {function.numeric_class} {function.revision}"
@@ -178,14 +180,13 @@ def of_layers(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[s
             continue
         shown = pictures(parts, planned)
         row = {"frame": planned.index, **_person(parts, planned), **_differences(planned, shown)}
-        if row["pixels"]:
-            for name, (layered, other, same) in scores.of(planned, names, shown).items():
-                row[name] = {
-                    "full": other,
-                    "layer": layered - other,
-                    "layer_same_seed": layered - same,
-                    "seeds": same - other,
-                }
+        for name, (layered, other, same) in scores.of(planned, names, shown).items():
+            row[name] = {
+                "full": other,
+                "layer": layered - other,
+                "layer_same_seed": layered - same,
+                "seeds": same - other,
+            }
         rows.append(row)
     found: dict[str, Any] = {"count": len(rows)}
     for kind in ("noisy", "denoised"):

@@ -145,10 +145,15 @@ def test_paired_pacc_is_of_the_layered_frame_and_the_frame_of_another_seed(tmp_p
 def test_a_pedestrian_that_nobody_sees_has_differences_but_no_pacc(tmp_path: Path, engine: Engine) -> None:
     parts = Parts(tmp_path, {})
     parts.add("5/person", {"mask": np.zeros((VIEW.height, VIEW.width), bool)}, pixels=0, distance_m=20.0)
-    Studio(parts, engine, str).frame(FRAME)  # type: ignore[arg-type]
+    studio = Studio(parts, engine, str)  # type: ignore[arg-type]
+    studio.frame(FRAME)
+    studio.presets(FRAME)
     found = scored(tmp_path, parts, FRAME)
     assert found["count"] == 1
     assert found["bright"]["layer"] is None
+    presets = of_presets(parts, [FRAME], Scores(parts, tmp_path, {"bright": Bright()}))  # type: ignore[dict-item]
+    assert presets["rows"]["64"]["rmse_grey_levels"]["count"] == 1
+    assert presets["rows"]["64"]["bright"] is None
 
 
 def test_every_quality_is_compared_with_the_reference_and_more_samples_are_nearer(
