@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.db.products import Job
 from valerie.parameters.assignment import digest
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.rendering.base import GroundTruth, PersonTruth
@@ -130,6 +131,21 @@ def capture_of(
         focal_length_mm=focal_length_mm(resolved.manifest, resolved.cameras[camera_index], assignment),
         run_seed=resolved.spec.seed,
         velocity=velocity,
+    )
+
+
+def capture_of_job(resolved: ResolvedRun, job: Job) -> Capture:
+    """The capture that a prediction or an evaluation of a run is about."""
+    assert job.sensor_index is not None, "predictions and evaluations have a sensor"
+    return capture_of(
+        resolved,
+        sensor_index=job.sensor_index,
+        camera_index=job.camera_index,
+        assignment=resolved.at(job.assignment, job.time_index),
+        background=job.background,
+        layer=job.layer,
+        truth=job.truth,
+        velocity=job.velocity,
     )
 
 

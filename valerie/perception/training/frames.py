@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,7 +120,26 @@ def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, 
     (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(exclude_none=True), indent=1) + "\n")
 
 
-class FrameFolder(Sequence[TrainingFrame]):
+class Frames(Sequence[TrainingFrame]):
+    """Frames by their number, each read when it is asked for."""
+
+    @abstractmethod
+    def _frame(self, number: int) -> TrainingFrame:
+        """The frame of a number from −`len` to `len` − 1; raises IndexError beyond."""
+
+    @overload
+    def __getitem__(self, index: int) -> TrainingFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[TrainingFrame]: ...
+
+    def __getitem__(self, index: int | slice) -> TrainingFrame | list[TrainingFrame]:
+        if isinstance(index, slice):
+            return [self._frame(number) for number in range(*index.indices(len(self)))]
+        return self._frame(index)
+
+
+class FrameFolder(Frames):
     """Reads a folder of training frames; safe to use from several threads.
 
     Raises:
@@ -161,16 +181,8 @@ class FrameFolder(Sequence[TrainingFrame]):
     def __len__(self) -> int:
         return len(self._places)
 
-    @overload
-    def __getitem__(self, index: int) -> TrainingFrame: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[TrainingFrame]: ...
-
-    def __getitem__(self, index: int | slice) -> TrainingFrame | list[TrainingFrame]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        shard, number = self._places[index]
+    def _frame(self, number: int) -> TrainingFrame:
+        shard, number = self._places[number]
         height, width = shard.sizes[number]
         return TrainingFrame(
             picture=self._array(shard, f"{number:05}.picture", (height, width, 3)),

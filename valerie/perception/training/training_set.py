@@ -6,17 +6,17 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final, overload
+from typing import Final
 
 from valerie.errors import InvalidInput
-from valerie.perception.training.frames import SEEDS, FrameFolder, TrainingFrame
+from valerie.perception.training.frames import SEEDS, FrameFolder, Frames, TrainingFrame
 
 #: Between what is said of one folder and of the next.
 SEPARATOR: Final = "; "
 _UNSTATED: Final = "unstated"
 
 
-class TrainingSet(Sequence[TrainingFrame]):
+class TrainingSet(Frames):
     """Folders one after the other; the frames of one that counts n times stand there n times, one pass after the other.
 
     Args:
@@ -63,16 +63,8 @@ class TrainingSet(Sequence[TrainingFrame]):
     def __len__(self) -> int:
         return len(self._places)
 
-    @overload
-    def __getitem__(self, index: int) -> TrainingFrame: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[TrainingFrame]: ...
-
-    def __getitem__(self, index: int | slice) -> TrainingFrame | list[TrainingFrame]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        folder, number = self._places[index]
+    def _frame(self, number: int) -> TrainingFrame:
+        folder, number = self._places[number]
         return folder[number]
 
 

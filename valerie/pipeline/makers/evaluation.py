@@ -15,7 +15,7 @@ from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores, pacc
-from valerie.pipeline.capture import capture_of
+from valerie.pipeline.capture import capture_of_job
 from valerie.pipeline.context import Context
 from valerie.pipeline.makers.inputs import ProductReader
 from valerie.pipeline.makers.person_views import measured_again
@@ -41,16 +41,7 @@ class EvaluateMaker:
         run = self._runs.run(job.run_id)
         resolved = run.resolved
         card = pinned_card(run.pins, resolved.spec.functions[job.function_index])
-        capture = capture_of(
-            resolved,
-            sensor_index=job.sensor_index,
-            camera_index=job.camera_index,
-            assignment=resolved.at(job.assignment, job.time_index),
-            background=job.background,
-            layer=job.layer,
-            truth=job.truth,
-            velocity=job.velocity,
-        )
+        capture = capture_of_job(resolved, job)
         truth = capture.seen_truth(self._reader)
         prediction = self._reader.prediction(job.prediction)
         matrix = confusion_matrix(to_train_ids(truth.class_map), prediction)

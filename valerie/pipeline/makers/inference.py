@@ -13,7 +13,7 @@ from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError, ValerieError
 from valerie.perception.batches import require_size
 from valerie.pipeline.bounded import BoundedFunction, open_bounded
-from valerie.pipeline.capture import capture_of
+from valerie.pipeline.capture import capture_of_job
 from valerie.pipeline.context import Context
 from valerie.pipeline.function_source import FunctionSource
 from valerie.pipeline.makers.inputs import ProductReader
@@ -113,19 +113,7 @@ class InferMaker:
 
     def _picture(self, job: Job) -> NDArray[uint8]:
         """What the function sees."""
-        assert job.sensor_index is not None, "predictions have a sensor"
-        resolved = self._runs.run(job.run_id).resolved
-        capture = capture_of(
-            resolved,
-            sensor_index=job.sensor_index,
-            camera_index=job.camera_index,
-            assignment=resolved.at(job.assignment, job.time_index),
-            background=job.background,
-            layer=job.layer,
-            truth=job.truth,
-            velocity=job.velocity,
-        )
-        return capture.picture(self._reader)
+        return capture_of_job(self._runs.run(job.run_id).resolved, job).picture(self._reader)
 
     def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
         key = (name, pin["digest"], pin["numeric_class"])

@@ -9,9 +9,9 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from valerie.rendering.raster.buffers import Buffers
 from valerie.rendering.raster.camera_math import Points, box_corners
 from valerie.rendering.raster.materials import SurfaceKind
-from valerie.rendering.raster.static_geometry import ATTRIBUTES
 from valerie.rendering.raster.uniforms import set_uniforms
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 from valerie.scene.model import Mesh
@@ -27,44 +27,26 @@ class MeshBuffers:
 
     def __init__(self, gl: moderngl.Context, mesh: Mesh) -> None:
         self.mesh = mesh
-        self._gl = gl
         self.corners: Points = box_corners(
             mesh.positions.min(axis=0).astype(np.float64), mesh.positions.max(axis=0).astype(np.float64)
         )
-        self._buffers = {
-            name: gl.buffer(np.ascontiguousarray(array).tobytes())
-            for name, array in (("in_position", mesh.positions), ("in_normal", mesh.normals), ("in_uv", mesh.uvs))
-        }
-        self._indices = gl.buffer(np.ascontiguousarray(mesh.faces).tobytes())
-        self._arrays: dict[int, moderngl.VertexArray] = {}
+        attributes = {"in_position": mesh.positions, "in_normal": mesh.normals, "in_uv": mesh.uvs}
+        self._buffers = Buffers(gl, attributes, mesh.faces)
 
     def array(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> moderngl.VertexArray:
-        """The vertex array of a program, with those attributes that it reads.
+        """The vertex array of a program.
 
         Args:
             program: the program.
             elsewhere: the same mesh at another moment, whose positions it reads too; the caller releases the array.
         """
-        if elsewhere is not None:
-            found = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
-            found.append((elsewhere._buffers["in_position"], ATTRIBUTES["in_position"], "in_elsewhere"))  # noqa: SLF001
-            return self._gl.vertex_array(program, found, index_buffer=self._indices, index_element_size=4)
-        return self._own_array(program)
-
-    def _own_array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        found = self._arrays.get(program.glo)
-        if found is None:
-            content = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
-            found = self._gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4)
-            self._arrays[program.glo] = found
-        return found
+        if elsewhere is None:
+            return self._buffers.array(program)
+        return self._buffers.array_with(program, elsewhere._buffers)  # noqa: SLF001
 
     def release(self) -> None:
         """Free the buffers."""
-        for array in self._arrays.values():
-            array.release()
-        for buffer in (*self._buffers.values(), self._indices):
-            buffer.release()
+        self._buffers.release()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.rendering.raster.buffers import Buffers
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 
@@ -70,9 +71,7 @@ class StaticGeometry:
         self.batches: list[Batch] = []
         self.low, self.high = np.full(3, -0.5), np.full(3, 0.5)
         self.core_low, self.core_high = self.low, self.high
-        self._buffers: dict[str, moderngl.Buffer] = {}
-        self._arrays: dict[int, moderngl.VertexArray] = {}
-        self._gl = gl
+        self._buffers: Buffers | None = None
         if not start:
             return
         positions, normals, uvs = (np.concatenate(part) for part in zip(*vertices, strict=True))
@@ -85,14 +84,10 @@ class StaticGeometry:
             self.batches.append(Batch(kind, self.triangles * 3, joined.size))
             self.triangles += len(joined)
             ordered.append(joined)
-        for name, array in (
-            ("in_position", positions),
-            ("in_normal", normals),
-            ("in_uv", uvs),
-            ("in_ids", np.concatenate(ids)),
-        ):
-            self._buffers[name] = gl.buffer(np.ascontiguousarray(array).tobytes())
-        self._indices = gl.buffer(np.ascontiguousarray(np.concatenate(ordered)).tobytes())
+        attributes = {
+            "in_position": positions, "in_normal": normals, "in_uv": uvs, "in_ids": np.concatenate(ids),
+        }  # fmt: skip
+        self._buffers = Buffers(gl, attributes, np.concatenate(ordered))
 
     @property
     def whole(self) -> tuple[Batch, ...]:
@@ -104,26 +99,14 @@ class StaticGeometry:
         return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The vertex array of a program, with those attributes that it reads."""
-        found = self._arrays.get(program.glo)
-        if found is None:
-            content = [(buffer, ATTRIBUTES[name], name) for name, buffer in self._buffers.items() if name in program]
-            found = self._gl.vertex_array(program, content, index_buffer=self._indices, index_element_size=4)
-            self._arrays[program.glo] = found
-        return found
+        """The vertex array of a program; there is one while there are batches."""
+        assert self._buffers is not None
+        return self._buffers.array(program)
 
     def release(self) -> None:
         """Free the buffers."""
-        for array in self._arrays.values():
-            array.release()
-        for buffer in self._buffers.values():
-            buffer.release()
-        if self._buffers:
-            self._indices.release()
-
-
-#: Vertex attributes and their formats in moderngl's notation.
-ATTRIBUTES = {"in_position": "3f4", "in_normal": "3f4", "in_uv": "2f4", "in_ids": "3u4"}
+        if self._buffers is not None:
+            self._buffers.release()
 
 
 def _in_world(
