@@ -37,6 +37,8 @@ from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 
 LEVEL: Final = 0.9
+#: Of linear values, where errors are measured in them: the sun in chrome would outweigh the street.
+_BRIGHTEST: Final = 2.0
 
 Picture = NDArray[np.uint8]
 
@@ -89,8 +91,8 @@ def levels(image: LinearImage) -> Picture:
     return develop(image.pixels, SensorSetting())
 
 
-def rms(first: Picture, second: Picture, where: NDArray[np.bool_]) -> float:
-    """Root mean square difference in grey levels, 0…255."""
+def rms(first: NDArray[Any], second: NDArray[Any], where: NDArray[np.bool_]) -> float:
+    """Root mean square difference, in the values' own unit."""
     return float(np.sqrt(((first[where].astype(np.float64) - second[where].astype(np.float64)) ** 2).mean()))
 
 
@@ -119,13 +121,13 @@ def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
     return found
 
 
-def qualities(parts: Parts, planned: Planned) -> dict[str, Picture]:
+def qualities(parts: Parts, planned: Planned) -> dict[str, LinearImage]:
     """The frame at every number of samples, as these left it and denoised, and the reference."""
-    found: dict[str, Picture] = {}
+    found: dict[str, LinearImage] = {}
     for samples in COUNTS:
-        found[f"{samples}"] = levels(linear(composed(parts, planned, samples, LAYER_SEED).noisy))
-        found[f"{samples} denoised"] = levels(image(parts, denoised_key(planned, samples, LAYER_SEED)))
-    found["reference"] = levels(linear(composed(parts, planned, REFERENCE, REFERENCE_SEED).noisy))
+        found[f"{samples}"] = linear(composed(parts, planned, samples, LAYER_SEED).noisy)
+        found[f"{samples} denoised"] = image(parts, denoised_key(planned, samples, LAYER_SEED))
+    found["reference"] = linear(composed(parts, planned, REFERENCE, REFERENCE_SEED).noisy)
     return found
 
 
@@ -208,21 +210,29 @@ def of_layers(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[s
 
 
 def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
-    """Every quality against the reference, in the windows: grey levels, pACC; and what it costs."""
+    """Every quality against the reference, in the windows: grey levels, linear values up to `_BRIGHTEST`, pACC; and its cost."""
     chosen = [planned for planned in frames if window_key(planned, REFERENCE, REFERENCE_SEED) in parts]
     names = [f"{samples}{kind}" for samples in COUNTS for kind in ("", " denoised")]
     errors: dict[str, list[float]] = {name: [] for name in names}
+    linear_errors: dict[str, list[float]] = {name: [] for name in names}
     changes: dict[str, dict[str, list[float]]] = {name: {f: [] for f in scores.names} for name in names}
     for planned in chosen:
-        shown = qualities(parts, planned)
+        made = qualities(parts, planned)
+        shown = {name: levels(one) for name, one in made.items()}
+        values = {name: np.minimum(one.pixels.astype(np.float32), _BRIGHTEST) for name, one in made.items()}
         where = region(planned.window, shown["reference"].shape)
         for name in names:
             errors[name].append(rms(shown[name], shown["reference"], where))
+            linear_errors[name].append(rms(values[name], values["reference"], where))
         for function, (reference, *each) in scores.of(planned, ("reference", *names), shown).items():
             for name, pacc in zip(names, each, strict=True):
                 changes[name][function].append(pacc - reference)
     rows = {
-        name: {"rmse_grey_levels": _document(errors[name]), **{f: _document(v) for f, v in changes[name].items()}}
+        name: {
+            "rmse_grey_levels": _document(errors[name]),
+            "rmse_linear": _document(linear_errors[name]),
+            **{f: _document(v) for f, v in changes[name].items()},
+        }
         for name in names
     }
     return {"count": len(chosen), "frames": [planned.index for planned in chosen], "rows": rows, "cost": cost(parts)}

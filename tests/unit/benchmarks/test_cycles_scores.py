@@ -165,8 +165,9 @@ def test_every_quality_is_compared_with_the_reference_and_more_samples_are_neare
     studio.presets(FRAME)
     found = of_presets(parts, [FRAME], Scores(parts, tmp_path, {"bright": Bright()}))  # type: ignore[dict-item]
     assert found["frames"] == [5]
-    few, default, many = (found["rows"][name]["rmse_grey_levels"]["mean"] for name in ("16", "64", "256"))
-    assert few > default > many > 0
+    for error in ("rmse_grey_levels", "rmse_linear"):
+        few, default, many = (found["rows"][name][error]["mean"] for name in ("16", "64", "256"))
+        assert few > default > many > 0
     assert found["cost"]["window 1024"]["cpu_s_per_megapixel"] == pytest.approx(10.0 * REFERENCE, rel=0.01)
 
 
