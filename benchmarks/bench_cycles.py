@@ -44,8 +44,8 @@ PRESETS_BEYOND_M = 32.0
 PRESETS_VISIBLE = 100
 
 
-def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int) -> None:
-    """Frame after frame; the first ``presets`` distant and visible ones of them at every quality too."""
+def render(folder: Path, asset: SceneAsset, frames: list[Planned], *, seeds: int, presets: int) -> None:
+    """All frames; the first ``seeds`` in a second seed too, the first ``presets`` distant and visible ones at every quality."""
     holder = BlenderHolder(load_settings())
     engine = CyclesRenderer(holder=holder)
     size = frames[0].view
@@ -61,7 +61,7 @@ def render(folder: Path, asset: SceneAsset, frames: list[Planned], presets: int)
         parts = Parts(folder, setup)
         studio = Studio(parts, holder)
         for one in frames:
-            made = studio.frame(one)
+            made = studio.frame(one, other_seed=one.index < seeds)
             visible = parts.figures(f"{one.index}/person")["pixels"] >= PRESETS_VISIBLE
             if presets and visible and one.distance_m >= PRESETS_BEYOND_M:
                 presets -= 1
@@ -132,6 +132,9 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=108)
     parser.add_argument("--frames", type=int, default=3, help="how many pedestrians")
+    parser.add_argument(
+        "--seeds", type=int, help="how many of them in a second seed too, half of the work; all if not given"
+    )
     parser.add_argument("--presets", type=int, default=1, help="how many of them at every quality")
     parser.add_argument("--functions", nargs="*", default=list(FUNCTIONS))
     parser.add_argument("--folder", type=Path, help="of the parts; var/bench/cycles-WIDTHxHEIGHT if not given")
@@ -145,7 +148,8 @@ def main() -> None:
     figures: dict[str, Any] = {}
     try:
         if "render" in steps:
-            render(folder, asset, frames, given.presets)
+            seeds = given.frames if given.seeds is None else given.seeds
+            render(folder, asset, frames, seeds=seeds, presets=given.presets)
         if "score" in steps:
             figures |= score(folder, frames, given.functions)
         if "reach" in steps:

@@ -51,10 +51,12 @@ class Studio:
         self._truth: TruthPass | None = None
         self._made = 0
 
-    def frame(self, planned: Planned) -> bool:
-        """Everything that one frame's layer is judged by; whether there was anything left to make."""
+    def frame(self, planned: Planned, *, other_seed: bool = True) -> bool:
+        """Everything that one frame's layer is judged by, the full render of another seed if wanted; whether anything was left
+        to make.
+        """
         before = self._made
-        for seed in (LAYER_SEED, FULL_SEED):
+        for seed in (LAYER_SEED, FULL_SEED) if other_seed else (LAYER_SEED,):
             self._window(planned, SAMPLES, seed)
             self._clean(planned, SAMPLES, seed)
         background = background_key(planned.group, SAMPLES, LAYER_SEED)

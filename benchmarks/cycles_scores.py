@@ -42,6 +42,14 @@ _BRIGHTEST: Final = 2.0
 
 Picture = NDArray[np.uint8]
 
+#: Full renders of a frame, and which pictures of it are compared.
+_SEEDS: Final = {"same seed": LAYER_SEED, "other seed": FULL_SEED}
+_PAIRS: Final = {
+    "layer": ("layered", "other seed"),
+    "seeds": ("same seed", "other seed"),
+    "layer_same_seed": ("layered", "same seed"),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -103,7 +111,7 @@ def region(rectangle: Rectangle, shape: tuple[int, ...]) -> NDArray[np.bool_]:
 
 
 def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
-    """The layered frame and the full ones of two seeds; each as its samples left it, and denoised."""
+    """The layered frame and the full ones of the seeds that there are; each as its samples left it, and denoised."""
     background = background_key(planned.group, SAMPLES, LAYER_SEED)
     under = {"noisy": linear(parts.arrays(background)["noisy"]), "denoised": image(parts, f"{background}/denoised")}
     core = planned.core.slices
@@ -115,9 +123,10 @@ def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
         f"layered {kind}": levels(Layer(planned.rectangle, np.ascontiguousarray(layers[kind].pixels)).over(under[kind]))
         for kind in under
     }
-    for name, seed in (("same seed", LAYER_SEED), ("other seed", FULL_SEED)):
-        found[f"{name} noisy"] = levels(linear(composed(parts, planned, SAMPLES, seed).noisy))
-        found[f"{name} denoised"] = levels(image(parts, denoised_key(planned, SAMPLES, seed)))
+    for name, seed in _SEEDS.items():
+        if denoised_key(planned, SAMPLES, seed) in parts:
+            found[f"{name} noisy"] = levels(linear(composed(parts, planned, SAMPLES, seed).noisy))
+            found[f"{name} denoised"] = levels(image(parts, denoised_key(planned, SAMPLES, seed)))
     return found
 
 
@@ -176,37 +185,32 @@ class Scores:
 def of_layers(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
     """Layer over background against the full frame: grey levels in and around the rectangle, and pACC."""
     rows: list[dict[str, Any]] = []
-    names = ("layered denoised", "other seed denoised", "same seed denoised")
-    for planned in frames:
-        if denoised_key(planned, SAMPLES, FULL_SEED) not in parts or layer_key(planned) not in parts:
-            continue
+    for planned in (one for one in frames if layer_key(one) in parts):
         shown = pictures(parts, planned)
         row = {"frame": planned.index, **_person(parts, planned), **_differences(planned, shown)}
-        for name, (layered, other, same) in scores.of(planned, names, shown).items():
-            row[name] = {
-                "full": other,
-                "layer": layered - other,
-                "layer_same_seed": layered - same,
-                "seeds": same - other,
+        names = [name for name in ("layered", *_SEEDS) if f"{name} denoised" in shown]
+        for function, each in scores.of(planned, [f"{name} denoised" for name in names], shown).items():
+            pacc = dict(zip(names, each, strict=True))
+            row[function] = {"full": pacc["same seed"]} | {
+                pair: pacc[a] - pacc[b] for pair, (a, b) in _PAIRS.items() if a in pacc and b in pacc
             }
         rows.append(row)
     found: dict[str, Any] = {"count": len(rows)}
     for kind in ("noisy", "denoised"):
         for where in ("rectangle", "around"):
             measured = [row[kind][where] for row in rows]
-            tops, bottoms = [m["layer"] for m in measured], [m["seeds"] for m in measured]
+            twice = [m for m in measured if "seeds" in m]
             found[f"{kind} {where}"] = {
-                "layer": _document([m["layer"] for m in measured]),
-                "seeds": _document(bottoms),
-                "layer_same_seed": _document([m["layer_same_seed"] for m in measured]),
-                "layer_to_seeds": ratio(tops, bottoms),
+                **_by_pair(measured),
+                "layer_to_seeds": ratio([m["layer"] for m in twice], [m["seeds"] for m in twice]),
             }
-    for name in scores.names:
-        values = [row[name] for row in rows if name in row]
-        found[name] = {
-            key: _document([value[key] for value in values]) for key in ("layer", "layer_same_seed", "seeds")
-        }
+    for function in scores.names:
+        found[function] = _by_pair([row[function] for row in rows if function in row])
     return {**found, "frames": rows}
+
+
+def _by_pair(measured: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    return {pair: _document([m[pair] for m in measured if pair in m]) for pair in _PAIRS}
 
 
 def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
@@ -265,15 +269,12 @@ def _differences(planned: Planned, shown: dict[str, Picture]) -> dict[str, Any]:
     shape = shown["layered noisy"].shape
     inside = region(planned.rectangle, shape)
     places = {"rectangle": inside, "around": region(planned.window, shape) & ~inside}
-    pairs = {
-        "layer": ("layered", "other seed"),
-        "seeds": ("same seed", "other seed"),
-        "layer_same_seed": ("layered", "same seed"),
-    }
     return {
         kind: {
             name: {
-                pair: round(rms(shown[f"{a} {kind}"], shown[f"{b} {kind}"], where), 4) for pair, (a, b) in pairs.items()
+                pair: round(rms(shown[f"{a} {kind}"], shown[f"{b} {kind}"], where), 4)
+                for pair, (a, b) in _PAIRS.items()
+                if f"{b} {kind}" in shown
             }
             for name, where in places.items()
         }

@@ -136,10 +136,32 @@ def test_paired_pacc_is_of_the_layered_frame_and_the_frame_of_another_seed(tmp_p
     shown, mask = cycles_scores.pictures(parts, FRAME), parts.arrays("5/person")["mask"]
     by_hand = {
         name: 100 * float((shown[f"{name} denoised"].mean(axis=2)[mask] > 150).mean())
-        for name in ("layered", "other seed")
+        for name in ("layered", "same seed", "other seed")
     }
-    assert row["bright"]["full"] == pytest.approx(by_hand["other seed"])
+    assert row["bright"]["full"] == pytest.approx(by_hand["same seed"])
     assert row["bright"]["layer"] == pytest.approx(by_hand["layered"] - by_hand["other seed"])
+    assert row["bright"]["layer_same_seed"] == pytest.approx(by_hand["layered"] - by_hand["same seed"])
+
+
+def test_a_frame_of_one_seed_is_compared_with_that_alone(tmp_path: Path, engine: Engine) -> None:
+    engine.spill = 0.4
+    other = replace(FRAME, index=6)
+    parts = parts_in(tmp_path, FRAME, other)
+    studio = Studio(parts, engine, str)  # type: ignore[arg-type]
+    studio.frame(FRAME)
+    once = engine.calls
+    studio.frame(other, other_seed=False)
+    assert engine.calls - once == 1 + 2, "a window, the frame denoised and the layer denoised"
+    found = scored(tmp_path, parts, FRAME, other)
+    assert found["count"] == 2
+    for compared in (found["bright"], found["noisy around"]):
+        assert (compared["layer_same_seed"]["count"], compared["layer"]["count"], compared["seeds"]["count"]) == (
+            2,
+            1,
+            1,
+        )
+    assert found["noisy around"]["layer_same_seed"]["mean"] > 0
+    assert found["noisy around"]["layer_to_seeds"]["count"] == 1
 
 
 def test_a_pedestrian_that_nobody_sees_has_differences_but_no_pacc(tmp_path: Path, engine: Engine) -> None:
