@@ -88,13 +88,20 @@ def context_of(data_dir: Path | None) -> Iterator[Context]:
         NotFound: there is no database; none is made.
         ValerieError: the database is of another version.
     """
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.context import open_context
-
     settings = settings_of(data_dir)
     if not has_database(settings):
         made_by = f"`{command_name()} run` and `{command_name()} up` make one"
         raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {made_by}")
+    with opened(settings) as context:
+        yield context
+
+
+@contextmanager
+def opened(settings: Settings) -> Iterator[Context]:
+    """What `context_of` gives, of a database that is there; raises ValerieError if it is of another version."""
+    from valerie.db.migrate import require_current
+    from valerie.pipeline.context import open_context
+
     context = open_context(settings)
     try:
         require_current(context.engine)

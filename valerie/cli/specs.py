@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -10,12 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from valerie.cli.registry import Opening, functions_named, open_registry
-from valerie.cli.shell import DataDir, Json, Url, command_name, console, has_database, read_spec, say, settings_of
+from valerie.cli.shell import (
+    DataDir,
+    Json,
+    Url,
+    command_name,
+    console,
+    has_database,
+    opened,
+    read_spec,
+    say,
+    settings_of,
+)
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from contextlib import AbstractContextManager
 
     from valerie.pipeline.context import Context
     from valerie.runs.planning import Plan
@@ -130,36 +141,21 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
         return plan_run(context, spec).model_dump(mode="json")
 
 
-def deployment_or_empty(settings: Settings) -> AbstractContextManager[Context]:
+@contextmanager
+def deployment_or_empty(settings: Settings) -> Iterator[Context]:
     """The deployment's context, or, before there is any, an empty one that leaves nothing behind."""
-    from contextlib import contextmanager
     from tempfile import TemporaryDirectory
 
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.context import open_context
-
-    @contextmanager
-    def opened() -> Iterator[Context]:
-        if has_database(settings):
-            context = open_context(settings)
-            try:
-                require_current(context.engine)
-                yield context
-            finally:
-                context.engine.dispose()
-            return
-        with TemporaryDirectory(prefix="valerie-plan-") as folder:
-            empty = settings.model_copy(
-                update={"database_url": f"sqlite:///{folder}/plan.sqlite3", "artifacts_url": folder}
-            )
-            _migrate(empty)
-            context = open_context(empty)
-            try:
-                yield context
-            finally:
-                context.engine.dispose()
-
-    return opened()
+    if has_database(settings):
+        with opened(settings) as context:
+            yield context
+        return
+    with TemporaryDirectory(prefix="valerie-plan-") as folder:
+        update = {"database_url": f"sqlite:///{folder}/plan.sqlite3", "artifacts_url": folder}
+        empty = settings.model_copy(update=update)
+        _migrate(empty)
+        with opened(empty) as context:
+            yield context
 
 
 def _migrate(settings: Settings) -> None:
