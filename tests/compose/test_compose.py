@@ -37,7 +37,7 @@ class Stack:
         self._environment = {
             **os.environ,
             "COMPOSE_PROJECT_NAME": self._project,
-            "VALERIE_IMAGE_TAG": self._project,
+            "IMAGE_TAG": self._project,
             "VALERIE_API_TOKEN": self.token,
             "VALERIE_API_PORT": str(self.port),
             "BUILDX_NO_DEFAULT_ATTESTATIONS": "1",
