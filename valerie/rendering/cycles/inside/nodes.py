@@ -86,16 +86,16 @@ class Nodes:
         return node.outputs[0]
 
     def dot(self, vector: Any, direction: Any) -> Any:
-        node = self.add("ShaderNodeVectorMath")
-        node.operation = "DOT_PRODUCT"
-        self._feed(node, (vector, tuple(direction)))
-        return node.outputs["Value"]
+        return self._vector_math("DOT_PRODUCT", vector, tuple(direction)).outputs["Value"]
 
     def _vector(self, operation: str, *operands: Any) -> Any:
+        return self._vector_math(operation, *operands).outputs[0]
+
+    def _vector_math(self, operation: str, *operands: Any) -> Any:
         node = self.add("ShaderNodeVectorMath")
         node.operation = operation
         self._feed(node, operands)
-        return node.outputs[0]
+        return node
 
     def _feed(self, node: Any, operands: Any) -> None:
         for target, operand in zip(node.inputs, operands, strict=False):
