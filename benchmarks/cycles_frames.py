@@ -2,7 +2,7 @@
 
 A pixel of a render inside a border is the pixel of the whole render, bit for bit (tests/cycles). So the full render of a
 frame needs to be made only where it can differ from a background of its own seed by more than noise: in a window, the
-rectangle of the layer with `MARGIN` pixels around.
+rectangle of the layer with what the denoiser is shown around it (`denoised_window`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import LinearImage, Rectangle, View
-from valerie.rendering.cycles.reach import MARGIN, reached_rectangle
+from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.translation import Guided
-from valerie.rendering.raster.bounds import grown
 from valerie.scene.asset import SceneAsset
 from valerie.scene.legality import rejection_reason
 from valerie.scene.model import Scene
@@ -105,7 +104,7 @@ def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Plan
         scene, view = apply({**group.light, **values}, asset), View(group.camera, width, height)
         rectangle = reached_rectangle(scene, view)
         if not rectangle.empty:
-            found.append(Planned(len(found), group, scene, view, rectangle, grown(rectangle, MARGIN, view)))
+            found.append(Planned(len(found), group, scene, view, rectangle, denoised_window(rectangle, view)))
     raise AssertionError("numbers do not end")
 
 

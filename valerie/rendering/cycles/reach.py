@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.lamps import lit_lamps
-from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, union
+from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown, union
 from valerie.rendering.raster.camera_math import box_corners
 from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
@@ -27,8 +27,11 @@ from valerie.scene.weather import wetness
 
 #: Heights of a movable beyond which its indirect light is lost in the noise.
 REACH: Final = 0.5
-#: Pixels around the rectangle that the denoiser is shown.
-MARGIN: Final = 16
+#: Pixels around the rectangle that the denoiser is shown at least.
+_MARGIN: Final = 16
+#: Pixels per side of what the denoiser's network (Open Image Denoise's U-Net, which halves a picture four times) takes together,
+#: counted from the corner where Blender's pictures begin, the lower left.
+_POOLED: Final = 16
 #: Pixels: the reconstruction filter (1.5 wide), and rounding.
 _FILTER: Final = 3
 
@@ -62,6 +65,22 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
         # A mirror image hangs upside down below the road.
         near.append(box_corners(low - [more, more, more + height * wet], high + more))
     return union(exact, covered_rectangle(near, camera, view))
+
+
+def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
+    """The part of the image that is rendered for the denoiser where only a rectangle is wanted.
+
+    It begins and ends where the pixels that the denoiser's network takes together do in the whole image: else the network would
+    see other blocks of pixels than there, and differ more than a margin of any width makes good (docs/cycles.md).
+    """
+    around = grown(rectangle, _MARGIN, view)
+
+    def whole_blocks(first: int, last: int) -> tuple[int, int]:
+        return first // _POOLED * _POOLED, -(-last // _POOLED) * _POOLED
+
+    left, right = whole_blocks(around.x, around.x + around.width)
+    bottom, top = whole_blocks(view.height - around.y - around.height, view.height - around.y)
+    return Rectangle(left, view.height - top, right - left, top - bottom).clipped(view.width, view.height)
 
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:

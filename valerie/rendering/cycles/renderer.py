@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_image
 from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder, process_blender
-from valerie.rendering.cycles.reach import MARGIN, reached_rectangle
+from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.settings import CyclesSettings
-from valerie.rendering.raster.bounds import grown
 from valerie.scene.model import Scene
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
@@ -37,7 +36,7 @@ class CyclesRenderer:
     """
 
     name: ClassVar[str] = "cycles"
-    revision: ClassVar[int] = 5
+    revision: ClassVar[int] = 6
 
     def __init__(self, settings: CyclesSettings | None = None, holder: BlenderHolder | None = None) -> None:
         self._settings = (settings or CyclesSettings()).inputs()
@@ -65,7 +64,7 @@ class CyclesRenderer:
         if rectangle.empty:
             return Layer(rectangle, np.zeros((0, 0, 3), np.float16))
         # The denoiser looks around a pixel: what it needs is rendered too and thrown away.
-        around = grown(rectangle, MARGIN, view) if self._settings["denoise"] else rectangle
+        around = denoised_window(rectangle, view) if self._settings["denoise"] else rectangle
         pixels = self._render(scene, view, around, movables=True)
         rows, columns = rectangle.y - around.y, rectangle.x - around.x
         part = pixels[rows : rows + rectangle.height, columns : columns + rectangle.width]

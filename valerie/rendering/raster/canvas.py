@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Area = tuple[int, int, int, int]
 
 _NEIGHBOURS: Final = np.ones((3, 3), np.uint8)
+#: Rows of tiles whose samples are read at once.
+_BAND: Final = 16
 
 
 class StaticSurfaces:
@@ -53,8 +55,15 @@ class StaticSurfaces:
     def learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
         """Read what is not known yet of the tiles of ``mask``, whose occlusion is in ``targets``."""
         mask = mask & ~self.known
-        if not mask.any():
-            return
+        # Band by band: memory of the size of a whole picture's samples would be taken from the system anew each time.
+        for first in range(0, self.grid.shape[0], _BAND):
+            band = self.grid.none()
+            band[first : first + _BAND] = mask[first : first + _BAND]
+            if band.any():
+                self._learn(band, targets, near, far)
+        self.known |= mask
+
+    def _learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
         area = x, y, width, height = self.grid.around(mask)
         left, bottom = max(x - 1, 0), max(y - 1, 0)
         wide = min(x + width + 1, self.grid.width) - left
@@ -80,7 +89,6 @@ class StaticSurfaces:
         self.open[mask] = ~dark[mask]
         inside = self.grid.pixels(mask, area)
         np.copyto(self.smooth[y : y + height, x : x + width], smooth, where=inside)
-        self.known |= mask
 
     def release(self) -> None:
         """Free the G-buffer."""

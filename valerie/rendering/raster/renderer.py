@@ -24,10 +24,10 @@ from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
 from valerie.rendering.raster.lighting import Lighting, LitFrame
+from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
 from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, one_span, surface_target
-from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.raster.tiles import Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
@@ -71,7 +71,7 @@ class RasterRenderer:
         self._surfaces = SurfaceDrawer(
             self._context, "surface.frag", colors=True, panes="sampled", sampler=self._sampler
         )
-        self._texture_passes: dict[tuple[int, ...], ScreenPass] = {}
+        self._texture_passes: dict[tuple[int, int, int], ScreenPass] = {}
         self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
         self._light_views: LeastRecentlyUsed[LightView] = LeastRecentlyUsed(_CAMERAS * _SUNS)
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
@@ -354,15 +354,19 @@ class RasterRenderer:
         spans = canvas.grid.spans(body)
         spans[:, :2] = np.maximum(spans[:, :2], area[:2])
         spans[:, 2:] = np.minimum(spans[:, 2:], (area[0] + area[2], area[1] + area[3]))
-        self._texturing(textures).run(targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler)
+        self._texturing([mesh.kind for mesh in frame.prepared.placed]).run(
+            targets.surfaces, spans * SAMPLES, sources, {}, sampler=self._sampler
+        )
         return seen, body
 
-    def _texturing(self, textures: TextureSet) -> ScreenPass:
-        """The pass that reads the textures of movables, for the sides that an asset has."""
-        sides = tuple(sorted(textures.arrays))
+    def _texturing(self, kinds: Sequence[SurfaceKind]) -> ScreenPass:
+        """The pass that reads the textures of movables of these kinds."""
+        uses = zip(*((kind.color_side, kind.normal_side, kind.roughness_side) for kind in kinds), strict=True)
+        color, normal, roughness = sides = tuple(sum(set(use)) for use in uses)
         if sides not in self._texture_passes:
-            defines = {f"SIDE_{side}": 1 for side in sides}
-            program = self._context.program("screen.vert", "texturing.frag", **defines)
+            program = self._context.program(
+                "screen.vert", "texturing.frag", COLOR_SIDES=color, NORMAL_SIDES=normal, ROUGHNESS_SIDES=roughness
+            )
             self._texture_passes[sides] = ScreenPass(self._context.gl, program)
         return self._texture_passes[sides]
 

@@ -39,6 +39,8 @@ _CLOSE: Final = 4.0
 _SHARED: Final = 1.5
 #: Texels per side of a block of the statics' map, over which its depths are surveyed.
 _BLOCK: Final = 8
+#: Rows of texels that are read at once.
+_BAND: Final = 512
 #: Metres along the optical axis, beyond which there are no shadows.
 SHADOW_DISTANCE: Final = 160.0
 #: Metres, widest blur of a shadow's edge to each side.
@@ -69,17 +71,26 @@ class ShadowMap:
     def survey(self) -> None:
         """Note what casts shadows within the widest penumbra of each block, so that most places need not search for it."""
         side = self.target.size[0]
-        data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
-        rows = np.frombuffer(data, np.float32).reshape(side // _BLOCK, _BLOCK, side)
         across, up = np.ceil((LARGEST_PENUMBRA * side / self.light.extent[:2] + 1) / _BLOCK).astype(int)
         around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
-        found = [
-            spread(pick.reduce(pick.reduce(rows, axis=1).reshape(-1, side // _BLOCK, _BLOCK), axis=2), around)
-            for pick, spread in ((np.minimum, cv2.erode), (np.maximum, cv2.dilate))
-        ]
+        # Band by band: memory of the size of the map would be taken from the system anew each time.
+        bands = [self._blocks(first, min(_BAND, side - first)) for first in range(0, side, _BAND)]
+        least, largest = (np.concatenate(parts) for parts in zip(*bands, strict=True))
+        found = [cv2.erode(least, around), cv2.dilate(largest, around)]
         size = (side // _BLOCK, side // _BLOCK)
         self.casters = self._gl.texture(size, 2, np.stack(found, axis=2).tobytes(), dtype="f4")
         self.casters.filter = (moderngl.NEAREST, moderngl.NEAREST)
+
+    def _blocks(self, first: int, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Least and largest depth in each block of so many rows of texels, from the first on."""
+        side, part = self.target.size[0], (0, first, self.target.size[0], count)
+        data = self.target.framebuffer.read(viewport=part, components=1, attachment=-1, dtype="f4", alignment=1)
+        rows = np.frombuffer(data, np.float32).reshape(count // _BLOCK, _BLOCK, side)
+        least, largest = rows.min(axis=1), rows.max(axis=1)
+        return (
+            np.minimum.reduce([least[:, i::_BLOCK] for i in range(_BLOCK)]),
+            np.maximum.reduce([largest[:, i::_BLOCK] for i in range(_BLOCK)]),
+        )
 
     def holds(self, low: Points, high: Points) -> Mask:
         """(N,) whether the map holds anything in the rectangles ``low`` … ``high``: (N, 2) metres in the light's axes."""

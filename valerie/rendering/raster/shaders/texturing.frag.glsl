@@ -9,46 +9,48 @@ layout(location = 0) out vec4 out_albedo;
 layout(location = 1) out vec4 out_normals;
 layout(location = 2) out uvec2 out_material;
 
-// One array of textures per side.
-#define READ(SIDE) if (side == SIDE) \
-    found = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
-#ifdef SIDE_64
+// One array of textures per side, a power of two. Each use has the sum of the sides that the frame's movables have of it: a CPU
+// rasteriser reads them all for every sample.
+#define SIDES (COLOR_SIDES | NORMAL_SIDES | ROUGHNESS_SIDES)
+#if SIDES & 64
 uniform sampler2DArray textures_64;
 #endif
-#ifdef SIDE_128
+#if SIDES & 128
 uniform sampler2DArray textures_128;
 #endif
-#ifdef SIDE_256
+#if SIDES & 256
 uniform sampler2DArray textures_256;
 #endif
-#ifdef SIDE_512
+#if SIDES & 512
 uniform sampler2DArray textures_512;
 #endif
-#ifdef SIDE_1024
+#if SIDES & 1024
 uniform sampler2DArray textures_1024;
 #endif
-#ifdef SIDE_2048
+#if SIDES & 2048
 uniform sampler2DArray textures_2048;
 #endif
 
-vec4 texel(int side, float layer, vec2 uv, float level) {
+#define READ(SIDE) if ((sides & SIDE) != 0 && side == SIDE) \
+    found = textureLod(textures_##SIDE, vec3(uv, layer), level + log2(float(SIDE)));
+vec4 texel(const int sides, int side, float layer, vec2 uv, float level) {
     vec4 found = vec4(1.0);
-#ifdef SIDE_64
+#if SIDES & 64
     READ(64)
 #endif
-#ifdef SIDE_128
+#if SIDES & 128
     READ(128)
 #endif
-#ifdef SIDE_256
+#if SIDES & 256
     READ(256)
 #endif
-#ifdef SIDE_512
+#if SIDES & 512
     READ(512)
 #endif
-#ifdef SIDE_1024
+#if SIDES & 1024
     READ(1024)
 #endif
-#ifdef SIDE_2048
+#if SIDES & 2048
     READ(2048)
 #endif
     return found;
@@ -68,7 +70,7 @@ void main() {
     float packed_level = unpackHalf2x16(found.y).x;
     float level = abs(packed_level) - 32.0;
     vec3 color = texelFetch(material_table, ivec2(0, row), 0).rgb;
-    color *= linear_from_srgb(texel(int(places.z), places.x, uv, level).rgb);
+    color *= linear_from_srgb(texel(COLOR_SIDES, int(places.z), places.x, uv, level).rgb);
     vec4 frame = texelFetch(frame_map, s, 0);
     vec3 normal = octahedron_decode(frame.xy), shading = normal;
     int side = int(places.w);
@@ -76,11 +78,11 @@ void main() {
         // In glTF v grows downwards and the map's +y points upwards in the image.
         vec3 tangent = octahedron_decode(frame.zw);
         vec3 bitangent = cross(normal, tangent) * (packed_level < 0.0 ? 1.0 : -1.0);
-        vec3 t = texel(side, places.y, uv, level).xyz * 2.0 - 1.0;
+        vec3 t = texel(NORMAL_SIDES, side, places.y, uv, level).xyz * 2.0 - 1.0;
         shading = normalize(mat3(tangent, bitangent, normal) * t);
     }
     vec4 more = moving ? texelFetch(material_table, ivec2(4, row), 0) : vec4(0.0);
-    vec2 factors = texel(int(more.z), more.y, uv, level).gb;
+    vec2 factors = texel(ROUGHNESS_SIDES, int(more.z), more.y, uv, level).gb;
     // At the end: llvmpipe's loops do not leave off for lanes that were discarded before.
     if (!moving) discard;
     out_albedo = vec4(sqrt(color), 1.0);
