@@ -11,6 +11,7 @@ from valerie.errors import RenderingError
 from valerie.rendering.base import Rectangle, Renderer, View
 from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder
+from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.scene.variation import apply
@@ -85,6 +86,26 @@ def test_denoising_afterwards_is_denoising_at_once(holder: BlenderHolder) -> Non
     given = translation.guided(holder.get(), scene, VIEW, settings)
     np.testing.assert_allclose(translation.denoised(holder.get(), given), at_once, atol=1e-4)
     assert np.abs(given.noisy - at_once).max() > 0.05
+
+
+def test_the_denoiser_takes_the_pixels_of_a_window_together_as_it_takes_those_of_the_whole_picture(
+    holder: BlenderHolder,
+) -> None:
+    scene, view = apply(POSES[0], simple_asset()), View("camera-1", 320, 180)
+    given = translation.guided(holder.get(), scene, view, CyclesSettings(samples=8).inputs())
+    whole, wanted = translation.denoised(holder.get(), given), reached_rectangle(scene, view)
+
+    def error(window: Rectangle) -> float:
+        part = translation.Guided(*(np.ascontiguousarray(layer[window.slices]) for layer in given))
+        made = np.empty_like(whole)
+        made[window.slices] = translation.denoised(holder.get(), part)
+        return float(np.sqrt(((made - whole)[wanted.slices] ** 2).mean()))
+
+    aligned = denoised_window(wanted, view)
+    assert not aligned.empty
+    # As much as `aligned` shows around, or more, but not from where the whole picture's blocks begin.
+    shifted = Rectangle(aligned.x - 4, aligned.y - 4, aligned.width + 8, aligned.height + 8).clipped(320, 180)
+    assert error(aligned) < 0.75 * error(shifted)
 
 
 def test_a_denoised_image_has_the_same_bytes_every_time(holder: BlenderHolder) -> None:

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.cycles.reach import reached_rectangle
+from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.raster.camera_math import project
 from valerie.scene.model import Environment, Light, Node, Scene
 from valerie.testing.assets import simple_asset
@@ -44,3 +46,24 @@ def test_without_movables_nothing_is_reached(rain: float) -> None:
     scene = in_rain(rain)
     statics = replace(scene, nodes={p: n for p, n in scene.nodes.items() if not n.movable})
     assert reached_rectangle(statics, VIEW).empty
+
+
+@given(st.data())
+def test_what_the_denoiser_is_shown_is_whole_blocks_from_the_lower_left_around_the_rectangle(
+    data: st.DataObject,
+) -> None:
+    x, y = data.draw(st.integers(0, VIEW.width - 1)), data.draw(st.integers(0, VIEW.height - 1))
+    width, height = data.draw(st.integers(1, VIEW.width - x)), data.draw(st.integers(1, VIEW.height - y))
+    window = denoised_window(Rectangle(x, y, width, height), VIEW)
+    right, bottom = window.x + window.width, window.y + window.height
+    assert 0 <= window.x <= max(x - 16, 0)
+    assert 0 <= window.y <= max(y - 16, 0)
+    assert VIEW.width >= right >= min(x + width + 16, VIEW.width)
+    assert VIEW.height >= bottom >= min(y + height + 16, VIEW.height)
+    assert window.x % 16 == 0
+    assert right % 16 == 0
+    assert (VIEW.height - bottom) % 16 == 0
+    assert window.y == 0 or (VIEW.height - window.y) % 16 == 0
+    # And not a block more.
+    assert window.x > x - 32
+    assert right < x + width + 32
