@@ -84,7 +84,7 @@ BENCHES := $(patsubst benchmarks/bench_%.py,%,$(wildcard benchmarks/bench_*.py))
 .PHONY: bench
 bench: $(addprefix bench-,$(subst _,-,$(BENCHES))) ## Every benchmark; results go to var/bench/
 
-bench-cycles: cycles
+bench-cycles bench-light: cycles
 
 bench-%: setup-dev ## One benchmark, e.g. make bench-render
 	@exec $(PYTHON_BIN) -m benchmarks.bench_$(subst -,_,$*)

@@ -1,0 +1,78 @@
+"""How bright the raster engine shows a street beside Cycles: ratios per class under four skies.
+
+``make bench-light``, or ``python -m benchmarks.bench_light [--width W --height H --samples N]``; some four minutes of one core.
+The background of `urban-street` from ``camera-1``. A class's ratio is that of its mean linear values in the two engines. The
+*difference* of a sky is the mean, over all pixels but the sky's, of the ratio of the brighter to the darker engine (geometric).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import results
+from valerie.errors import ValerieError
+from valerie.labels import BY_ID, SKY
+from valerie.parameters.definitions import Value
+from valerie.rendering.base import View
+from valerie.rendering.cycles.renderer import CyclesRenderer
+from valerie.rendering.cycles.settings import CyclesSettings
+from valerie.rendering.ground_truth import TruthPass
+from valerie.rendering.raster.renderer import RasterRenderer
+from valerie.scene.asset import load_asset
+from valerie.scene.variation import apply
+
+SKIES: Final[dict[str, Mapping[str, Value]]] = {
+    "clear": {},
+    "low sun": {"scene.sun-1.elevation": 25.0, "scene.sun-1.azimuth": 120.0},
+    "overcast": {"scene.environment-1.cloud_cover": 1.0},
+    "rain": {"scene.environment-1.cloud_cover": 1.0, "scene.environment-1.rain": 15.0},
+}
+#: Share of the picture from which on a class is told.
+LEAST: Final = 0.01
+#: Linear values that no curve tells from black.
+BLACK: Final = 2e-3
+
+
+def compared(raster: NDArray[Any], cycles: NDArray[Any], classes: NDArray[np.uint8]) -> dict[str, Any]:
+    """Ratios of one picture; (H, W, 3) linear values each, and class ids (H, W)."""
+    first, second = (np.maximum(pixels.astype(np.float64).mean(axis=2), BLACK) for pixels in (raster, cycles))
+    ratios = {}
+    for label in np.unique(classes):
+        where = classes == label
+        if where.mean() >= LEAST:
+            ratios[BY_ID[int(label)].name] = round(float(first[where].mean() / second[where].mean()), 2)
+    seen = classes != SKY.id
+    apart = np.exp(np.abs(np.log(first[seen] / second[seen])).mean())
+    return {"ratios": ratios, "difference": round(float(apart), 2)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--width", type=int, default=320)
+    parser.add_argument("--height", type=int, default=180)
+    parser.add_argument("--samples", type=int, default=16, help="of Cycles, denoised")
+    given = parser.parse_args()
+    asset, view = load_asset("urban-street"), View("camera-1", given.width, given.height)
+    figures: dict[str, Any] = {"width": given.width, "height": given.height, "samples": given.samples, "skies": {}}
+    try:
+        raster, truth = RasterRenderer(), TruthPass()
+        cycles = CyclesRenderer(CyclesSettings(samples=given.samples, denoise=True))
+        for name, values in SKIES.items():
+            scene = apply(values, asset)
+            classes = truth.parts(scene, view)[0].class_map
+            first, second = raster.background(scene, view).pixels, cycles.background(scene, view).pixels
+            found = figures["skies"][name] = compared(first, second, classes)
+            ratios = "  ".join(f"{label} {ratio:.2f}" for label, ratio in found["ratios"].items())
+            print(f"{name:9} difference {found['difference']:.2f}   raster / cycles: {ratios}", flush=True)
+    except ValerieError as error:
+        raise SystemExit(str(error)) from None
+    results.write("light", figures)
+
+
+if __name__ == "__main__":
+    main()
