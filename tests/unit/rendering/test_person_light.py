@@ -148,13 +148,12 @@ class TestLightOfTheRasterEngine:
     ) -> None:
         # A sky of radiance L lights level ground with the integral of L cos over the hemisphere, π L. An upright face sees half
         # of that sky: π L / 2. The table holds π L in the image's unit.
-        radiance, scene = np.array([0.6, 0.9, 1.2]), in_the_open(lit())
+        radiance, scene = np.array([0.6, 0.9, 1.2]), on_ground_of(0.0, in_the_open(lit()))
         even = replace(
             sky_of(scene),
             table=np.broadcast_to(radiance, (ELEVATIONS, AZIMUTHS, 3)).astype(np.float32),
             sky_irradiance=radiance,
             sun=np.zeros(3),
-            ground=np.zeros(3),
         )
         monkeypatch.setattr(renderer, "sky_of", lambda _: even)
         with closing(RasterRenderer()) as fresh:
@@ -164,17 +163,31 @@ class TestLightOfTheRasterEngine:
         # The engine takes the sky from 32 directions, of which not exactly half lie before a face.
         assert np.median(samples[:, 1]) == pytest.approx(expected, rel=0.04)
 
+    @pytest.mark.parametrize("albedo", [0.0, 0.2, 0.6])
     def test_an_overcast_sky_lights_an_upright_face_as_moon_and_spencers_does(
-        self, raster: RasterRenderer, truth_pass: TruthPass
+        self, raster: RasterRenderer, truth_pass: TruthPass, albedo: float
     ) -> None:
-        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, an upright face π/6 + 4/9, and from ground of
-        # albedo 0.2 half of what that reflects.
-        scene = in_the_open(lit())
+        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, and an upright face from the ground half of what
+        # that reflects. Of the sky it gets π/6 + 4/9; spherical harmonics of order 1 make that the mean radiance, π/3, 8 % more.
+        scene = on_ground_of(albedo, in_the_open(lit()))
         scene = replace(scene, environment=replace(scene.environment, cloud_cover=1.0))
         on_ground = float(sky_of(scene).sky_irradiance @ [0.2126, 0.7152, 0.0722])
-        expected = on_ground * ((np.pi / 6 + 4 / 9) / (7 * np.pi / 9) + 0.2 / 2)
+        expected = on_ground * ((1 / 3) / (7 / 9) + albedo / 2)
         samples = on_the_body(raster, truth_pass, scene)
-        assert np.median(samples[:, 1]) == pytest.approx(expected / EXPOSURE, rel=0.05)
+        assert np.median(samples[:, 1]) == pytest.approx(expected / EXPOSURE, rel=0.03)
+
+    def test_a_white_wall_before_a_body_lights_it_and_a_black_one_does_not(
+        self, raster: RasterRenderer, truth_pass: TruthPass
+    ) -> None:
+        # Behind the camera and in full sun: it hides the sky from the body.
+        def by_wall(albedo: float) -> float:
+            scene = with_wall(on_ground_of(0.0, in_the_open(lit(azimuth=0.0))), y=-3.0, height=40.0, movable=False)
+            plaster = replace(scene.materials["plaster"], base_color=(albedo,) * 3)
+            scene = replace(scene, materials={**scene.materials, "plaster": plaster})
+            return float(np.median(on_the_body(raster, truth_pass, scene)[:, 1]))
+
+        white, black = by_wall(0.8), by_wall(0.0)
+        assert white > 1.2 * black
 
     def test_light_grows_with_the_suns_irradiance(self, raster: RasterRenderer, truth_pass: TruthPass) -> None:
         one, two = (light_of(raster, truth_pass, lit(irradiance=strength)) for strength in (0.5, 1.0))
@@ -243,6 +256,12 @@ def in_the_open(scene: Scene) -> Scene:
     """Without house and car."""
     nodes = {path: node for path, node in scene.nodes.items() if "building" not in path and "car" not in path}
     return replace(scene, nodes=nodes)
+
+
+def on_ground_of(albedo: float, scene: Scene) -> Scene:
+    """With a grey ground."""
+    paving = replace(scene.materials["paving"], base_color=(albedo,) * 3, base_color_texture=None)
+    return replace(scene, materials={**scene.materials, "paving": paving})
 
 
 def light_of(raster: RasterRenderer, truth_pass: TruthPass, scene: Scene) -> PersonLight:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 import numpy as np
@@ -12,11 +12,11 @@ import numpy as np
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.raster.bounds import Reach
-from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.drawing import table_texture
 from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES
 from valerie.rendering.raster.lamplight import LAMP_ACROSS, LampLight
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, SHADOW_DISTANCE, SKY_TILES, ShadowMap, SkyMaps
+from valerie.rendering.raster.surroundings import from_below, reflected, sky_weights
 from valerie.rendering.raster.targets import (
     SAMPLES,
     SKYLIGHT_CELL,
@@ -30,16 +30,34 @@ from valerie.scene.model import Camera, Scene
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
-
-#: Share of the sky's light on level ground that a wall has in a street as wide as its houses are high: half for its slope, and
-#: a third less for what stands opposite.
-_WALL_SKY: Final = 0.35
-#: Linear albedo of an average street surface: plaster, brick, asphalt.
-_STREET_ALBEDO = np.array([0.26, 0.23, 0.20])
-
+    from valerie.rendering.raster.scenes import Statics
 
 #: What a frame may need of the shading pass beside sun and sky, and what is shaded: symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
+
+
+class SkyLight:
+    """Light of one sky and its sun, and of what a scene's statics give back of it.
+
+    Attributes:
+        table: the sky's radiance, for `lighting.frag`.
+        hidden, weights: see `sky_weights`.
+        street: (3,) radiance of what hides the sky, on average.
+        on_walls: (3,) see `Reflected`.
+    """
+
+    def __init__(self, gl: moderngl.Context, statics: Statics, sky_maps: SkyMaps, sky: Sky) -> None:
+        self.table = gl.texture((sky.table.shape[1], sky.table.shape[0]), 3, sky.table.tobytes(), dtype="f4")
+        self.table.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.table.repeat_x = self.table.repeat_y = False
+        directions, sample = sky_maps.directions, statics.geometry.sample
+        back = reflected(sample, sky_maps.openness, directions, statics.albedo, statics.share, sky)
+        self.hidden, self.weights = sky_weights(sky, directions, back.hidden, back.ground)
+        self.street, self.on_walls = back.hidden.mean(axis=0), back.on_walls
+
+    def release(self) -> None:
+        """Free the table."""
+        self.table.release()
 
 
 class Lighting:
@@ -102,6 +120,7 @@ class Lighting:
         scene: Scene,
         sky: Sky,
         sky_maps: SkyMaps,
+        sky_light: SkyLight,
         static_shadow: ShadowMap,
         movable_shadow: ShadowMap | None,
         lamps: LampLight | None = None,
@@ -117,27 +136,22 @@ class Lighting:
         samples = depth | normals | {"albedo_map": surfaces.colors[0], "material_map": surfaces.colors[2]}
         plain_maps = ("albedo_map", "normals_map", "material_map", "plain_depth")
         plain = dict(zip(plain_maps, targets.plain.colors, strict=True))
-        street_by_sky = _STREET_ALBEDO * sky.sky_irradiance * 0.7
-        # Of the surfaces that face the sun, about half lie in the shadow of others.
-        street_by_sun = _STREET_ALBEDO * sky.sun * 0.6
         openness = common | {"tiles": SKY_TILES, "tile_rows": sky_maps.rows.reshape(-1)}
-        below = sky.ground * 0.8 if lamps is None else sky.ground * 0.8 + lamps.bounce
-        hidden, weights = sky_weights(sky, sky_maps.directions, street_by_sky, street_by_sun, below)
-        skylight = common | {"hidden": hidden.reshape(-1), "weights": weights.reshape(-1)}
+        hidden = sky_light.hidden.copy()
+        if lamps is not None:
+            hidden[:3] += from_below(lamps.bounce)
+        skylight = common | {"hidden": hidden.reshape(-1), "weights": sky_light.weights.reshape(-1)}
         occlusion = common | {
             "radius": self._reach.occlusion_radius,
             "largest_radius": self._reach.largest_occlusion,
             "focal": camera.focal_length_px(view.width),
         }
-        sky_table = self._gl.texture((sky.table.shape[1], sky.table.shape[0]), 3, sky.table.tobytes(), dtype="f4")
-        sky_table.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        sky_table.repeat_x = sky_table.repeat_y = False
         caster = movable_shadow or static_shadow
         first, second = targets.openness.colors
         red, green, blue, open_sky = targets.skylight.colors
         shade_textures = samples | {
             "material_table": table,
-            "sky_table": sky_table,
+            "sky_table": sky_light.table,
             "skylight_red": red,
             "skylight_green": green,
             "skylight_blue": blue,
@@ -164,15 +178,15 @@ class Lighting:
             "sun": sky.sun,
             "haze": sky.haze,
             "ground": sky.ground,
-            "street": street_by_sky + street_by_sun * 0.4,
-            "mirrored_light": _WALL_SKY * sky.sky_irradiance + street_by_sun * 0.4 / _STREET_ALBEDO,
+            "street": sky_light.street,
+            "mirrored_light": sky_light.on_walls,
             "screen_basis": np.linalg.inv(common["ray_basis"]),
             "extinction": sky.extinction,
             "wetness": sky.wetness,
             "drops": sky.drops,
             "pixel_height": view.height,
         }
-        owned = [sky_table]
+        owned: list[moderngl.Texture] = []
         if lamps is not None:
             owned.append(table_texture(self._gl, lamps.table()))
             shade_textures |= {
@@ -291,31 +305,6 @@ class LitFrame:
 def _cells(parts: Spans) -> Spans:
     samples = parts * SAMPLES
     return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
-
-
-def sky_weights(
-    sky: Sky, directions: Points, street_by_sky: Points, street_by_sun: Points, ground: Points
-) -> tuple[Points, Points]:
-    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions above the horizon.
-
-    Where a direction is hidden, the light of an average street surface comes from there: lit by the sun if it faces it. The lower
-    half is the ground, seen from all around.
-
-    Returns:
-        (4, 4): the sums of red, green, blue and openness where nothing is open; and (K, 4, 4): what is added per 1/255 of
-        openness.
-    """
-    count = len(directions)
-    facing = np.column_stack([-directions[:, :2], np.full(count, 0.2)])
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    by_sun = np.maximum(facing @ sky.sun_direction, 0)[:, None]
-    street = np.column_stack([street_by_sky + street_by_sun * by_sun, np.zeros(count)])
-    light = np.column_stack([sky.radiance(directions), np.ones(count)])
-    # The upper half of the sphere is the mean over the directions.
-    basis = np.column_stack([np.ones(count), 3 * directions]) * (0.5 / count)
-    hidden = np.einsum("kc,kb->cb", street, basis)
-    hidden[:3] += ground[:, None] * np.array([0.5, 0, 0, -0.75])
-    return hidden, (light - street)[:, :, None] * basis[:, None] / 255
 
 
 def _sample_values(camera: Camera, view: View) -> dict[str, Any]:

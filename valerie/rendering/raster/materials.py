@@ -48,6 +48,19 @@ def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
     )
 
 
+def mean_reflectance(
+    materials: Sequence[Material], textures: TextureSet
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of each material, over its whole texture: (M, 3) linear albedo of matte reflection; (M,) share that is not cut away."""
+    albedo, share = np.zeros((len(materials), 3)), np.ones(len(materials))
+    for row, material in enumerate(materials):
+        albedo[row] = np.array(material.base_color) * (1.0 - material.metallic)
+        if material.base_color_texture is not None:
+            color, share[row] = textures.mean(material.base_color_texture, material.alpha_cutoff)
+            albedo[row] *= color
+    return albedo, share
+
+
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
     """(N, 5, 4) float32: per material five RGBA texels.
 

@@ -23,7 +23,7 @@ from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
-from valerie.rendering.raster.lighting import Lighting, LitFrame
+from valerie.rendering.raster.lighting import Lighting, LitFrame, SkyLight
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
@@ -56,7 +56,7 @@ class RasterRenderer:
     """
 
     name: ClassVar[str] = "raster"
-    revision: ClassVar[int] = 8
+    revision: ClassVar[int] = 9
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
@@ -77,6 +77,7 @@ class RasterRenderer:
         self._static_shadows: LeastRecentlyUsed[ShadowMap] = LeastRecentlyUsed(_SUNS)
         self._static_images: LeastRecentlyUsed[StaticImage] = LeastRecentlyUsed(_SUNS)
         self._sky_maps: LeastRecentlyUsed[SkyMaps] = LeastRecentlyUsed(2)
+        self._sky_lights: LeastRecentlyUsed[SkyLight] = LeastRecentlyUsed(_SUNS)
         self._lamp_shadows = LampShadows(self._context)
         self._lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
         self._moving_lamp_maps: LeastRecentlyUsed[LampMaps] = LeastRecentlyUsed(2)
@@ -161,7 +162,7 @@ class RasterRenderer:
 
     def _forget(self) -> None:
         for cache in (
-            self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps,
+            self._static_surfaces, self._light_views, self._static_shadows, self._static_images, self._sky_maps, self._sky_lights,
             self._lamp_maps, self._moving_lamp_maps,
         ):  # fmt: skip
             cache.clear()
@@ -180,7 +181,8 @@ class RasterRenderer:
             canvas = self._canvases.get((view.width, view.height), lambda: Canvas(gl, view))
             table = table_texture(gl, prepared.table())
             seen: Hashable = (statics.key, *camera_key(camera, view))
-            lit: Hashable = (seen, scene.sun, scene.environment, statics.materials, frame_lamps.still)
+            day: tuple[Hashable, ...] = (scene.sun, scene.environment, statics.materials)
+            lit: Hashable = (seen, *day, frame_lamps.still)
             try:
                 surfaces = self._static_surfaces.get(
                     seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
@@ -192,10 +194,11 @@ class RasterRenderer:
                     (statics.shape_key, light.key), lambda: self._shadows.static(statics, light, table)
                 )
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
+                sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
                 canvas.take(seen, lit)
                 yield _Frame(
-                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky, frame_lamps,
+                    prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
                 )  # fmt: skip
             except BaseException:
                 canvas.forget()
@@ -218,6 +221,7 @@ class RasterRenderer:
             frame.prepared.scene,
             frame.sky,
             frame.sky_maps,
+            frame.sky_light,
             frame.shadow,
             shadow,
             lamps,
@@ -361,8 +365,10 @@ class RasterRenderer:
 
     def _texturing(self, kinds: Sequence[SurfaceKind]) -> ScreenPass:
         """The pass that reads the textures of movables of these kinds."""
-        uses = zip(*((kind.color_side, kind.normal_side, kind.roughness_side) for kind in kinds), strict=True)
-        color, normal, roughness = sides = tuple(sum(set(use)) for use in uses)
+        color = sum({kind.color_side for kind in kinds})
+        normal = sum({kind.normal_side for kind in kinds})
+        roughness = sum({kind.roughness_side for kind in kinds})
+        sides = color, normal, roughness
         if sides not in self._texture_passes:
             program = self._context.program(
                 "screen.vert", "texturing.frag", COLOR_SIDES=color, NORMAL_SIDES=normal, ROUGHNESS_SIDES=roughness
@@ -401,6 +407,7 @@ class _Frame:
     image: StaticImage
     shadow: ShadowMap
     sky_maps: SkyMaps
+    sky_light: SkyLight
     sky: Sky
     lamps: FrameLamps
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.materials import SurfaceKind, material_table, surface_kind
+from valerie.rendering.raster.materials import SurfaceKind, material_table, mean_reflectance, surface_kind
 from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
 from valerie.rendering.raster.static_geometry import StaticGeometry
 from valerie.rendering.raster.textures import TextureSet
@@ -36,6 +36,7 @@ class Statics:
         materials: of the statics, in the order of their rows.
         names: of these materials.
         table: these rows of the material table.
+        albedo, share: of these materials, see `mean_reflectance`.
     """
 
     nodes: tuple[Node, ...]
@@ -46,6 +47,8 @@ class Statics:
     key: Hashable
     shape_key: Hashable
     table: NDArray[np.float32]
+    albedo: NDArray[np.float64]
+    share: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,6 +166,7 @@ class SceneStore:
             (geometry.serial, textures.serial, appearance),
             (geometry.serial, textures.serial, shape),
             material_table(materials, textures),
+            *mean_reflectance(materials, textures),
         )
         return self._last
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Prepared, Statics
     from valerie.rendering.raster.static_geometry import StaticGeometry
+    from valerie.rendering.raster.surroundings import SurfaceSample
 
 #: Texels per side of the statics' map, of the movables' map where they are wide apart, and where they are close together.
 STATIC_MAP: Final = 4096
@@ -119,6 +120,7 @@ class SkyMaps:
     Attributes:
         directions: (K, 3) unit vectors towards the sky.
         rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
+        openness: (N, K) whether nothing hides the sky from a place of the statics' `SurfaceSample`.
     """
 
     def __init__(self, gl: moderngl.Context, drawer: SurfaceDrawer, statics: Statics, table: moderngl.Texture) -> None:
@@ -139,6 +141,24 @@ class SkyMaps:
             drawer.statics(statics, table, {"clip_from_world": light.clip_from_world})
             rows.append(np.hstack([light.rows, -light.origin[:, None]]) / light.extent[:, None])
         self.rows = np.concatenate(rows).astype(np.float32)
+        self.openness = self._open_to(geometry.sample)
+
+    def _open_to(self, sample: SurfaceSample) -> NDArray[np.bool_]:
+        across, down = SKY_TILES
+        # As in ``openness.frag``.
+        places = np.column_stack([sample.points + 0.12 * sample.normals, np.ones(len(sample.points))])
+        found = np.ones((len(places), across * down), np.bool_)
+        for row in range(down):
+            part = (0, row * SKY_MAP, across * SKY_MAP, SKY_MAP)
+            data = self.target.framebuffer.read(viewport=part, components=1, attachment=-1, dtype="f4", alignment=1)
+            depth = np.frombuffer(data, np.float32).reshape(SKY_MAP, across, SKY_MAP)
+            for column in range(across):
+                k = row * across + column
+                at = places @ self.rows[3 * k : 3 * k + 3].T.astype(np.float64)
+                inside = ((at > 0) & (at < 1)).all(axis=1)
+                x, y = np.clip((at[:, :2] * SKY_MAP).astype(int), 0, SKY_MAP - 1).T
+                found[inside, k] = (depth[y, column, x] >= at[:, 2])[inside]
+        return found
 
     @property
     def texture(self) -> moderngl.Texture:

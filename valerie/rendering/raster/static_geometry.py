@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from valerie.rendering.raster.buffers import Buffers
 from valerie.rendering.raster.materials import SurfaceKind
+from valerie.rendering.raster.surroundings import SurfaceSample, sample_surfaces
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
 
 
@@ -41,6 +42,7 @@ class StaticGeometry:
         low, high: (3,) metres, world bounds of all vertices (a unit box around the origin if there are none).
         core_low, core_high: the same without the outermost 0.5 % of the vertices on each side, so that a ground plane that
             reaches to the horizon does not count.
+        sample: places on what is not clear.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class StaticGeometry:
         self.serial = next(_SERIALS)
         vertices: list[tuple[NDArray[np.float32], ...]] = []
         ids: list[NDArray[np.uint32]] = []
+        solid: list[tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.bool_]]] = []
         faces: dict[SurfaceKind, list[NDArray[np.uint32]]] = {}
         start = 0
         for item, item_rows, item_kinds in zip(items, rows, kinds, strict=True):
@@ -64,19 +67,26 @@ class StaticGeometry:
                 ids.append(
                     np.broadcast_to(np.array([row, item.node.label_id, item.node.instance_id], np.uint32), (count, 3))
                 )
-                corners = mesh.faces[:, ::-1] if mirrored else mesh.faces
-                faces.setdefault(kind, []).append(corners + np.uint32(start))
+                corners = (mesh.faces[:, ::-1] if mirrored else mesh.faces) + np.uint32(start)
+                faces.setdefault(kind, []).append(corners)
+                if not kind.clear:
+                    both = np.full(len(corners), kind.double_sided)
+                    solid.append((corners, np.full(len(corners), row, np.uint32), both))
                 start += count
         self.triangles = 0
         self.batches: list[Batch] = []
         self.low, self.high = np.full(3, -0.5), np.full(3, 0.5)
         self.core_low, self.core_high = self.low, self.high
+        self.sample = SurfaceSample.empty(0.0)
         self._buffers: Buffers | None = None
         if not start:
             return
         positions, normals, uvs = (np.concatenate(part) for part in zip(*vertices, strict=True))
         self.low, self.high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
         self.core_low, self.core_high = np.quantile(positions, (0.005, 0.995), axis=0)
+        if solid:
+            corners, of_faces, two_sided = (np.concatenate(part) for part in zip(*solid, strict=True))
+            self.sample = sample_surfaces(positions, corners, of_faces, two_sided, self.core_low, self.core_high)
         ordered: list[NDArray[np.uint32]] = []
         # Cut surfaces and panes come last: all others are one range for passes that need only their shape.
         for kind in sorted(faces, key=lambda k: (k.cut or k.clear, k)):

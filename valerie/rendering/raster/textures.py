@@ -20,6 +20,9 @@ from valerie.scene.model import Material, Texture
 
 #: Sides of the arrays; an image goes into the smallest that holds it, resampled unless it has exactly that size.
 SIDES: Final = (64, 128, 256, 512, 1024, 2048)
+#: Linear value of each sRGB byte (IEC 61966-2-1).
+_BYTES: Final = np.arange(256) / 255
+_LINEAR: Final = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4)
 
 
 _SERIALS = count()
@@ -49,6 +52,7 @@ class TextureSet:
     def __init__(self, gl: moderngl.Context, textures: Mapping[str, Texture]) -> None:
         self._gl = gl
         self._textures = dict(textures)
+        self._means: dict[tuple[str, float | None], tuple[NDArray[np.float64], float]] = {}
         self._layers: dict[int, list[NDArray[np.uint8]]] = {}
         self.serial = next(_SERIALS)
         self.slots: dict[str, Slot] = {}
@@ -79,6 +83,16 @@ class TextureSet:
     def side(self, name: str | None) -> int:
         """Side of the array that holds the texture; 0 for no texture."""
         return self.slots[name].side if name is not None else 0
+
+    def mean(self, name: str, cutoff: float | None) -> tuple[NDArray[np.float64], float]:
+        """Mean linear colour (3,) of the texels whose alpha is not below the cutoff, and their share."""
+        if (name, cutoff) not in self._means:
+            # One texel in 35, in steps that fall in with no pattern of tiles.
+            texels = self._textures[name].image[::5, ::7].reshape(-1, self._textures[name].image.shape[2])
+            kept = texels if cutoff is None or texels.shape[1] < 4 else texels[texels[:, 3] >= 255 * cutoff]
+            color = _LINEAR[kept[:, :3]].mean(axis=0) if len(kept) else np.zeros(3)
+            self._means[name, cutoff] = color, len(kept) / len(texels)
+        return self._means[name, cutoff]
 
     def release(self) -> None:
         """Free the arrays."""

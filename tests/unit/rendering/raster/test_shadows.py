@@ -1,20 +1,24 @@
 """Shadow maps: where they lie, and what is noted of them beside."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
 import cv2
 import numpy as np
 import pytest
+from scene_rays import blocked, triangles_of
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.camera_math import LightView
 from valerie.rendering.raster.context import process_context
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, static_view
+from valerie.rendering.raster.drawing import table_texture
+from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, static_view
 from valerie.rendering.raster.static_geometry import StaticGeometry
 from valerie.scene.model import Camera
 from valerie.scene.transforms import camera_transform
+from valerie.testing.assets import simple_asset
 
 SUN = np.array([0.3, 0.5, 0.8]) / math.sqrt(0.98)
 
@@ -45,6 +49,26 @@ def test_a_camera_that_sees_a_small_part_has_a_finer_map_of_its_own() -> None:
 def away() -> Camera:
     """Sees nothing of the street."""
     return Camera("scene.camera", camera_transform((0.0, -50.0, 5.0), 180, 0, 0), focal_length_mm=24.0)
+
+
+@pytest.mark.gl
+def test_the_sky_is_open_to_the_places_of_a_street_as_rays_find_it() -> None:
+    scene, context = simple_asset().base, process_context()
+    scene = replace(scene, nodes={path: node for path, node in scene.nodes.items() if not node.movable})
+    with context.current() as gl:
+        prepared = context.scenes.prepare(scene)
+        table, statics = table_texture(gl, prepared.table()), prepared.statics
+        shadows = Shadows(context)
+        maps = shadows.sky(statics, table)
+        shadows.release()
+        maps.release()
+        table.release()
+    sample = statics.geometry.sample
+    triangles, places = triangles_of(scene), sample.points + 0.12 * sample.normals
+    expected = np.stack([~blocked(triangles, places, direction) for direction in maps.directions], axis=1)
+    assert 0.2 < expected.mean() < 0.9
+    # Texels are some 15 cm wide.
+    assert (maps.openness == expected).mean() > 0.98
 
 
 @pytest.mark.gl

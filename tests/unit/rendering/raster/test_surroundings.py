@@ -1,0 +1,198 @@
+"""What a street gives back, against hand-built streets with a known answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.shadows import even_directions
+from valerie.rendering.raster.surroundings import SAMPLE, SurfaceSample, reflected, sample_surfaces, sky_weights
+from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
+from valerie.testing.assets import simple_asset
+
+DIRECTIONS = even_directions(32)
+LOW, HIGH = np.array([-10.0, -10.0, 0.0]), np.array([10.0, 10.0, 10.0])
+GREY = np.array([0.3, 0.4, 0.5])
+
+
+def even_sky(radiance: float = 1.0, *, sun: float = 0.0, toward: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Sky:
+    """The same from everywhere, and a sun."""
+    direction = np.array(toward) / np.linalg.norm(toward)
+    return replace(
+        sky_of(simple_asset().base),
+        table=np.full((ELEVATIONS, AZIMUTHS, 3), radiance, np.float32),
+        sky_irradiance=np.full(3, radiance),
+        sun=np.full(3, sun),
+        sun_direction=direction,
+    )
+
+
+def places(*normals: tuple[float, float, float], heights: tuple[float, ...] = ()) -> SurfaceSample:
+    """One place of each normal, each of a material of its own."""
+    count = len(normals)
+    points = np.zeros((count, 3))
+    points[:, 2] = heights or np.zeros(count)
+    return SurfaceSample(points, np.array(normals), np.arange(count), 0.0)
+
+
+def open_to_all(sample: SurfaceSample) -> NDArray[np.bool_]:
+    return np.ones((len(sample.points), len(DIRECTIONS)), np.bool_)
+
+
+class TestReflected:
+    def test_ground_in_the_open_gives_back_its_albedo_of_sky_and_sun(self) -> None:
+        ground, sky = places((0, 0, 1)), even_sky(0.8, sun=2.0, toward=(0, 1, 1))
+        found = reflected(ground, open_to_all(ground), DIRECTIONS, GREY[None], np.ones(1), sky)
+        assert found.ground == pytest.approx(GREY * (0.8 + 2.0 * np.sqrt(0.5)), rel=1e-3)
+
+    def test_ground_from_which_no_direction_is_open_counts_for_nothing(self) -> None:
+        ground = places((0, 0, 1), (0, 0, 1))
+        openness = open_to_all(ground)
+        openness[1] = False
+        found = reflected(ground, openness, DIRECTIONS, np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
+        assert found.ground == pytest.approx(GREY, rel=1e-3)
+
+    def test_a_roof_is_no_ground(self) -> None:
+        both = places((0, 0, 1), (0, 0, 1), heights=(0.1, 8.0))
+        found = reflected(both, open_to_all(both), DIRECTIONS, np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
+        assert found.ground == pytest.approx(GREY, rel=1e-3)
+
+    def test_without_ground_it_is_the_skys_own(self) -> None:
+        sky, wall = even_sky(), places((1, 0, 0), heights=(3.0,))
+        found = reflected(wall, open_to_all(wall), DIRECTIONS, GREY[None], np.ones(1), sky)
+        np.testing.assert_array_equal(found.ground, sky.ground)
+
+    def test_a_wall_has_half_the_sky_and_half_the_ground_and_is_seen_from_before_it(self) -> None:
+        sample, albedo = places((0, 0, 1), (1, 0, 0), heights=(0.0, 3.0)), np.stack([GREY, np.full(3, 0.7)])
+        found = reflected(sample, open_to_all(sample), DIRECTIONS, albedo, np.ones(2), even_sky())
+        # Of 32 directions not exactly half of the cosines lie before a wall.
+        assert found.on_walls == pytest.approx(0.5 + 0.5 * GREY, rel=0.05)
+        before = DIRECTIONS[:, 0] < -1e-6
+        assert found.hidden[before] == pytest.approx(np.broadcast_to(0.7 * found.on_walls, (before.sum(), 3)))
+        np.testing.assert_array_equal(found.hidden[~before], 0)
+
+    def test_sun_brightens_the_wall_that_faces_it(self) -> None:
+        walls = places((1, 0, 0), (-1, 0, 0), heights=(3.0, 3.0))
+        sky = even_sky(sun=2.0, toward=(1, 0, 1))
+        found = reflected(walls, open_to_all(walls), DIRECTIONS, np.ones((2, 3)), np.ones(2), sky)
+        lit, dark = found.hidden[DIRECTIONS[:, 0] < -0.1], found.hidden[DIRECTIONS[:, 0] > 0.1]
+        assert lit - dark.mean() == pytest.approx(2.0 * np.sqrt(0.5), rel=0.05)
+
+    def test_in_its_own_shadow_a_wall_has_no_sun(self) -> None:
+        wall = places((1, 0, 0), heights=(3.0,))
+        openness = open_to_all(wall)
+        sky = even_sky(sun=2.0, toward=(1, 0, 1))
+        openness[0, np.array(DIRECTIONS @ sky.sun_direction) > 0.9] = False
+        without = reflected(wall, openness, DIRECTIONS, np.ones((1, 3)), np.ones(1), replace(sky, sun=np.zeros(3)))
+        found = reflected(wall, openness, DIRECTIONS, np.ones((1, 3)), np.ones(1), sky)
+        np.testing.assert_allclose(found.on_walls, without.on_walls)
+
+    def test_what_is_cut_away_counts_for_less(self) -> None:
+        walls = places((1, 0, 0), (1, 0, 0), heights=(3.0, 3.0))
+        albedo = np.stack([np.zeros(3), np.ones(3)])
+        share = np.array([1.0, 0.25])
+        found = reflected(walls, open_to_all(walls), DIRECTIONS, albedo, share, even_sky())
+        before = DIRECTIONS[:, 0] < -1e-6
+        assert found.hidden[before] == pytest.approx(
+            np.broadcast_to(0.2 * found.on_walls, (before.sum(), 3))
+        )  # 0.25 of 1.25
+
+    def test_between_walls_light_goes_on_to_and_fro(self) -> None:
+        # Two white walls that see nothing but each other and dark ground, but for a slit of sky.
+        walls = places((1, 0, 0), (-1, 0, 0), heights=(3.0, 3.0))
+        openness = np.broadcast_to(DIRECTIONS[:, 2] > 0.8, (2, 32))
+        sky = replace(even_sky(), ground=np.zeros(3))
+        white, black = (
+            reflected(walls, openness, DIRECTIONS, np.full((2, 3), albedo), np.ones(2), sky) for albedo in (1.0, 0.0)
+        )
+        assert (white.on_walls > 1.3 * black.on_walls).all()
+        # Half the sphere above is walls or sky, and neither is brighter than the sky.
+        assert (white.on_walls < 0.5).all()
+
+    def test_of_nothing_there_is_nothing(self) -> None:
+        empty, sky = SurfaceSample.empty(0.0), even_sky()
+        found = reflected(empty, np.zeros((0, 32), np.bool_), DIRECTIONS, np.zeros((0, 3)), np.zeros(0), sky)
+        np.testing.assert_array_equal(found.hidden, 0)
+        np.testing.assert_array_equal(found.ground, sky.ground)
+        np.testing.assert_array_equal(found.on_walls, 0)
+
+
+def square(origin: tuple[float, float, float], side: float) -> NDArray[np.float32]:
+    """(4, 3) corners of a level square that faces up."""
+    corners = np.array([[0, 0, 0], [side, 0, 0], [side, side, 0], [0, side, 0]], np.float32)
+    return corners + np.array(origin, np.float32)
+
+
+def sampled(*squares: NDArray[np.float32], two_sided: bool = False) -> SurfaceSample:
+    """A row of the material table for each square."""
+    count = len(squares)
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]], np.uint32) + np.uint32(4 * i) for i in range(count)])
+    rows = np.repeat(np.arange(count, dtype=np.uint32), 2)
+    return sample_surfaces(np.concatenate(squares), faces, rows, np.full(2 * count, two_sided), LOW, HIGH)
+
+
+class TestSample:
+    def test_places_are_spread_by_area(self) -> None:
+        sample = sampled(square((0, 0, 0), 6.0), square((-9, -9, 0), 3.0))
+        assert len(sample.points) == SAMPLE
+        assert (sample.rows == 0).mean() == pytest.approx(0.8, abs=1e-3)
+
+    def test_they_lie_on_the_surfaces_evenly(self) -> None:
+        sample = sampled(square((1, 2, 3), 4.0))
+        np.testing.assert_allclose(sample.points[:, 2], 3.0)
+        np.testing.assert_allclose(sample.normals, np.broadcast_to([0, 0, 1], (SAMPLE, 3)))
+        cells, _, _ = np.histogram2d(sample.points[:, 0], sample.points[:, 1], bins=4, range=[(1, 5), (2, 6)])
+        assert cells.sum() == SAMPLE
+        assert cells.min() > 0.7 * SAMPLE / 16
+
+    def test_a_thin_sheet_has_two_sides(self) -> None:
+        sample = sampled(square((0, 0, 0), 4.0), two_sided=True)
+        assert len(sample.points) == 2 * SAMPLE
+        assert sample.normals[:, 2].sum() == 0
+
+    def test_of_ground_up_to_the_horizon_the_street_counts(self) -> None:
+        # A level square as large as the street's ground, and ground of 400 × 400 m around it.
+        sample = sampled(square((-10, -10, 1), 20.0), square((-200, -200, 0), 400.0))
+        assert (np.abs(sample.points[:, :2]) <= 11).all()
+        of_far = (sample.rows == 1).mean()
+        assert 0.1 < of_far < 0.7
+
+    def test_what_lies_outside_counts_for_nothing(self) -> None:
+        sample = sampled(square((0, 0, 0), 4.0), square((50, 50, 0), 40.0))
+        assert (sample.rows == 0).all()
+
+    def test_without_triangles_it_is_empty(self) -> None:
+        positions, faces = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32)
+        sample = sample_surfaces(positions, faces, np.zeros(0, np.uint32), np.zeros(0, np.bool_), LOW, HIGH)
+        assert len(sample.points) == 0
+
+    def test_without_area_it_is_empty(self) -> None:
+        assert len(sampled(square((0, 0, 0), 0.0)).points) == 0
+
+    @settings(max_examples=20, deadline=None)
+    @given(st.integers(0, 2**31))
+    def test_it_is_the_same_each_time(self, seed: int) -> None:
+        corners = np.random.default_rng(seed).uniform(-12, 12, (5, 4, 3)).astype(np.float32)
+        first, second = sampled(*corners), sampled(*corners)
+        assert first.points.tobytes() == second.points.tobytes()
+        np.testing.assert_allclose(np.linalg.norm(first.normals, axis=1), 1.0, rtol=1e-5)
+
+
+def test_sky_weights_add_up_to_the_mean_light_of_all_directions() -> None:
+    sky, random = sky_of(simple_asset().base), np.random.default_rng(0)
+    street, ground, steps = random.random((32, 3)), np.array([0.1, 0.2, 0.1]), random.integers(0, 256, 32)
+    hidden, weights = sky_weights(sky, DIRECTIONS, street, ground)
+    found = hidden + np.tensordot(steps, weights, 1)
+
+    # Direction by direction, as light that arrives from the upper half of the sphere and a uniform lower half.
+    expected = np.zeros((4, 4))
+    radiances = zip(DIRECTIONS, sky.radiance(DIRECTIONS), street, steps, strict=True)
+    for direction, radiance, instead, step in radiances:
+        share = step / 255
+        light = np.append(radiance * share + instead * (1 - share), share)
+        expected += np.outer(light, [1, *(3 * direction)]) / 64
+    expected[:3] += np.outer(ground, [0.5, 0, 0, -0.75])
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

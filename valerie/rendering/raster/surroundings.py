@@ -1,0 +1,199 @@
+"""What a street gives back of the light that falls on it, estimated from a sample of its surfaces. Pure numpy.
+
+The sky light of the raster engine (``skylight.frag``) knows in which directions something hides the sky, but not what hides it.
+It takes the mean of what could: of all surfaces that face the place, each with its own colour and with the sun and sky that
+reach it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.rendering.raster.camera_math import Points
+from valerie.rendering.sky import Sky
+
+#: Places on the statics, over their area.
+SAMPLE: Final = 4096
+#: Tries to find a place of a triangle that lies in the street: those that a ground up to the horizon needs.
+_TRIES: Final = 128
+#: Metres around the street's core in which its surfaces are taken.
+_AROUND: Final = 1.0
+#: Metres above the lowest: what faces up in between is ground, what lies higher may be a roof.
+_GROUND_BAND: Final = 2.0
+#: Largest upward component of a wall's normal.
+_WALL_SLOPE: Final = 0.3
+#: The sun is seen from a place as the directions of the sky around it are.
+_AROUND_SUN: Final = np.cos(np.deg2rad(25.0))
+#: Light goes from surface to surface so often; a further time adds some percent of the first.
+_BOUNCES: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSample:
+    """Places on surfaces, each for the same area; a thin sheet counts with both its sides.
+
+    Attributes:
+        points: (N, 3) metres, in the world.
+        normals: (N, 3) unit vectors, of the triangles.
+        rows: (N,) rows of their materials.
+        lowest: metres, from where on the ground may be.
+    """
+
+    points: Points
+    normals: Points
+    rows: NDArray[np.intp]
+    lowest: float
+
+    @classmethod
+    def empty(cls, lowest: float) -> SurfaceSample:
+        """Of nothing."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.intp), lowest)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reflected:
+    """Light that comes from surfaces, linear RGB in the image's unit.
+
+    Attributes:
+        hidden: (K, 3) radiance of what hides the sky in each direction.
+        ground: (3,) radiance of the ground.
+        on_walls: (3,) mean light on walls: the radiance of white ones.
+    """
+
+    hidden: Points
+    ground: Points
+    on_walls: Points
+
+
+def sample_surfaces(
+    positions: NDArray[np.float32],
+    faces: NDArray[np.uint32],
+    rows: NDArray[np.uint32],
+    two_sided: NDArray[np.bool_],
+    low: Points,
+    high: Points,
+) -> SurfaceSample:
+    """A sample of the triangles between two corners (3,), of equal area each and the same in every process.
+
+    Args:
+        positions: (V, 3) metres.
+        faces: (T, 3), counter-clockwise seen from outside.
+        rows: (T,) of materials.
+        two_sided: (T,) whether the other side is seen as well.
+    """
+    first, second, third = (positions[faces[:, k]] for k in range(3))
+    across = np.cross(second - first, third - first)
+    double = np.linalg.norm(across, axis=1)
+    least, largest = np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
+    low, high = low - _AROUND, high + _AROUND
+    # Of a triangle that sticks out, about the share of its box counts.
+    inside = np.maximum(np.minimum(largest, high) - np.maximum(least, low), 0)
+    touches = ((largest >= low) & (least <= high)).all(axis=1)
+    share = np.where(largest > least, inside / np.maximum(largest - least, 1e-9), 1.0).prod(axis=1)
+    summed = np.cumsum(double * share * touches, dtype=np.float64)
+    if not len(summed) or not summed[-1] > 0:
+        return SurfaceSample.empty(float(low[2] + _AROUND))
+    picked = np.searchsorted(summed, (np.arange(SAMPLE) + 0.5) / SAMPLE * summed[-1])
+    points = _places(first[picked], second[picked], third[picked], low, high)
+    there = ((points >= low) & (points <= high)).all(axis=1)
+    points, picked = points[there], picked[there]
+    normals = across[picked].astype(np.float64) / double[picked, None]
+    both = two_sided[picked]
+    return SurfaceSample(
+        np.concatenate([points, points[both]]),
+        np.concatenate([normals, -normals[both]]),
+        np.concatenate([rows[picked], rows[picked][both]]).astype(np.intp),
+        float(low[2] + _AROUND),
+    )
+
+
+def _places(first: Points, second: Points, third: Points, low: Points, high: Points) -> Points:
+    """(N, 3) a place in each triangle, between the corners if one of `_TRIES` is."""
+    # Evenly over the unit square, whatever part is taken: the R₂ sequence, Roberts 2018, "The unreasonable effectiveness of
+    # quasirandom sequences".
+    count = len(first)
+    number = np.arange(count * _TRIES).reshape(_TRIES, count)
+    points = np.empty((count, 3))
+    open_ones = np.ones(count, np.bool_)
+    for tried in number:
+        across, up = (
+            (0.5 + tried[open_ones] * 0.7548776662466927) % 1.0,
+            (0.5 + tried[open_ones] * 0.5698402909980532) % 1.0,
+        )
+        over = across + up > 1.0
+        across, up = np.where(over, 1 - across, across)[:, None], np.where(over, 1 - up, up)[:, None]
+        origin = first[open_ones].astype(np.float64)
+        found = origin + (second[open_ones] - origin) * across + (third[open_ones] - origin) * up
+        points[open_ones] = found
+        open_ones[open_ones] = ~((found >= low) & (found <= high)).all(axis=1)
+        if not open_ones.any():
+            break
+    return points
+
+
+def reflected(
+    sample: SurfaceSample, openness: NDArray[np.bool_], directions: Points, albedo: Points, share: Points, sky: Sky
+) -> Reflected:
+    """What surfaces give back of a sky and its sun, matte and on average.
+
+    Places from which no direction is open (rooms, what lies under the road) count for nothing.
+
+    Args:
+        openness: (N, K) whether nothing hides the sky from a place of the sample.
+        directions: (K, 3) unit vectors, even over the upper half of the sphere.
+        albedo: (M, 3) of the materials.
+        share: (M,) of their area that is there: less than 1 where texels are cut away.
+    """
+    count, level = len(directions), sky.ground
+    cosines = sample.normals @ directions.T
+    upward = sample.normals[:, 2]
+    weight = share[sample.rows] * openness.any(axis=1)
+    # The integral over the upper half of the sphere is the mean over the directions; in the image's unit, twice that.
+    gathered = np.maximum(cosines, 0) * (2 / count)
+    near_sun = np.maximum(directions @ sky.sun_direction - _AROUND_SUN, 0)
+    sunlit = (
+        openness @ (near_sun / max(float(near_sun.sum()), 1e-9)) * np.maximum(sample.normals @ sky.sun_direction, 0)
+    )
+    direct = (gathered * openness) @ sky.radiance(directions) + sunlit[:, None] * sky.sun
+    facing = np.maximum(-cosines, 0) * weight[:, None]
+    below = np.maximum(upward, 0) * (sample.points[:, 2] < sample.lowest + _GROUND_BAND) * weight
+    hidden, ground, light = np.zeros((count, 3)), np.zeros(3), direct
+    for _ in range(_BOUNCES):
+        light = direct + (gathered * ~openness) @ hidden + (0.5 - 0.5 * upward)[:, None] * ground
+        radiance = albedo[sample.rows] * light
+        hidden = facing.T @ radiance / np.maximum(facing.sum(axis=0), 1e-9)[:, None]
+        ground = below @ radiance / below.sum() if below.sum() > 0 else level
+    walls = (np.abs(upward) < _WALL_SLOPE) * weight
+    return Reflected(hidden, ground, walls @ light / max(float(walls.sum()), 1e-9))
+
+
+def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
+    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions above the horizon.
+
+    Where the sky is hidden in a direction, what hides it is seen. The lower half is the ground, seen from all around.
+
+    Args:
+        directions, hidden, ground: as in `reflected`.
+
+    Returns:
+        (4, 4): the sums of red, green, blue and openness where nothing is open; and (K, 4, 4): what is added per 1/255 of
+        openness.
+    """
+    count = len(directions)
+    street = np.column_stack([hidden, np.zeros(count)])
+    light = np.column_stack([sky.radiance(directions), np.ones(count)])
+    # The upper half of the sphere is the mean over the directions.
+    basis = np.column_stack([np.ones(count), 3 * directions]) * (0.5 / count)
+    sums = np.einsum("kc,kb->cb", street, basis)
+    sums[:3] += from_below(ground)
+    return sums, (light - street)[:, :, None] * basis[:, None] / 255
+
+
+def from_below(radiance: Points) -> Points:
+    """(3, 4): spherical harmonics, as in `sky_weights`, of ground of this radiance (3,)."""
+    sums: Points = radiance[:, None] * np.array([0.5, 0, 0, -0.75])
+    return sums
