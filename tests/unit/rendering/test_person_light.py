@@ -167,12 +167,12 @@ class TestLightOfTheRasterEngine:
     def test_an_overcast_sky_lights_an_upright_face_as_moon_and_spencers_does(
         self, raster: RasterRenderer, truth_pass: TruthPass, albedo: float
     ) -> None:
-        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, and an upright face from the ground half of what
-        # that reflects. Of the sky it gets π/6 + 4/9; spherical harmonics of order 1 make that the mean radiance, π/3, 8 % more.
+        # Radiance (1 + 2 sin γ) / 3 of the zenith's: ground gets 7π/9 of it, an upright face π/6 + 4/9, and from the ground
+        # half of what that reflects.
         scene = on_ground_of(albedo, in_the_open(lit()))
         scene = replace(scene, environment=replace(scene.environment, cloud_cover=1.0))
         on_ground = float(sky_of(scene).sky_irradiance @ [0.2126, 0.7152, 0.0722])
-        expected = on_ground * ((1 / 3) / (7 / 9) + albedo / 2)
+        expected = on_ground * ((np.pi / 6 + 4 / 9) / (7 * np.pi / 9) + albedo / 2)
         samples = on_the_body(raster, truth_pass, scene)
         assert np.median(samples[:, 1]) == pytest.approx(expected / EXPOSURE, rel=0.03)
 

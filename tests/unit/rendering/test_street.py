@@ -56,7 +56,7 @@ CROWDED: dict[str, Value] = {
 NIGHT: dict[str, Value] = {"scene.sun-1.elevation": -10.0}
 #: A low sun and all lamps: shadows of both kinds.
 EVENING: dict[str, Value] = {
-    "scene.sun-1.elevation": 12.0,
+    "scene.sun-1.elevation": 20.0,
     "scene.environment-1.street_lamps": "on",
     "scene.environment-1.car_lamps": "on",
 }

@@ -148,7 +148,7 @@ class Lighting:
         }
         caster = movable_shadow or static_shadow
         first, second = targets.openness.colors
-        red, green, blue, open_sky = targets.skylight.colors
+        red, green, blue, open_sky, zonal = targets.skylight.colors
         shade_textures = samples | {
             "material_table": table,
             "sky_table": sky_light.table,
@@ -156,6 +156,7 @@ class Lighting:
             "skylight_green": green,
             "skylight_blue": blue,
             "skylight_open": open_sky,
+            "skylight_zonal": zonal,
             "occlusion_map": targets.smooth_occlusion.colors[0],
             "static_shadow": static_shadow.texture,
             "static_casters": static_shadow.casters,

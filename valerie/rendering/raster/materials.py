@@ -54,7 +54,10 @@ def mean_reflectance(
     """Of each material, over its whole texture: (M, 3) linear albedo of matte reflection; (M,) share that is not cut away."""
     albedo, share = np.zeros((len(materials), 3)), np.ones(len(materials))
     for row, material in enumerate(materials):
-        albedo[row] = np.array(material.base_color) * (1.0 - material.metallic)
+        metallic = material.metallic
+        if material.roughness_texture is not None:
+            metallic *= textures.mean_metallic(material.roughness_texture)
+        albedo[row] = np.array(material.base_color) * (1.0 - metallic)
         if material.base_color_texture is not None:
             color, share[row] = textures.mean(material.base_color_texture, material.alpha_cutoff)
             albedo[row] *= color

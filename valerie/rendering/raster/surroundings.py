@@ -172,25 +172,33 @@ def reflected(
 
 
 def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
-    """What ``skylight.frag`` adds up: spherical harmonics of order 1 of the light from K directions above the horizon.
+    """What ``skylight.frag`` adds up of the light from K directions above the horizon: spherical harmonics.
 
-    Where the sky is hidden in a direction, what hides it is seen. The lower half is the ground, seen from all around.
+    Of order 1, and of order 2 the one about the vertical: a street's sky stands above it, and with order 1 alone level ground
+    would miss up to a quarter of its light. Where the sky is hidden in a direction, what hides it is seen. The lower half is the
+    ground, seen from all around; it has nothing of order 2.
 
     Args:
         directions, hidden, ground: as in `reflected`.
 
     Returns:
-        (4, 4): the sums of red, green, blue and openness where nothing is open; and (K, 4, 4): what is added per 1/255 of
-        openness.
+        (5, 4): the sums where nothing is open, and (K, 5, 4): what is added per 1/255 of openness. Four rows for red, green, blue
+        and openness, each with the mean and the parts along x, y and z; a row with the four's zonal part of order 2.
     """
     count = len(directions)
     street = np.column_stack([hidden, np.zeros(count)])
     light = np.column_stack([sky.radiance(directions), np.ones(count)])
     # The upper half of the sphere is the mean over the directions.
-    basis = np.column_stack([np.ones(count), 3 * directions]) * (0.5 / count)
-    sums = np.einsum("kc,kb->cb", street, basis)
+    share = 0.5 / count
+    basis = np.column_stack([np.ones(count), 3 * directions]) * share
+    zonal = (2.5 * (3 * directions[:, 2] ** 2 - 1) * share)[:, None]
+
+    def parts(radiance: Points) -> Points:
+        return np.concatenate([radiance[:, :, None] * basis[:, None], (radiance * zonal)[:, None]], axis=1)
+
+    sums = parts(street).sum(axis=0)
     sums[:3] += from_below(ground)
-    return sums, (light - street)[:, :, None] * basis[:, None] / 255
+    return sums, parts(light - street) / 255
 
 
 def from_below(radiance: Points) -> Points:

@@ -53,6 +53,7 @@ class TextureSet:
         self._gl = gl
         self._textures = dict(textures)
         self._means: dict[tuple[str, float | None], tuple[NDArray[np.float64], float]] = {}
+        self._metallic: dict[str, float] = {}
         self._layers: dict[int, list[NDArray[np.uint8]]] = {}
         self.serial = next(_SERIALS)
         self.slots: dict[str, Slot] = {}
@@ -87,12 +88,22 @@ class TextureSet:
     def mean(self, name: str, cutoff: float | None) -> tuple[NDArray[np.float64], float]:
         """Mean linear colour (3,) of the texels whose alpha is not below the cutoff, and their share."""
         if (name, cutoff) not in self._means:
-            # One texel in 35, in steps that fall in with no pattern of tiles.
-            texels = self._textures[name].image[::5, ::7].reshape(-1, self._textures[name].image.shape[2])
+            texels = self._some_texels(name)
             kept = texels if cutoff is None or texels.shape[1] < 4 else texels[texels[:, 3] >= 255 * cutoff]
             color = _LINEAR[kept[:, :3]].mean(axis=0) if len(kept) else np.zeros(3)
             self._means[name, cutoff] = color, len(kept) / len(texels)
         return self._means[name, cutoff]
+
+    def mean_metallic(self, name: str) -> float:
+        """Mean of the factor that a roughness texture has for metallic: its blue, not a colour."""
+        if name not in self._metallic:
+            self._metallic[name] = float(self._some_texels(name)[:, 2].mean()) / 255
+        return self._metallic[name]
+
+    def _some_texels(self, name: str) -> NDArray[np.uint8]:
+        """(N, channels) one in 35, in steps that fall in with no pattern of tiles."""
+        image = self._textures[name].image
+        return image[::5, ::7].reshape(-1, image.shape[2])
 
     def release(self) -> None:
         """Free the arrays."""

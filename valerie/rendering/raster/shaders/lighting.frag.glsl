@@ -18,6 +18,7 @@ uniform sampler2D skylight_red;
 uniform sampler2D skylight_green;
 uniform sampler2D skylight_blue;
 uniform sampler2D skylight_open;
+uniform sampler2D skylight_zonal;
 uniform sampler2D occlusion_map;
 uniform sampler2D static_shadow;
 uniform vec3 static_origin;
@@ -67,6 +68,13 @@ vec3 sun_disc(vec3 d) {
     float disc = 1.0 - smoothstep(sun_angle * 0.95, sun_angle * 1.05, angle);
     // Scattering in lens and eye: a glow that falls off within some degrees.
     return sun * (disc * 1000.0 + 0.35 * exp(-angle / 0.03) + 0.05 * exp(-angle / 0.12));
+}
+
+// Mean light on a matte surface (of radiance around a direction, nearly): spherical harmonics times those of the clamped cosine,
+// 1, 2/3 and 1/4 (Ramamoorthi and Hanrahan 2001, doi:10.1145/383259.383317).
+vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
+    vec4 n1 = vec4(1.0, n * 0.6666667);
+    return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
 // The place of a coarser map (one value per ``cell`` × ``cell`` samples, taken at the cell's first sample) whose value belongs
@@ -198,15 +206,13 @@ void main() {
     float cosine = dot(face, toward_sun);
     float lit = sunlit(eye + ray_of(s) * depth, face, depth, cosine > 0.0);
     ivec2 cell = nearest_cell(s, depth, SKYLIGHT_CELL);
-    vec4 n1 = vec4(1.0, face * 0.6666667);
-    vec3 ambient = vec3(
-        dot(texelFetch(skylight_red, cell, 0), n1),
-        dot(texelFetch(skylight_green, cell, 0), n1),
-        dot(texelFetch(skylight_blue, cell, 0), n1));
+    vec3 ambient = skylight(
+        texelFetch(skylight_red, cell, 0), texelFetch(skylight_green, cell, 0), texelFetch(skylight_blue, cell, 0),
+        texelFetch(skylight_zonal, cell, 0).rgb, face);
     float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
     const vec3 luminance = vec3(0.2126, 0.7152, 0.0722);
     float shining = cosine > 0.0 ? lit : 0.0;
-    float other = dot(luminance, max(ambient, vec3(0.0))) * near_open;
+    float other = dot(luminance, ambient) * near_open;
 #ifdef LAMPS
     other += dot(luminance, lamplight(eye + ray_of(s) * depth, face, face, face, vec3(1.0), vec3(0.0), 1.0, 0.0));
 #endif
@@ -287,15 +293,12 @@ void main() {
 #else
     float near_open = texelFetch(occlusion_map, nearest_cell(s, depth, 2), 0).r;
 #endif
-    vec4 n1 = vec4(1.0, normal * 0.6666667);
-    vec3 ambient = max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)), vec3(0.0));
-    vec4 b1 = vec4(1.0, -normal * 0.6666667);
-    vec3 ambient_behind = max(vec3(dot(red, b1), dot(green, b1), dot(blue, b1)), vec3(0.0));
+    vec3 zonal = texelFetch(skylight_zonal, pixel, 0).rgb;
+    vec3 ambient = skylight(red, green, blue, zonal, normal), ambient_behind = skylight(red, green, blue, zonal, -normal);
     color += diffuse * near_open * mix(ambient, ambient_behind, 0.5 * translucency);
 
     vec3 r = reflect(d, normal);
-    vec4 r1 = vec4(1.0, r * 0.6666667);
-    vec3 blurred = max(vec3(dot(red, r1), dot(green, r1), dot(blue, r1)), vec3(0.0));
+    vec3 blurred = skylight(red, green, blue, zonal, r);
     float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
     vec3 environment = mix(mix(street, above, seen), blurred, smoothstep(0.08, 0.55, roughness));
