@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,6 +27,9 @@ _OPTIONS: dict[str, Any] = {
     "json_serializer": lambda value: orjson.dumps(value).decode(),
     "json_deserializer": orjson.loads,
 }
+#: Held by `unforked`, and by every fork while it happens.
+_FORK = threading.Lock()
+os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_in_child=_FORK.release)
 
 
 def open_engine(url: str) -> Engine:
@@ -76,6 +81,17 @@ def writing(engine: Engine) -> Iterator[Connection]:
     """
     with translated(), engine.begin() as connection:
         yield connection
+
+
+@contextmanager
+def unforked() -> Iterator[None]:
+    """No child is forked within: for threads of a process that forks, around their transactions.
+
+    SQLite keeps its own process's locks in memory too. A child forked in the middle of a transaction inherits that memory, and
+    finds the database locked for as long as it lives, by a connection that nobody will ever end.
+    """
+    with _FORK:
+        yield
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from celery.signals import worker_process_init, worker_ready
 
 from valerie.broker import EVAL_QUEUE, create_app, route_of
 from valerie.db import processes
-from valerie.db.engine import open_engine, writing
+from valerie.db.engine import open_engine, unforked, writing
 from valerie.db.migrate import require_current
 from valerie.errors import MissingDependency, TransientError
 from valerie.pipeline.child import Child
@@ -37,7 +37,7 @@ _PROBE_TIMEOUT_SECONDS = 120.0
 
 
 class Presence:
-    """Keeps a worker's row and health file fresh from a thread until `leave`."""
+    """Keeps a worker's row and health file fresh from a thread until `leave`, while Celery may fork at any time."""
 
     def __init__(self, settings: Settings, stage: str, offers: Sequence[dict[str, Any]]) -> None:
         self._engine = open_engine(settings.database_url)
@@ -64,7 +64,7 @@ class Presence:
         """
         require_current(self._engine)
         self._health.parent.mkdir(parents=True, exist_ok=True)
-        with writing(self._engine) as connection:
+        with unforked(), writing(self._engine) as connection:
             processes.register_worker(connection, self._values)
         self._health.touch()
         self._thread.start()
@@ -75,7 +75,7 @@ class Presence:
         self._thread.join(timeout=2 * _SEEN_EVERY_SECONDS)
         self._health.unlink(missing_ok=True)
         try:
-            with writing(self._engine) as connection:
+            with unforked(), writing(self._engine) as connection:
                 processes.remove_worker(connection, self._values["id"])
         except TransientError as error:
             log.warning("worker.goodbye", reason=str(error))
@@ -84,7 +84,7 @@ class Presence:
         while not self._stop.wait(_SEEN_EVERY_SECONDS):
             try:
                 now = time.time()
-                with writing(self._engine) as connection:
+                with unforked(), writing(self._engine) as connection:
                     if not processes.worker_seen(connection, self._values["id"], now):
                         processes.register_worker(connection, {**self._values, "seen_at": now})
                 self._health.touch()
