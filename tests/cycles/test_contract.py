@@ -97,7 +97,7 @@ def test_the_denoiser_takes_the_pixels_of_a_window_together_as_it_takes_those_of
 
     def error(window: Rectangle) -> float:
         part = translation.Guided(*(np.ascontiguousarray(layer[window.slices]) for layer in given))
-        made = np.empty_like(whole)
+        made = np.zeros_like(whole)
         made[window.slices] = translation.denoised(holder.get(), part)
         return float(np.sqrt(((made - whole)[wanted.slices] ** 2).mean()))
 
