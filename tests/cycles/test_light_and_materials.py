@@ -85,8 +85,8 @@ def test_sunlit_asphalt_is_as_bright_as_in_the_raster_engine(
     asphalt = Material("ground", (0.12, 0.12, 0.12), roughness=0.9)
     scene = with_texture(ground(asphalt, sun=Sun(2.0, math.radians(elevation))))
     ours, theirs = mean(cycles, scene).mean(), mean(raster, scene).mean()
-    # At a low sun much of the light is mirrored at a grazing angle, of which the raster engine has less.
-    assert ours == pytest.approx(theirs, rel=0.12 if elevation > 30.0 else 0.22)
+    # Blender's sky is bluer at a low sun.
+    assert ours == pytest.approx(theirs, rel=0.06)
 
 
 def test_the_shadow_falls_away_from_the_sun(cycles: CyclesRenderer, raster: RasterRenderer) -> None:
@@ -389,7 +389,7 @@ def test_a_wet_road_darkens_below_and_mirrors_the_sky_far_away_in_patches_as_in_
     # Puddles, and streaks of rain, lie at the same places in both engines.
     patches = [one[46:66] / one[46:66].mean(axis=1, keepdims=True) for one in (wet, seen(raster, WET))]
     same, other = (np.corrcoef(patches[0].ravel(), one.ravel())[0, 1] for one in (patches[1], patches[1][:, ::-1]))
-    assert same > 0.3 > 2 * other
+    assert same > 0.7 > 0.2 + other
 
 
 def test_a_wet_wall_keeps_its_colour_and_a_dry_scene_has_no_water_left(cycles: CyclesRenderer) -> None:

@@ -40,7 +40,7 @@ ANNOTATION_REVISIONS: Final = {
     AnnotationKind.NORMALS: 1,
     AnnotationKind.BOXES: 1,
     AnnotationKind.JOINTS: 2,
-    AnnotationKind.LIGHT: 2,
+    AnnotationKind.LIGHT: 3,
     AnnotationKind.FLOW: 1,
     AnnotationKind.VELOCITY: 1,
 }

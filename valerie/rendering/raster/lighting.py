@@ -42,7 +42,8 @@ class SkyLight:
     Attributes:
         table: the sky's radiance, for `lighting.frag`.
         hidden, weights: see `sky_weights`.
-        street: (3,) radiance of what hides the sky, on average.
+        hiding: radiance of what hides the sky in each direction, for `lighting.frag`.
+        ground: (3,) radiance of the ground.
         on_walls: (3,) see `Reflected`.
     """
 
@@ -53,11 +54,14 @@ class SkyLight:
         directions, sample = sky_maps.directions, statics.geometry.sample
         back = reflected(sample, sky_maps.openness, directions, statics.albedo, statics.share, sky)
         self.hidden, self.weights = sky_weights(sky, directions, back.hidden, back.ground)
-        self.street, self.on_walls = back.hidden.mean(axis=0), back.on_walls
+        self.hiding = gl.texture((len(directions), 1), 3, back.hidden.astype(np.float32).tobytes(), dtype="f4")
+        self.hiding.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.ground, self.on_walls = back.ground, back.on_walls
 
     def release(self) -> None:
-        """Free the table."""
+        """Free the textures."""
         self.table.release()
+        self.hiding.release()
 
 
 class Lighting:
@@ -136,10 +140,15 @@ class Lighting:
         samples = depth | normals | {"albedo_map": surfaces.colors[0], "material_map": surfaces.colors[2]}
         plain_maps = ("albedo_map", "normals_map", "material_map", "plain_depth")
         plain = dict(zip(plain_maps, targets.plain.colors, strict=True))
-        openness = common | {"tiles": SKY_TILES, "tile_rows": sky_maps.rows.reshape(-1)}
-        hidden = sky_light.hidden.copy()
+        openness = common | {
+            "tiles": SKY_TILES,
+            "tile_rows": sky_maps.rows.reshape(-1),
+            "tile_extents": sky_maps.extents.reshape(-1),
+        }
+        hidden, below = sky_light.hidden.copy(), sky_light.ground
         if lamps is not None:
             hidden[:3] += from_below(lamps.bounce)
+            below = below + lamps.bounce
         skylight = common | {"hidden": hidden.reshape(-1), "weights": sky_light.weights.reshape(-1)}
         occlusion = common | {
             "radius": self._reach.occlusion_radius,
@@ -148,15 +157,19 @@ class Lighting:
         }
         caster = movable_shadow or static_shadow
         first, second = targets.openness.colors
-        red, green, blue, open_sky, zonal = targets.skylight.colors
+        red, green, blue, zonal = targets.skylight.colors
         shade_textures = samples | {
             "material_table": table,
             "sky_table": sky_light.table,
             "skylight_red": red,
             "skylight_green": green,
             "skylight_blue": blue,
-            "skylight_open": open_sky,
             "skylight_zonal": zonal,
+            "openness_first": first,
+            "openness_second": second,
+            "nearest_directions": sky_maps.nearest,
+            "direction_shares": sky_maps.shares,
+            "hiding": sky_light.hiding,
             "occlusion_map": targets.smooth_occlusion.colors[0],
             "static_shadow": static_shadow.texture,
             "static_casters": static_shadow.casters,
@@ -179,7 +192,7 @@ class Lighting:
             "sun": sky.sun,
             "haze": sky.haze,
             "ground": sky.ground,
-            "street": sky_light.street,
+            "below": below,
             "mirrored_light": sky_light.on_walls,
             "screen_basis": np.linalg.inv(common["ray_basis"]),
             "extinction": sky.extinction,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Final
 
 import cv2
@@ -46,6 +47,10 @@ _BAND: Final = 512
 SHADOW_DISTANCE: Final = 160.0
 #: Metres, widest blur of a shadow's edge to each side.
 LARGEST_PENUMBRA: Final = 0.25
+#: Texels per side of the map of directions to the nearest of them.
+_AROUND: Final = 128
+#: As STEEPEST in ``openness.frag``.
+_STEEPEST: Final = 30.0
 #: Directions over the sky, and texels per side of each one's map.
 SKY_TILES: Final = (8, 4)
 SKY_MAP: Final = 512
@@ -120,7 +125,9 @@ class SkyMaps:
     Attributes:
         directions: (K, 3) unit vectors towards the sky.
         rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
+        extents: (K, 3) float32, metres that a tile covers.
         openness: (N, K) whether nothing hides the sky from a place of the statics' `SurfaceSample`.
+        nearest, shares: textures of `nearest_directions`.
     """
 
     def __init__(self, gl: moderngl.Context, drawer: SurfaceDrawer, statics: Statics, table: moderngl.Texture) -> None:
@@ -133,6 +140,7 @@ class SkyMaps:
         core = box_corners(geometry.core_low - 1, geometry.core_high + 1)
         casters = box_corners(geometry.low, geometry.high)
         rows: list[NDArray[np.float64]] = []
+        extents: list[NDArray[np.float64]] = []
         framebuffer = self.target.framebuffer
         for k, direction in enumerate(self.directions):
             light = fit_light_view(turned_to_fit(light_axes(direction), core), core, casters, SKY_MAP, 0.5)
@@ -140,8 +148,15 @@ class SkyMaps:
             framebuffer.use()
             drawer.statics(statics, table, {"clip_from_world": light.clip_from_world})
             rows.append(np.hstack([light.rows, -light.origin[:, None]]) / light.extent[:, None])
+            extents.append(light.extent)
         self.rows = np.concatenate(rows).astype(np.float32)
+        self.extents = np.array(extents, np.float32)
         self.openness = self._open_to(geometry.sample)
+        nearest, shares = nearest_directions(across * down)
+        size = nearest.shape[1::-1]
+        self.nearest = gl.texture(size, 4, nearest.tobytes(), dtype="u1")
+        self.shares = gl.texture(size, 4, shares.tobytes(), dtype="f1")
+        self.nearest.filter = self.shares.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def _open_to(self, sample: SurfaceSample) -> NDArray[np.bool_]:
         across, down = SKY_TILES
@@ -154,10 +169,15 @@ class SkyMaps:
             depth = np.frombuffer(data, np.float32).reshape(SKY_MAP, across, SKY_MAP)
             for column in range(across):
                 k = row * across + column
-                at = places @ self.rows[3 * k : 3 * k + 3].T.astype(np.float64)
+                rows, extent = self.rows[3 * k : 3 * k + 3].astype(np.float64), self.extents[k].astype(np.float64)
+                at = places @ rows.T
                 inside = ((at > 0) & (at < 1)).all(axis=1)
-                x, y = np.clip((at[:, :2] * SKY_MAP).astype(int), 0, SKY_MAP - 1).T
-                found[inside, k] = (depth[y, column, x] >= at[:, 2])[inside]
+                texel = np.clip((at[:, :2] * SKY_MAP).astype(int), 0, SKY_MAP - 1)
+                normal = sample.normals @ rows[:, :3].T * extent
+                along = np.where(np.abs(normal[:, 2]) < 1e-3, 1e-3, normal[:, 2])
+                slope = np.clip(-normal[:, :2] / along[:, None], -_STEEPEST, _STEEPEST) * extent[:2] / extent[2]
+                plane = at[:, 2] + (((texel + 0.5) / SKY_MAP - at[:, :2]) * slope).sum(axis=1)
+                found[inside, k] = (depth[texel[:, 1], column, texel[:, 0]] >= plane)[inside]
         return found
 
     @property
@@ -166,8 +186,9 @@ class SkyMaps:
         return self.target.depth
 
     def release(self) -> None:
-        """Free the atlas."""
-        self.target.release()
+        """Free the textures."""
+        for texture in (self.target, self.nearest, self.shares):
+            texture.release()
 
 
 class Shadows:
@@ -240,3 +261,25 @@ def even_directions(count: int) -> Points:
     angle = k * np.pi * (3 - np.sqrt(5))
     flat = np.sqrt(1 - z * z)
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), z], axis=1)
+
+
+@cache
+def nearest_directions(count: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """For each direction of the upper half of the sphere, the nearest of `even_directions` and how much each counts.
+
+    Rows and columns are those of an octahedron's upper half, turned by 45°, as in ``lighting.frag``: column (p.x + p.y + 1) / 2
+    and row (p.x − p.y + 1) / 2 of the width, p being the direction's x and y over the sum of its absolute coordinates.
+
+    Returns:
+        (S, S, 4) numbers of directions, and (S, S, 4) their shares in 1/255, which change steadily: the fifth would have none.
+    """
+    middle = (np.arange(_AROUND) + 0.5) / _AROUND * 2 - 1
+    along, across = np.meshgrid(middle, middle)
+    x, y = (along + across) / 2, (along - across) / 2
+    way = np.stack([x, y, 1 - np.abs(x) - np.abs(y)], axis=2)
+    near = way / np.linalg.norm(way, axis=2, keepdims=True) @ even_directions(count).T
+    order = np.argsort(-near, axis=2)[..., :5]
+    cosines = np.take_along_axis(near, order, axis=2)
+    shares = (cosines[..., :4] - cosines[..., 4:]) ** 2
+    shares = shares / np.maximum(shares.sum(axis=2, keepdims=True), 1e-12)
+    return order[..., :4].astype(np.uint8), np.round(shares * 255).astype(np.uint8)

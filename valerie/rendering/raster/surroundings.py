@@ -182,23 +182,23 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
         directions, hidden, ground: as in `reflected`.
 
     Returns:
-        (5, 4): the sums where nothing is open, and (K, 5, 4): what is added per 1/255 of openness. Four rows for red, green, blue
-        and openness, each with the mean and the parts along x, y and z; a row with the four's zonal part of order 2.
+        (4, 4): the sums where nothing is open, and (K, 4, 4): what is added per 1/255 of openness. Three rows for red, green and
+        blue, each with the mean and the parts along x, y and z; a row with the three's zonal part of order 2, and 0.
     """
     count = len(directions)
-    street = np.column_stack([hidden, np.zeros(count)])
-    light = np.column_stack([sky.radiance(directions), np.ones(count)])
+    light = sky.radiance(directions)
     # The upper half of the sphere is the mean over the directions.
     share = 0.5 / count
     basis = np.column_stack([np.ones(count), 3 * directions]) * share
     zonal = (2.5 * (3 * directions[:, 2] ** 2 - 1) * share)[:, None]
 
     def parts(radiance: Points) -> Points:
-        return np.concatenate([radiance[:, :, None] * basis[:, None], (radiance * zonal)[:, None]], axis=1)
+        second = np.column_stack([radiance * zonal, np.zeros(count)])
+        return np.concatenate([radiance[:, :, None] * basis[:, None], second[:, None]], axis=1)
 
-    sums = parts(street).sum(axis=0)
+    sums = parts(hidden).sum(axis=0)
     sums[:3] += from_below(ground)
-    return sums, parts(light - street) / 255
+    return sums, parts(light - hidden) / 255
 
 
 def from_below(radiance: Points) -> Points:

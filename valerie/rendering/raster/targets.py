@@ -91,7 +91,7 @@ class ImageTargets:
         self.moving = Target(gl, fine, ((2, "f4"), (4, "nu2"), (2, "u2")), depth=self.surfaces.depth)
         coarse = (-(-fine[0] // SKYLIGHT_CELL), -(-fine[1] // SKYLIGHT_CELL))
         self.openness = Target(gl, coarse, ((4, "u4"),) * 2, depth=False)
-        self.skylight = Target(gl, coarse, ((4, "f2"),) * 5, depth=False)
+        self.skylight = Target(gl, coarse, ((4, "f2"),) * 4, depth=False)
         self.occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.smooth_occlusion = Target(gl, size, ((1, "f1"),), depth=False)
         self.plain = Target(gl, size, ((4, "f1"), (4, "nu2"), (2, "u2"), (1, "f4")), depth=False)

@@ -8,13 +8,22 @@ from typing import cast
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scene_rays import blocked, triangles_of
 
 from valerie.rendering.base import View
 from valerie.rendering.raster.camera_math import LightView
 from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.drawing import table_texture
-from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, static_view
+from valerie.rendering.raster.shadows import (
+    LARGEST_PENUMBRA,
+    ShadowMap,
+    Shadows,
+    even_directions,
+    nearest_directions,
+    static_view,
+)
 from valerie.rendering.raster.static_geometry import StaticGeometry
 from valerie.scene.model import Camera
 from valerie.scene.transforms import camera_transform
@@ -68,7 +77,23 @@ def test_the_sky_is_open_to_the_places_of_a_street_as_rays_find_it() -> None:
     expected = np.stack([~blocked(triangles, places, direction) for direction in maps.directions], axis=1)
     assert 0.2 < expected.mean() < 0.9
     # Texels are some 15 cm wide.
-    assert (maps.openness == expected).mean() > 0.98
+    assert (maps.openness == expected).mean() > 0.985
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.01, 1))
+def test_a_direction_is_shared_by_those_around_it(x: float, y: float, z: float) -> None:
+    way = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
+    nearest, shares = nearest_directions(32)
+    p = way[:2] / np.abs(way).sum()
+    side = nearest.shape[0]
+    column, row = (min(int((0.5 + 0.5 * at) * side), side - 1) for at in (p[0] + p[1], p[0] - p[1]))
+    which, share = nearest[row, column], shares[row, column] / 255.0
+    assert share.sum() == pytest.approx(1.0, abs=0.01)
+    # The nearest counts most, but for the width of a texel, and all lie around.
+    cosines = even_directions(32) @ way
+    assert cosines[which[0]] > cosines.max() - 0.02
+    assert (np.diff(share) <= 0).all()
+    assert (cosines[which] > math.cos(math.radians(75))).all()
 
 
 @pytest.mark.gl

@@ -17,8 +17,12 @@ uniform sampler2D sky_table;        // columns: azimuth from the sun 0 … π, r
 uniform sampler2D skylight_red;
 uniform sampler2D skylight_green;
 uniform sampler2D skylight_blue;
-uniform sampler2D skylight_open;
 uniform sampler2D skylight_zonal;
+uniform usampler2D openness_first;  // see openness.frag
+uniform usampler2D openness_second;
+uniform usampler2D nearest_directions;  // of those, and how much each counts: shadows.py
+uniform sampler2D direction_shares;
+uniform sampler2D hiding;           // radiance of what hides the sky in each of them
 uniform sampler2D occlusion_map;
 uniform sampler2D static_shadow;
 uniform vec3 static_origin;
@@ -33,7 +37,7 @@ uniform vec3 toward_sun;
 uniform vec3 sun;
 uniform vec3 haze;
 uniform vec3 ground;
-uniform vec3 street;                // radiance of an average street surface, reflected where the sky is hidden
+uniform vec3 below;                 // radiance of the ground of the street
 uniform vec3 extinction;            // per metre
 uniform float sun_angle;            // radians, half the disc
 uniform float shadow_distance;      // metres along the optical axis; shadows fade out before
@@ -77,6 +81,26 @@ vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
     return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
+// What a mirror shows in a direction: the sky (given), what hides it, or the ground.
+vec3 surroundings(vec3 r, ivec2 cell, vec3 above) {
+    vec2 p = r.xy / (abs(r.x) + abs(r.y) + max(r.z, 0.0));
+    int side = textureSize(direction_shares, 0).x;
+    ivec2 at = min(ivec2((vec2(p.x + p.y, p.x - p.y) * 0.5 + 0.5) * float(side)), ivec2(side - 1));
+    uvec4 nearest = texelFetch(nearest_directions, at, 0);
+    vec4 shares = texelFetch(direction_shares, at, 0);
+    uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
+    vec4 seen = vec4(0.0);
+    for (int i = 0; i < 4; ++i) {
+        uvec4 half_of = nearest[i] < 16u ? first : second;
+        uvec2 quarter = (nearest[i] & 8u) == 0u ? half_of.xy : half_of.zw;
+        uint four = (nearest[i] & 4u) == 0u ? quarter.x : quarter.y;
+        float open = float((four >> (8u * (nearest[i] & 3u))) & 255u) / 255.0;
+        vec3 hides = texelFetch(hiding, ivec2(int(nearest[i]), 0), 0).rgb;
+        seen += shares[i] * vec4(mix(hides, above, open), 1.0);
+    }
+    return mix(below, seen.rgb / max(seen.a, 1e-6), smoothstep(-0.05, 0.05, r.z));
+}
+
 // The place of a coarser map (one value per ``cell`` × ``cell`` samples, taken at the cell's first sample) whose value belongs
 // to this sample: its own cell's, or the neighbour's that lies nearest in depth.
 ivec2 nearest_cell(ivec2 s, float depth, int cell) {
@@ -103,7 +127,8 @@ vec3 environment_reflectance(vec3 f0, float roughness, float facing) {
     vec4 r = roughness * vec4(-1.0, -0.0275, -0.572, 0.022) + vec4(1.0, 0.0425, 1.04, -0.04);
     float a = min(r.x * r.x, exp2(-9.28 * facing)) * r.x + r.y;
     vec2 scale_bias = vec2(-1.04, 1.04) * a + r.zw;
-    return f0 * scale_bias.x + scale_bias.y;
+    // The fit falls a little below zero for rough surfaces that mirror nearly nothing.
+    return max(f0 * scale_bias.x + scale_bias.y, vec3(0.0));
 }
 
 float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
@@ -263,10 +288,11 @@ void main() {
     float luminance = dot(albedo, vec3(0.2126, 0.7152, 0.0722));
     vec3 tint = luminance > 0.0 ? albedo / luminance : vec3(1.0);
     vec3 f0 = mix(0.04 * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
-    vec3 diffuse = albedo * (1.0 - metallic);
-
     vec3 view = -d;
     float facing = max(dot(normal, view), 1e-3);
+    // What is mirrored does not reach the matte surface below.
+    vec3 mirrored_share = environment_reflectance(f0, roughness, facing);
+    vec3 diffuse = albedo * (1.0 - metallic) * (1.0 - mirrored_share);
     float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);
 
     // Sun. A face turned away gets none, whatever its normal map says; thin sheets let a share through.
@@ -287,7 +313,7 @@ void main() {
     // Sky.
     ivec2 pixel = nearest_cell(s, depth, SKYLIGHT_CELL);
     vec4 red = texelFetch(skylight_red, pixel, 0), green = texelFetch(skylight_green, pixel, 0);
-    vec4 blue = texelFetch(skylight_blue, pixel, 0), open = texelFetch(skylight_open, pixel, 0);
+    vec4 blue = texelFetch(skylight_blue, pixel, 0);
 #ifdef PLAIN
     float near_open = texelFetch(occlusion_map, place, 0).r;
 #else
@@ -298,17 +324,21 @@ void main() {
     color += diffuse * near_open * mix(ambient, ambient_behind, 0.5 * translucency);
 
     vec3 r = reflect(d, normal);
-    vec3 blurred = skylight(red, green, blue, zonal, r);
-    float seen = smoothstep(0.3, 0.8, open.x + dot(open.yzw, r));
+    // A rough lobe lies nearer to the normal than the mirrored ray: Lagarde and de Rousiers 2014, "Moving Frostbite to physically
+    // based rendering".
+    float smoothness = 1.0 - roughness;
+    vec3 lobe = normalize(mix(normal, r, smoothness * (sqrt(smoothness) + roughness)));
+    vec3 blurred = skylight(red, green, blue, zonal, lobe);
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
-    vec3 environment = mix(mix(street, above, seen), blurred, smoothstep(0.08, 0.55, roughness));
+    vec3 around = surroundings(r, pixel, above);
+    vec3 environment = mix(around, blurred, smoothstep(0.08, 0.55, roughness));
 #ifdef RAIN
     // Seen along the road, a film's lobe is drawn out: it takes in the rest of the sky at less roughness than above.
     vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
     vec4 image = mirrored(p, normalize(vec3(r.xy, max(abs(r.z), 0.01))), 1.5 * alpha, wide, film > 0.0);
-    environment = mix(environment, mix(mix(street, above, seen), image.rgb, image.a), film);
+    environment = mix(environment, mix(around, image.rgb, image.a), film);
 #endif
-    color += environment * environment_reflectance(f0, roughness, facing) * mix(1.0, near_open, 0.8);
+    color += environment * mirrored_share * mix(1.0, near_open, 0.8);
 
 #ifdef LAMPS
     color += lamplight(p, normal, face, view, diffuse, f0, roughness, translucency);

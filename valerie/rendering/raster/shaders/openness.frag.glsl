@@ -6,8 +6,12 @@ uniform sampler2D normals_map;
 uniform sampler2D atlas;                       // TILES.x × TILES.y shadow maps
 uniform ivec2 tiles;
 uniform vec4 tile_rows[3 * DIRECTIONS];        // world to [0, 1]³ of each tile
+uniform vec3 tile_extents[DIRECTIONS];         // metres
 layout(location = 0) out uvec4 out_first;      // four directions in each number, the first in its lowest byte, in steps of 1/255
 layout(location = 1) out uvec4 out_second;
+
+// Steepest surface, in metres along the light per metre across it, whose texels are told from what hides it.
+const float STEEPEST = 30.0;
 
 void main() {
     ivec2 s = ivec2(gl_FragCoord.xy) * SKYLIGHT_CELL;
@@ -25,8 +29,14 @@ void main() {
             bool inside = all(greaterThan(c, vec3(0.0))) && all(lessThan(c, vec3(1.0)));
             vec2 corner = vec2(k % tiles.x, k / tiles.x) * tile_pixels;
             vec2 t = clamp(c.xy * tile_pixels, vec2(1.0), tile_pixels - 1.0) + corner;
-            vec4 lit = vec4(greaterThanEqual(textureGather(atlas, t * atlas_scale), vec4(c.z)));
             vec2 f = fract(t - 0.5);
+            // Each texel is compared with the surface's own plane there: a surface that slopes through a texel hides nothing.
+            vec3 n = tile_extents[k] * vec3(dot(tile_rows[3 * k].xyz, normal), dot(tile_rows[3 * k + 1].xyz, normal),
+                dot(tile_rows[3 * k + 2].xyz, normal));
+            vec2 slope = clamp(-n.xy / (abs(n.z) < 1e-3 ? 1e-3 : n.z), -STEEPEST, STEEPEST);
+            slope *= tile_extents[k].xy / (tile_extents[k].z * tile_pixels);
+            vec4 plane = c.z + slope.x * (vec4(0.0, 1.0, 1.0, 0.0) - f.x) + slope.y * (vec4(1.0, 1.0, 0.0, 0.0) - f.y);
+            vec4 lit = vec4(greaterThanEqual(textureGather(atlas, t * atlas_scale), plane));
             float open = inside ? mix(mix(lit.w, lit.z, f.x), mix(lit.x, lit.y, f.x), f.y) : 1.0;
             four = (four >> 8) | (uint(open * 255.0 + 0.5) << 24);
         }

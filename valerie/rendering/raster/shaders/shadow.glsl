@@ -30,7 +30,8 @@ float lit_share(sampler2D map, vec3 origin, vec3 extent, vec3 receiver, vec2 slo
     float blockers = 0.0, distance_sum = 0.0;
     int taps = inside ? BLOCKER_TAPS : 0;
     for (int i = 0; i < taps; ++i) {
-        vec2 o = toward * (search * sqrt((float(i) + 0.5) / float(BLOCKER_TAPS)));
+        // The first tap is the place itself: what hides it may be no wider than the gaps between the others (a head its own face).
+        vec2 o = toward * (search * sqrt(float(i) / float(BLOCKER_TAPS)));
         toward = GOLDEN * toward;
         float plane = at.z + dot(slope, o) - bias;
         float found = caster_depth(map, at.xy + o, scale, last, extent.z);

@@ -3,22 +3,20 @@
 #include "sample.glsl"
 uniform usampler2D first;
 uniform usampler2D second;
-uniform vec4 hidden[5];                        // sums where no direction is open: red, green, blue, openness, zonal
-uniform vec4 weights[5 * 32];                  // more of them per step of openness
+uniform vec4 hidden[4];                        // sums where no direction is open: red, green, blue, zonal
+uniform vec4 weights[4 * 32];                  // more of them per step of openness
 layout(location = 0) out vec4 out_red;         // mean, x, y, z
 layout(location = 1) out vec4 out_green;
 layout(location = 2) out vec4 out_blue;
-layout(location = 3) out vec4 out_open;        // the same of the sky's visibility
-layout(location = 4) out vec4 out_zonal;       // of all four, the part of order 2 about the vertical
+layout(location = 3) out vec4 out_zonal;       // of all three, the part of order 2 about the vertical
 
 // Written out instead of a loop: with a constant place, all lanes share one weight.
 #define OPEN(K, STEPS) { \
     float open = float((STEPS) & 255u); \
-    out_red += open * weights[5 * (K)]; \
-    out_green += open * weights[5 * (K) + 1]; \
-    out_blue += open * weights[5 * (K) + 2]; \
-    out_open += open * weights[5 * (K) + 3]; \
-    out_zonal += open * weights[5 * (K) + 4]; \
+    out_red += open * weights[4 * (K)]; \
+    out_green += open * weights[4 * (K) + 1]; \
+    out_blue += open * weights[4 * (K) + 2]; \
+    out_zonal += open * weights[4 * (K) + 3]; \
 }
 #define FOUR(K, NUMBER) OPEN(K, NUMBER) OPEN(K + 1, NUMBER >> 8) OPEN(K + 2, NUMBER >> 16) OPEN(K + 3, NUMBER >> 24)
 
@@ -28,8 +26,7 @@ void main() {
     out_red = hidden[0];
     out_green = hidden[1];
     out_blue = hidden[2];
-    out_open = hidden[3];
-    out_zonal = hidden[4];
+    out_zonal = hidden[3];
     FOUR(0, near.x)
     FOUR(4, near.y)
     FOUR(8, near.z)
@@ -43,6 +40,5 @@ void main() {
     out_red *= drawn;
     out_green *= drawn;
     out_blue *= drawn;
-    out_open *= drawn;
     out_zonal *= drawn;
 }
