@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from valerie.labels import SKY
+from valerie.labels import BY_NAME, SKY
 from valerie.rendering.base import View
 from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder
@@ -43,6 +43,22 @@ STREET: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.pos.x": 3.6, "scene.person-1.pos.y": 16.0, "scene.person-1.heading": 90.0},
     {"scene.person-1.pos.x": 0.3, "scene.person-1.pos.y": 30.0},
 )
+#: All that may move at once: two persons one partly behind the other, an umbrella and a bag, vehicles in traffic, a rider.
+CROWDED: Mapping[str, float | str] = {
+    "scene.person-1.character": "striped-boy",
+    "scene.person-1.pos.x": 1.6,
+    "scene.person-1.pos.y": 14.0,
+    "scene.person-1.carries": "umbrella",
+    "scene.person-2.character": "red-coat",
+    "scene.person-2.pos.x": 1.9,
+    "scene.person-2.pos.y": 15.0,
+    "scene.person-2.heading": 250.0,
+    "scene.car-101.kind": "suv",
+    "scene.car-101.pos.y": 26.0,
+    "scene.motorcycle-101.visible": True,
+    "scene.motorcycle-101.pos.x": -1.0,
+    "scene.motorcycle-101.pos.y": 20.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -109,3 +125,16 @@ def test_the_street_is_in_step(
     holder: BlenderHolder, truth_pass: TruthPass, street: SceneAsset, pose: Mapping[str, float | str], camera: str
 ) -> None:
     assert_in_step(holder, truth_pass, apply(pose, street), View(camera, 480, 270))
+
+
+@pytest.mark.parametrize(("yaw", "pitch", "roll"), [(2, -4, 0), (355, -9, 15)])
+def test_all_that_moves_is_in_step_for_any_camera_in_the_street(
+    holder: BlenderHolder, truth_pass: TruthPass, street: SceneAsset, yaw: float, pitch: float, roll: float
+) -> None:
+    scene = apply(CROWDED, street)
+    moved = camera_transform((1.1, 4.0, 2.3), yaw, pitch, roll)
+    camera = replace(scene.cameras["camera-1"], transform=moved, focal_length_mm=32.0)
+    scene, view = replace(scene, cameras={"camera-1": camera}), View("camera-1", 480, 270)
+    seen = set(np.unique(truth_pass.truth(scene, view).class_map))
+    assert {BY_NAME[name].id for name in ("person", "rider", "car", "motorcycle")} <= seen
+    assert_in_step(holder, truth_pass, scene, view)
