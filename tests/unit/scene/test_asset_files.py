@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.scene.asset import asset_manifest, asset_names, load_asset
 from valerie.scene.asset_files import MANIFEST_FILE
@@ -129,6 +129,16 @@ def test_what_the_manifest_names_must_be_in_the_scene(folder: Path) -> None:
     write_manifest(folder, persons=["scene.person-3"], parameters=[])
     with pytest.raises(UnknownName, match=r"scene\.person-3"):
         load_asset(str(folder))
+
+
+def test_all_that_the_manifest_names_and_the_files_lack_is_listed_with_names_of_the_same_class(folder: Path) -> None:
+    write_manifest(folder, persons=["scene.person-3"], movable=["scene.car-7"], parameters=[], cameras=["camera-8"])
+    with pytest.raises(InvalidInputs) as error:
+        load_asset(str(folder))
+    person, car, camera = map(str, error.value.problems)
+    assert person == "persons: unknown person 'scene.person-3'; did you mean scene.person-2, scene.person-1?"
+    assert car == "movable: unknown car 'scene.car-7'; did you mean scene.car-1?"
+    assert "camera-8" in camera
 
 
 def test_a_drawn_node_without_class_is_refused_by_name(folder: Path) -> None:

@@ -58,14 +58,18 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
     yield from _ground(scene, manifest, boxes)
 
 
-def object_boxes(scene: Scene) -> dict[str, NDArray[np.float64]]:
+def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np.float64]]:
     """Path of each shown object to its box in the world, metres: (2, 3), lowest and highest corner.
 
     The object is the topmost node of its instance, or of its class where there are no instances.
+
+    Args:
+        scene: to be measured.
+        labelled: the objects that have a class; else those that have none.
     """
     boxes: dict[str, NDArray[np.float64]] = {}
     for path, node in scene.nodes.items():
-        if not node.visible or not node.label_id or not node.meshes:
+        if not node.visible or bool(node.label_id) is not labelled or not node.meshes:
             continue
         owner, world = object_of(scene, node), scene.world_transform(path)
         for mesh in node.meshes:
