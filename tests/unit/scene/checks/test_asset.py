@@ -166,10 +166,32 @@ def test_a_mirrored_node_is_suspected(tmp_path: Path) -> None:
     assert only(asset_findings(written(tmp_path, nodes)), "mirrored").where == "scene.building-1"
 
 
-def test_a_huge_mesh_is_suspected_with_its_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shapes, "MAX_MESH_TRIANGLES", 11)
-    found = [f for f in asset_findings(written(tmp_path)) if f.code == "huge-mesh"]
-    assert {(f.value, f.limit) for f in found} == {("12 triangles", "11")}
+def test_an_object_of_very_many_triangles_is_suspected_with_those_of_all_its_meshes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of boxes of 12 triangles each, the person that is shown has three, the car two, everything else one.
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 35)
+    found = only(asset_findings(written(tmp_path)), "huge-mesh")
+    assert (found.where, found.value, found.limit) == ("scene.person-1", "36 triangles", "35")
+
+
+def test_a_scene_of_very_many_triangles_is_suspected_with_its_heaviest_objects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 95)
+    (found,) = asset_findings(written(tmp_path))
+    assert (found.severity, found.code, found.value, found.limit) == (
+        Severity.WARNING, "huge-scene", "96 triangles", "95",
+    )  # fmt: skip
+    assert "most are in scene.person-1, scene.car-1, scene.road-1" in found.message
+
+
+def test_a_scene_that_is_heavy_by_one_object_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    road = BASE.nodes["scene.road-1"]
+    heavy = replace(road.meshes[0], faces=np.resize(road.meshes[0].faces, (100, 3)))
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 99)
+    nodes = {**BASE.nodes, "scene.road-1": replace(road, meshes=(heavy,))}
+    assert [(f.code, f.where) for f in asset_findings(written(tmp_path, nodes))] == [("huge-mesh", "scene.road-1")]
 
 
 def test_a_texture_without_coordinates_is_suspected(tmp_path: Path) -> None:
