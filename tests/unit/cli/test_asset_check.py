@@ -159,6 +159,18 @@ def test_a_mesh_without_normals_is_told_and_gets_those_of_its_faces(tmp_path: Pa
     assert code == 0
     assert (found["severity"], found["where"]) == ("note", "yard.glb")
     assert "normals" in found["message"]
+    assert found["message"].endswith(": road-1")
+
+
+def test_normals_of_no_length_are_told_with_their_node_and_computed_as_missing_ones_are(tmp_path: Path) -> None:
+    road = BASE.nodes["scene.road-1"]
+    flat = replace(road.meshes[0], normals=np.zeros_like(road.meshes[0].normals))
+    written(tmp_path, replace(BASE, nodes={**BASE.nodes, "scene.road-1": replace(road, meshes=(flat,))}))
+    code, (found,) = findings(tmp_path)
+    assert code == 0
+    assert (found["severity"], found["where"]) == ("note", "yard.glb")
+    assert "no length" in found["message"]
+    assert found["message"].endswith(": road-1")
 
 
 def test_a_mesh_of_a_million_triangles_is_told_with_its_count(tmp_path: Path) -> None:
