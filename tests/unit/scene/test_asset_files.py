@@ -13,7 +13,7 @@ import yaml
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.scene.asset import asset_manifest, asset_names, load_asset
-from valerie.scene.asset_files import MANIFEST_FILE
+from valerie.scene.asset_files import MANIFEST_FILE, REVISION
 from valerie.scene.gltf import save_gltf
 from valerie.scene.gltf.images import encode_png
 from valerie.scene.model import Scene
@@ -178,11 +178,11 @@ def test_a_texture_beside_the_file_belongs_to_the_digest(folder: Path) -> None:
     assert asset_manifest(str(folder))[1] != before
 
 
-def test_an_asset_that_places_nothing_keeps_the_digest_of_earlier_versions(folder: Path) -> None:
+def test_the_digest_is_of_the_manifest_without_empty_placements_the_files_and_how_they_are_read(folder: Path) -> None:
     manifest, found = asset_manifest(str(folder))
     document = manifest.model_dump(mode="json", exclude={"placed_files", "placed_cameras"})
     hashes = {"simple.glb": hashlib.sha256((folder / "simple.glb").read_bytes()).hexdigest()}
-    assert found == digest("asset-files", document, hashes)
+    assert found == digest("asset-files", document, hashes, REVISION)
 
 
 def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera(folder: Path) -> None:
