@@ -1,14 +1,18 @@
 """Both engines, and both in one process: each makes its own context current and leaves the other's alone."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from valerie.rendering.base import Renderer
+from valerie.rendering.base import LinearImage, Renderer
 from valerie.rendering.pyrender_engine import PyrenderRenderer
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.testing.rendering import RendererContract
+from valerie.scene.variation import apply
+from valerie.testing.assets import simple_asset
+from valerie.testing.rendering import BEFORE_THE_SKY, BELOW, RendererContract, assert_in_step, from_below, truths
 
 pytestmark = pytest.mark.gl
 
@@ -36,6 +40,38 @@ def test_an_engine_that_was_collected_leaves_the_others_working() -> None:
     gc.collect()
     raster.close()
     RasterRenderer().close()
+
+
+def mirrored(pixels: NDArray[np.float16]) -> NDArray[np.float16]:
+    return pixels[:, ::-1].copy()
+
+
+def shifted(down: int, right: int) -> Callable[[NDArray[np.float16]], NDArray[np.float16]]:
+    """Moves an image; what comes in at a border is the border's colour."""
+
+    def move(pixels: NDArray[np.float16]) -> NDArray[np.float16]:
+        height, width = pixels.shape[:2]
+        padded = np.pad(pixels, ((2, 2), (2, 2), (0, 0)), mode="edge")
+        return padded[2 - down : 2 - down + height, 2 - right : 2 - right + width].copy()
+
+    return move
+
+
+@pytest.mark.parametrize("wrong", [mirrored, shifted(2, 0), shifted(-2, 0), shifted(0, 2), shifted(0, -2)])
+@pytest.mark.parametrize("name", ["raster", "pyrender"])
+def test_an_image_that_is_mirrored_or_two_pixels_aside_breaks_the_contract(
+    name: str, wrong: Callable[[NDArray[np.float16]], NDArray[np.float16]], request: pytest.FixtureRequest
+) -> None:
+    engine: Renderer = request.getfixturevalue(name)
+    scene = from_below(apply(BEFORE_THE_SKY[0], simple_asset()))
+    background, full = engine.background(scene, BELOW), engine.full(scene, BELOW)
+    statics, truth = truths(scene, BELOW)
+    for noisy in (False, True):
+        assert_in_step(background, full, statics, truth, noisy=noisy)
+        with pytest.raises(AssertionError, match=r"as without it|beside the person"):
+            assert_in_step(
+                *(LinearImage(wrong(image.pixels)) for image in (background, full)), statics, truth, noisy=noisy
+            )
 
 
 class TestRaster(RendererContract):

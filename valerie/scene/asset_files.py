@@ -17,6 +17,8 @@ from valerie.scene.model import Scene
 
 MANIFEST_FILE: Final = "manifest.yaml"
 MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
+#: Raised by hand whenever the same files are read as another scene; part of every such asset's digest.
+REVISION: Final = 2
 
 
 def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
@@ -54,10 +56,13 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
     document = manifest.model_dump(mode="json")
-    for later in ("placed_files", "placed_cameras"):  # assets without them keep the digest that they had before
+    for later in (
+        "placed_files",
+        "placed_cameras",
+    ):  # assets without them have the digest that they had before these were known
         if not document[later]:
             del document[later]
-    return manifest, digest("asset-files", document, hashes), files
+    return manifest, digest("asset-files", document, hashes, REVISION), files
 
 
 def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:

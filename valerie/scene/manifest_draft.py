@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, PERSON
 from valerie.scene.asset_files import MANIFEST_FILE
-from valerie.scene.checks.names import likely_name
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.manifest import parse_manifest
 from valerie.scene.model import Scene
-from valerie.scene.naming import ROOT, object_labels
+from valerie.scene.naming import ROOT, likely_name, object_labels
 from valerie.spelling import plain_name
 
 #: Classes that nobody can stand in.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import NamedTuple
 
 from valerie.errors import InvalidInput
@@ -24,6 +25,8 @@ _CLASSES = {label.node_class: label for label in CITYSCAPES}
 _OBJECT_NAME = re.compile(r"([A-Za-z][A-Za-z0-9_-]*)-([0-9]{1,4})")
 _NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
+#: ``Person_01``, ``person.1``, ``CAR 2``: what others write for a class and a number.
+_LIKE_AN_OBJECT = re.compile(r"(?P<name>.*?[^0-9_. -])[_. -]*(?P<number>[0-9]{1,4})?")
 
 
 def is_cloth(material_name: str) -> bool:
@@ -63,6 +66,22 @@ def object_label(name: str) -> ObjectLabel | None:
     if parsed[1] > MAX_INSTANCE:
         raise InvalidInput("instance number too large", field=name, value=parsed[1], limit=MAX_INSTANCE)
     return ObjectLabel(label.id, instance_id(label, parsed[1]))
+
+
+def class_of_name(name: str) -> str | None:
+    """The known class that a node's own name states: ``person`` for ``person-1``; None for ``house-1`` or ``Cube``."""
+    parsed = parse_object_name(name)
+    return parsed[0] if parsed is not None and parsed[0] in _CLASSES else None
+
+
+def likely_name(name: str) -> str | None:
+    """What a node was probably meant to be called, e.g. ``person-1`` for ``Person_01``; None if nothing is near."""
+    match = _LIKE_AN_OBJECT.fullmatch(name)
+    if match is None:
+        return None
+    words = re.sub(r"[_. ]+", "-", re.sub(r"(?<=[a-z])(?=[A-Z])", "-", match["name"])).lower()
+    close = get_close_matches(words, _CLASSES, n=1, cutoff=0.75)
+    return f"{close[0]}-{int(match['number'] or 1)}" if close else None
 
 
 def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict[str, ObjectLabel]:

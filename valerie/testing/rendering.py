@@ -12,9 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from valerie.errors import RenderingError, UnknownName
-from valerie.rendering.base import LinearImage, Rectangle, Renderer, View
+from valerie.labels import PERSON, SKY, instance_id
+from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, Renderer, View
 from valerie.scene.asset import SceneAsset
 from valerie.scene.model import Camera, Environment, Scene, Sun, Texture
+from valerie.scene.transforms import camera_transform
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
 
@@ -27,6 +29,19 @@ POSES: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": -2.5, "scene.person-2.pos.y": 14.0},
     {"scene.person-1.pos.x": 14.0, "scene.person-1.pos.y": 3.0},
 )
+#: Assignments of `simple_asset` in which `from_below` sees ``person-1`` before the sky: free, behind the car, cut by the border.
+BEFORE_THE_SKY: tuple[Mapping[str, float | str], ...] = (
+    {"scene.person-1.pos.x": -0.6, "scene.person-1.pos.y": 6.0, "scene.person-1.heading": 33.0},
+    {"scene.person-1.pos.x": 1.15, "scene.person-1.pos.y": 12.0},
+    {"scene.person-1.pos.x": 3.05, "scene.person-1.pos.y": 4.0},
+)
+#: What `from_below` is looked at with.
+BELOW = View("camera-1", 301, 170)
+_PERSON_1 = instance_id(PERSON, 1)
+#: Fewest pixels that must tell something, so that no test passes by seeing nothing.
+_FEWEST = 50
+#: Changes of log(1 + 10 v) that count: a person before the sky makes four times as much, filters beside it a hundredth.
+_VISIBLE = 0.1
 
 
 class RendererContract:
@@ -113,6 +128,14 @@ class RendererContract:
         assert not layer.rectangle.empty
         assert (layer.pixels != before).any(axis=2).sum() > 100
 
+    @pytest.mark.parametrize("pose", BEFORE_THE_SKY)
+    def test_a_person_changes_the_pixels_that_the_truth_says_are_its_own(
+        self, renderer: Renderer, asset: SceneAsset, pose: Mapping[str, float | str]
+    ) -> None:
+        scene = from_below(apply(pose, asset))
+        background, full = renderer.background(scene, BELOW), renderer.full(scene, BELOW)
+        assert_in_step(background, full, *truths(scene, BELOW), noisy=self.noisy)
+
     def test_without_movables_the_layer_is_empty(self, renderer: Renderer, asset: SceneAsset, view: View) -> None:
         scene = apply({"scene.person-1.character": "absent"}, asset)
         layer = renderer.layer(scene, view)
@@ -163,6 +186,60 @@ class RendererContract:
 
     def test_the_numeric_class_can_stand_in_a_queue_name(self, renderer: Renderer) -> None:
         assert re.fullmatch(r"[a-z0-9][a-z0-9.-]{3,}", renderer.numeric_class)
+
+
+def from_below(scene: Scene) -> Scene:
+    """The scene with ``camera-1`` near the ground and looking up a little: most of a person is seen before the sky."""
+    camera = replace(scene.cameras["camera-1"], transform=camera_transform((0.0, -2.0, 0.3), 0.0, 5.0, 0.0))
+    return replace(scene, cameras={**scene.cameras, "camera-1": camera})
+
+
+def truths(scene: Scene, view: View) -> tuple[GroundTruth, GroundTruth]:
+    """The truth of a scene without its movables, and with them."""
+    from valerie.rendering.ground_truth import TruthPass
+
+    truth_pass = TruthPass()
+    try:
+        statics, layer = truth_pass.parts(scene, view)
+        return statics, layer.over(statics)
+    finally:
+        truth_pass.close()
+
+
+def assert_in_step(
+    background: LinearImage, full: LinearImage, statics: GroundTruth, truth: GroundTruth, *, noisy: bool = False
+) -> None:
+    """What ``person-1`` changes in the image is, to a pixel at its silhouette, what the truth calls its own.
+
+    Every one of its pixels changes but for those at its silhouette. Its shadow and its light on other things change more, but
+    not the sky: there, away from other silhouettes, nothing changes farther than a pixel from the person.
+
+    Args:
+        background, full: the image without and with movables, of which only ``person-1`` is shown.
+        statics, truth: the truth without and with them.
+        noisy: only what stands before the sky is judged, and two pixels around the person may change: single samples lie
+            as far aside as the engine's pixel filter reaches.
+    """
+    before, after = (np.log1p(10 * image.pixels.astype(np.float64)) for image in (background, full))
+    # Filters reach farther than half a pixel, but by less than this.
+    changed = abs(after - before).max(axis=2) > _VISIBLE
+    person = truth.instance_map == _PERSON_1
+    sky = _shrunk(statics.class_map == SKY.id)
+    own = _shrunk(person) & (sky if noisy else True)
+    assert (own & sky).sum() >= _FEWEST, "too little of the person is seen before the sky"
+    assert not (own & ~changed).any(), f"{(own & ~changed).sum()} pixels of the person are as without it"
+    others = _shrunk(~person)
+    others = sky & (_shrunk(others) if noisy else others)
+    assert not (others & changed).any(), f"{(others & changed).sum()} pixels of the sky are changed beside the person"
+
+
+def _shrunk(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(H, W) bool: pixels whose neighbours (of 8), as far as they are in the image, are all in the mask."""
+    height, width = mask.shape
+    padded = np.pad(mask, 1, constant_values=True)
+    around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    shrunk: NDArray[np.bool_] = np.logical_and.reduce(around)
+    return shrunk
 
 
 def assert_within_noise(joined: LinearImage, full: LinearImage, reseeded: LinearImage, changed: Rectangle) -> None:

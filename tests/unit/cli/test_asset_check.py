@@ -95,6 +95,41 @@ def test_an_asset_with_no_person_is_refused(tmp_path: Path) -> None:
     assert done.stdout == ""
 
 
+def test_persons_that_the_manifest_names_and_the_file_lacks_are_said_in_those_words(tmp_path: Path) -> None:
+    scene = replace(BASE, nodes={path: node for path, node in BASE.nodes.items() if "person" not in path})
+    written(tmp_path, scene)
+    code, found = findings(tmp_path)
+    assert code == 2
+    assert [(one["severity"], one["code"], one["where"]) for one in found] == [
+        ("error", "no-person", "scene.person-1"),
+        ("error", "no-person", "scene.person-2"),
+    ]
+    text = check(tmp_path).stderr
+    assert text.count("no such person in the files") == 2
+    assert "scene.road-1" not in text
+
+
+def test_a_misspelt_person_is_told_with_the_name_to_give_it_though_the_manifest_names_another(tmp_path: Path) -> None:
+    def misspell(document: dict[str, Any]) -> None:
+        (person,) = [node for node in document["nodes"] if node.get("name") == "person-1"]
+        person["name"] = "Person_01"
+
+    done = check(edited(written(tmp_path), misspell))
+    assert done.exit_code == 2
+    assert "scene.Person_01 looks like it: call it person-1" in done.stderr
+    assert "it is drawn and has no class" in done.stderr
+
+
+def test_a_nameless_person_is_found_by_its_height(tmp_path: Path) -> None:
+    def unname(document: dict[str, Any]) -> None:
+        (person,) = [node for node in document["nodes"] if node.get("name") == "person-1"]
+        del person["name"]
+
+    done = check(edited(written(tmp_path), unname))
+    assert "without a name" in done.stderr
+    assert "has no class and the height of a person (1.80 m): call it person-1" in done.stderr
+
+
 def test_a_camera_inside_a_wall_is_told_and_does_no_harm_to_others(tmp_path: Path) -> None:
     scene = seen_from((-6.0, 15.0, 4.0), 0.0)  # the middle of the house
     written(tmp_path, scene, cameras=["camera-1"], parameters=without_camera_parameters())
@@ -124,6 +159,18 @@ def test_a_mesh_without_normals_is_told_and_gets_those_of_its_faces(tmp_path: Pa
     assert code == 0
     assert (found["severity"], found["where"]) == ("note", "yard.glb")
     assert "normals" in found["message"]
+    assert found["message"].endswith(": road-1")
+
+
+def test_normals_of_no_length_are_told_with_their_node_and_computed_as_missing_ones_are(tmp_path: Path) -> None:
+    road = BASE.nodes["scene.road-1"]
+    flat = replace(road.meshes[0], normals=np.zeros_like(road.meshes[0].normals))
+    written(tmp_path, replace(BASE, nodes={**BASE.nodes, "scene.road-1": replace(road, meshes=(flat,))}))
+    code, (found,) = findings(tmp_path)
+    assert code == 0
+    assert (found["severity"], found["where"]) == ("note", "yard.glb")
+    assert "no length" in found["message"]
+    assert found["message"].endswith(": road-1")
 
 
 def test_a_mesh_of_a_million_triangles_is_told_with_its_count(tmp_path: Path) -> None:

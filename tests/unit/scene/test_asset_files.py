@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.scene.asset import asset_manifest, asset_names, load_asset
-from valerie.scene.asset_files import MANIFEST_FILE
+from valerie.scene.asset_files import MANIFEST_FILE, REVISION
 from valerie.scene.gltf import save_gltf
 from valerie.scene.gltf.images import encode_png
 from valerie.scene.model import Scene
@@ -131,6 +131,16 @@ def test_what_the_manifest_names_must_be_in_the_scene(folder: Path) -> None:
         load_asset(str(folder))
 
 
+def test_all_that_the_manifest_names_and_the_files_lack_is_listed_with_names_of_the_same_class(folder: Path) -> None:
+    write_manifest(folder, persons=["scene.person-3"], movable=["scene.car-7"], parameters=[], cameras=["camera-8"])
+    with pytest.raises(InvalidInputs) as error:
+        load_asset(str(folder))
+    person, car, camera = map(str, error.value.problems)
+    assert person == "persons: unknown person 'scene.person-3'; did you mean scene.person-2, scene.person-1?"
+    assert car == "movable: unknown car 'scene.car-7'; did you mean scene.car-1?"
+    assert "camera-8" in camera
+
+
 def test_a_drawn_node_without_class_is_refused_by_name(folder: Path) -> None:
     base = simple_asset().base
     renamed = {
@@ -168,11 +178,11 @@ def test_a_texture_beside_the_file_belongs_to_the_digest(folder: Path) -> None:
     assert asset_manifest(str(folder))[1] != before
 
 
-def test_an_asset_that_places_nothing_keeps_the_digest_of_earlier_versions(folder: Path) -> None:
+def test_the_digest_is_of_the_manifest_without_empty_placements_the_files_and_how_they_are_read(folder: Path) -> None:
     manifest, found = asset_manifest(str(folder))
     document = manifest.model_dump(mode="json", exclude={"placed_files", "placed_cameras"})
     hashes = {"simple.glb": hashlib.sha256((folder / "simple.glb").read_bytes()).hexdigest()}
-    assert found == digest("asset-files", document, hashes)
+    assert found == digest("asset-files", document, hashes, REVISION)
 
 
 def test_a_placed_file_hangs_below_its_node_turned_scaled_and_without_its_camera(folder: Path) -> None:

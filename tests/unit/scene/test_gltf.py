@@ -14,8 +14,8 @@ import trimesh
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf import EXTRAS_KEY, load_gltf, read_gltf, save_gltf
-from valerie.scene.gltf.meshes import unrolled
-from valerie.scene.model import Environment, Light, Material, Node, Scene
+from valerie.scene.gltf.meshes import unrolled, with_face_normals
+from valerie.scene.model import Environment, Light, Material, Mesh, Node, Scene
 from valerie.scene.transforms import Pose
 from valerie.scene.variation import apply
 from valerie.testing.assets import simple_asset
@@ -215,6 +215,40 @@ def test_missing_normals_are_computed_per_face(written: Path) -> None:
     assert any("normals" in note for note in read_gltf(path).notes)
 
 
+@pytest.mark.parametrize("broken", [(0.0, 0.0, 0.0), (math.nan, 0.0, 1.0), (math.inf, 0.0, 0.0)])
+def test_normals_of_no_length_or_not_finite_are_those_of_the_faces(
+    written: Path, broken: tuple[float, float, float]
+) -> None:
+    document, binary = chunks_of(written)
+    (house,) = [node for node in document["nodes"] if node["name"] == "building-1"]
+    (primitive,) = document["meshes"][house["mesh"]]["primitives"]
+    accessor = document["accessors"][primitive["attributes"]["NORMAL"]]
+    start = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+    data = bytearray(binary)
+    data[start : start + 12 * accessor["count"]] = struct.pack("<3f", *broken) * accessor["count"]
+    path = embedded(written, document, bytes(data))
+    original = simple_asset().base.nodes["scene.building-1"].meshes[0]
+    mesh = load_gltf(path).nodes["scene.building-1"].meshes[0]
+    corners = original.faces.reshape(-1)
+    np.testing.assert_array_equal(mesh.positions[mesh.faces.reshape(-1)], original.positions[corners])
+    np.testing.assert_array_equal(mesh.uvs[mesh.faces.reshape(-1)], original.uvs[corners])
+    np.testing.assert_allclose(mesh.normals[mesh.faces.reshape(-1)], original.normals[corners], atol=1e-6)
+    (note,) = [note for note in read_gltf(path).notes if "normals" in note]
+    assert note.endswith(": building-1")
+
+
+def test_one_normal_of_no_length_leaves_the_others_as_they_are() -> None:
+    # Two triangles of a tent share an edge with smooth normals; the corner at the far left has none.
+    positions = np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 1], [1, 0, 0]], np.float32)
+    normals = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0.6, 0, 0.8]], np.float32)
+    faces = np.array([[0, 1, 2], [1, 3, 2]], np.uint32)
+    mesh = with_face_normals(Mesh(positions, normals, np.zeros((4, 2), np.float32), faces, "tent"))
+    np.testing.assert_array_equal(mesh.positions[mesh.faces], positions[faces])
+    half = math.sqrt(0.5)
+    np.testing.assert_allclose(mesh.normals[mesh.faces[0]], [[-half, 0, half], [0, 0, 1], [0, 0, 1]], atol=1e-6)
+    np.testing.assert_array_equal(mesh.normals[mesh.faces[1]], normals[faces[1]])
+
+
 def test_interleaved_vertices_are_read(written: Path) -> None:
     document, _ = chunks_of(written)
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 0, -1]], "<f4")
@@ -386,6 +420,34 @@ def test_a_broken_document_is_a_clear_error(written: Path, how: str) -> None:
     BREAKS[how](document)
     with pytest.raises(InvalidInput):
         load_gltf(embedded(written, document, binary))
+
+
+def _color_texture(index: int) -> Any:
+    return lambda d: d["materials"][0]["pbrMetallicRoughness"].update(baseColorTexture={"index": index})
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (_color_texture(5), r"material paving: baseColorTexture: textures: .* got 5; limit: 0…0"),
+        (_color_texture(-1), r"material paving: baseColorTexture: textures: .* got -1; limit: 0…0"),
+        (BREAKS["no such image"], r"textures\.0\.source: images: .* got 5; limit: 0…0"),
+        (BREAKS["no such material"], r"meshes\.0\.primitives\.0: materials: .* got 99; limit: 0…7"),
+        (BREAKS["no such mesh"], r"meshes: .* got 99; limit: 0…8"),
+        (BREAKS["no such camera"], r"cameras: .* got 7; limit: 0…1"),
+        (lambda d: d.update(scene=3), r"scenes: .* got 3; limit: 0…0"),
+        (
+            lambda d: d["extensions"]["KHR_lights_punctual"].update(lights=[]),
+            r"lights: .* got 0; limit: there are none",
+        ),
+    ],
+)
+def test_an_index_of_nothing_is_said_with_what_it_is_of_and_what_there_is(written: Path, edit: Any, said: str) -> None:
+    document, binary = chunks_of(written)
+    edit(document)
+    with pytest.raises(InvalidInput, match=said) as error:
+        load_gltf(embedded(written, document, binary))
+    assert "refers to something that is not there" in str(error.value)
 
 
 def test_an_image_that_claims_to_be_huge_is_refused_before_it_is_decoded(written: Path) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.paths import parse_path
-from valerie.scene.naming import ObjectLabel, node_name, object_labels, parse_object_name
+from valerie.scene.naming import ObjectLabel, likely_name, node_name, object_labels, parse_object_name
 
 PERSON, CAR, LIGHT, BUILDING, STATIC = 24, 26, 19, 11, 4
 
@@ -70,3 +70,21 @@ def test_any_name_from_a_file_becomes_one_that_may_stand_in_a_path(given: str | 
 
 def test_a_good_name_is_kept() -> None:
     assert node_name("traffic-light-3", 0) == "traffic-light-3"
+
+
+@pytest.mark.parametrize(
+    ("name", "likely"),
+    [
+        ("Person_01", "person-1"),
+        ("person3", "person-3"),
+        ("CAR 2", "car-2"),
+        ("buildings_7", "building-7"),
+        ("TrafficLight.004", "traffic-light-4"),
+        ("traffic_sign", "traffic-sign-1"),
+        ("Cube_001", None),
+        ("house-1", None),
+        ("", None),
+    ],
+)
+def test_likely_names(name: str, likely: str | None) -> None:
+    assert likely_name(name) == likely

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import shapely
 
 from valerie.errors import InvalidInput, ValerieError
+from valerie.parameters.definitions import ParameterDefinition
 from valerie.scene.asset import SceneAsset
 from valerie.scene.asset_files import read_manifest
+from valerie.scene.attributes import resolve
 from valerie.scene.checks.findings import Finding, Severity, from_error
 from valerie.scene.checks.names import name_findings
 from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
+from valerie.scene.draft import Draft
 from valerie.scene.legality import rejection_reason
 from valerie.scene.manifest import Manifest
 from valerie.scene.naming import ROOT
-from valerie.scene.objects import require_declared, unclassified
+from valerie.scene.objects import declared_problems, missing_nodes
 from valerie.scene.variation import apply
 
 
@@ -66,19 +70,60 @@ def asset_findings(folder: Path) -> list[Finding]:
 def scene_findings(asset: SceneAsset) -> Iterator[Finding]:
     """Check what a loaded asset holds and declares, wherever it comes from."""
     yield from name_findings(asset.base, asset.manifest)
-    yield from _outline_findings(asset.manifest)
+    for problem in declared_problems(asset.base, asset.manifest):
+        yield from from_error(problem, "declared")
+    # What is missing was named; everything else is judged as if the manifest did not speak of it.
+    there = _of_what_is_there(asset)
+    yield from _outline_findings(there.manifest)
+    unusable: list[Finding] = []
     try:
-        scene = apply({}, asset)
-    except InvalidInput as error:
-        yield from from_error(error, "declared")
-        return
-    try:
-        require_declared(asset.base, asset.manifest)
-    except InvalidInput as error:
-        if error.field != "node_classes" or not unclassified(asset.base):  # each such node was named above
-            yield from from_error(error, "declared")
-    yield from shape_findings(scene, asset.manifest)
-    yield from view_findings(scene, asset)
+        scene = apply({}, there)
+    except InvalidInput:
+        unusable, there = _without_unusable(there)
+        scene = apply({}, there)
+    yield from unusable
+    yield from shape_findings(scene, there.manifest)
+    yield from view_findings(scene, there)
+
+
+def _of_what_is_there(asset: SceneAsset) -> SceneAsset:
+    """The asset with a manifest that names no node and no camera that its scene lacks."""
+    manifest, scene = asset.manifest, asset.base
+    missing = {*missing_nodes(scene, manifest)}
+    missing |= {f"{ROOT}.{camera}" for camera in manifest.cameras if camera not in scene.cameras}
+    if not missing:
+        return asset
+
+    def there(path: str) -> bool:
+        return not any(path == other or path.startswith(f"{other}.") for other in missing)
+
+    changed = {
+        "persons": tuple(filter(there, manifest.persons)),
+        "movable": tuple(filter(there, manifest.movable)),
+        "grounded": tuple(filter(there, manifest.grounded)),
+        "node_classes": {path: kind for path, kind in manifest.node_classes.items() if there(path)},
+        "parameters": tuple(parameter for parameter in manifest.parameters if there(parameter.path)),
+        "cameras": tuple(camera for camera in manifest.cameras if there(f"{ROOT}.{camera}")),
+        "trajectories": tuple(trajectory for trajectory in manifest.trajectories if there(trajectory.path)),
+    }
+    return replace(asset, manifest=manifest.model_copy(update=changed))
+
+
+def _without_unusable(asset: SceneAsset) -> tuple[list[Finding], SceneAsset]:
+    """What is wrong with parameters whose defaults the scene cannot take, and the asset without them."""
+    findings: list[Finding] = []
+    usable: list[ParameterDefinition] = []
+    for parameter in asset.manifest.parameters:
+        thing, attribute = resolve(parameter.path, asset.manifest.cameras)
+        try:
+            attribute.write(Draft(asset.base), thing, parameter.check(parameter.default))
+        except InvalidInput as error:
+            findings.append(
+                Finding(Severity.ERROR, "declared", parameter.path, error.message, error.value, error.limit)
+            )
+        else:
+            usable.append(parameter)
+    return findings, replace(asset, manifest=asset.manifest.model_copy(update={"parameters": tuple(usable)}))
 
 
 def _outline_findings(manifest: Manifest) -> Iterator[Finding]:

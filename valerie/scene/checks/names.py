@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from difflib import get_close_matches
+from typing import Final
 
 from valerie.labels import CITYSCAPES, PERSON
 from valerie.scene.checks.findings import Finding, Severity
+from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Scene
-from valerie.scene.naming import parse_object_name
-from valerie.scene.objects import unclassified
+from valerie.scene.naming import class_of_name, likely_name, parse_object_name
+from valerie.scene.objects import alike, missing_nodes, unclassified
 
-_CLASSES = tuple(label.node_class for label in CITYSCAPES)
-#: ``Person_01``, ``person.1``, ``CAR 2``: what others write for a class and a number.
-_LIKE_AN_OBJECT = re.compile(r"(?P<name>.*?[^0-9_. -])[_. -]*(?P<number>[0-9]{1,4})?")
+#: Nodes that a missing one may be, of which a finding tells.
+_LISTED: Final = 3
 
 
 def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
-    """Nodes without class, scenes without persons, persons that do not move."""
+    """Nodes that are named and missing, nodes without class, scenes without persons, persons that do not move."""
+    yield from _missing(scene, manifest)
     people = [path for path, node in scene.nodes.items() if node.label_id == PERSON.id and node.meshes]
-    if not people:
+    named_above = bool(manifest.persons) and not any(path in scene.nodes for path in manifest.persons)
+    if not people and not named_above:
         yield Finding(
             Severity.ERROR,
             "no-person",
             "",
             "no person: no node called person-1 (or made one by node_classes or placed_files) has a mesh",
         )
-    elif not manifest.persons:
+    elif people and not manifest.persons:
         yield Finding(Severity.ERROR, "no-person", "persons", "the manifest names no persons: nobody is under test")
     for path in manifest.persons:
         node = scene.nodes.get(path)
@@ -48,7 +50,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
                 path,
                 "its parameters vary, but it is not under movable: a background is made for every place",
             )
-    for path in unclassified(scene):
+    for path in dict.fromkeys(_to_rename(path) for path in unclassified(scene)):
         name = path.rpartition(".")[2]
         parsed = parse_object_name(name)
         likely = likely_name(name)
@@ -60,14 +62,60 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
         yield Finding(Severity.ERROR, "no-class", path, message, name, "as building-3")
 
 
-def likely_name(name: str) -> str | None:
-    """What a node was probably meant to be called, e.g. ``person-1`` for ``Person_01``; None if nothing is near."""
-    match = _LIKE_AN_OBJECT.fullmatch(name)
-    if match is None:
-        return None
-    words = re.sub(r"[_. ]+", "-", re.sub(r"(?<=[a-z])(?=[A-Z])", "-", match["name"])).lower()
-    close = get_close_matches(words, _CLASSES, n=1, cutoff=0.75)
-    return f"{close[0]}-{int(match['number'] or 1)}" if close else None
+def _to_rename(path: str) -> str:
+    """Of a node without class and those above it, the nearest whose name is almost that of an object; else the node itself."""
+    above = path
+    while above.count("."):
+        if likely_name(above.rpartition(".")[2]):
+            return above
+        above = above.rpartition(".")[0]
+    return path
+
+
+def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
+    """What the manifest names and the scene lacks: once for each node, with those that it may be."""
+    missing = missing_nodes(scene, manifest)
+    taken = {*manifest.persons, *manifest.movable, *manifest.grounded}
+    for path, fields in missing.items():
+        name = path.rpartition(".")[2]
+        kind = class_of_name(name)
+        what = "person" if path in manifest.persons else kind or "node"
+        found = [other for other in alike(path, scene) if other not in taken]
+        if kind is None:
+            found = get_close_matches(path, found, n=_LISTED)
+        hints = [
+            f"{other} is a {kind}: name that in the manifest, or call it {name}"
+            if kind is not None and scene.nodes[other].label_id
+            else f"{other} looks like it: call it {name}"
+            for other in found[:_LISTED]
+        ]
+        if what == "person":
+            hints += [
+                f"{other} has no class and the height of a person ({height:.2f} m): call it {name} if it is one"
+                for other, height in _of_a_persons_size(scene).items()
+                if other not in found
+            ][:_LISTED]
+        advice = "; ".join(hints) or f"nothing looks like it: call its node {name}, or take it out of the manifest"
+        # Persons are grounded without their author's word.
+        said = ", ".join(field for field in fields if field != "grounded" or "persons" not in fields)
+        yield Finding(
+            Severity.ERROR,
+            "no-person" if what == "person" else "declared",
+            path,
+            f"no such {what} in the files, and the manifest names it under {said}; {advice}",
+        )
+
+
+def _of_a_persons_size(scene: Scene) -> dict[str, float]:
+    """Upright nodes without class, and with no name of another one, that are as high as a person; their heights in metres."""
+    low, high = HEIGHTS_M["person"]
+    found: dict[str, float] = {}
+    for path, box in object_boxes(scene, labelled=False).items():
+        width, depth, height = (float(side) for side in box[1] - box[0])
+        likely = class_of_name(likely_name(path.rpartition(".")[2]) or "")
+        if low <= height <= high and height > max(width, depth) and likely in (None, "person"):
+            found[path] = height
+    return found
 
 
 def _class_of(label_id: int) -> str:

@@ -1,4 +1,4 @@
-"""Shapes: sizes that hint at a wrong unit, origins that are not on the ground, meshes too fine, textures nobody sees."""
+"""Shapes: sizes that hint at a wrong unit, origins that are not on the ground, too many triangles, textures nobody sees."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from valerie.scene.checks.findings import Finding, Severity
 from valerie.scene.manifest import Manifest
 from valerie.scene.model import Mesh, Node, Scene
 
-#: A mesh above this slows every engine down without being seen.
-MAX_MESH_TRIANGLES: Final = 1_000_000
+#: Triangles that are shown, of one object or of the whole scene: more slow every engine down without being seen.
+MAX_TRIANGLES: Final = 1_000_000
+#: Objects that the finding of a heavy scene names.
+_HEAVIEST: Final = 3
 #: Objects of these classes have about this height; others hint at a wrong unit (centimetres, inches).
 HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
     "person": (0.4, 2.6),
@@ -51,6 +53,7 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
                 f"determinant {determinant:.3g}",
                 "above 0",
             )
+    yield from _triangles(scene)
     boxes = object_boxes(scene)
     yield from _sizes(scene, boxes)
     yield from _origins(scene, manifest, boxes)
@@ -58,14 +61,18 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
     yield from _ground(scene, manifest, boxes)
 
 
-def object_boxes(scene: Scene) -> dict[str, NDArray[np.float64]]:
+def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np.float64]]:
     """Path of each shown object to its box in the world, metres: (2, 3), lowest and highest corner.
 
     The object is the topmost node of its instance, or of its class where there are no instances.
+
+    Args:
+        scene: to be measured.
+        labelled: the objects that have a class; else those that have none.
     """
     boxes: dict[str, NDArray[np.float64]] = {}
     for path, node in scene.nodes.items():
-        if not node.visible or not node.label_id or not node.meshes:
+        if not node.visible or bool(node.label_id) is not labelled or not node.meshes:
             continue
         owner, world = object_of(scene, node), scene.world_transform(path)
         for mesh in node.meshes:
@@ -96,16 +103,37 @@ def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
     return moved
 
 
-def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
-    if len(mesh.faces) > MAX_MESH_TRIANGLES:
+def _triangles(scene: Scene) -> Iterator[Finding]:
+    """Objects of very many triangles; and the scene, where there are too many without them."""
+    shown: dict[str, int] = {}
+    for node in scene.nodes.values():
+        if node.visible and node.meshes:
+            owner = object_of(scene, node)
+            shown[owner] = shown.get(owner, 0) + sum(len(mesh.faces) for mesh in node.meshes)
+    huge = {owner: count for owner, count in shown.items() if count > MAX_TRIANGLES}
+    for owner, count in huge.items():
         yield Finding(
             Severity.WARNING,
             "huge-mesh",
-            path,
-            "a mesh of very many triangles: every engine becomes slow; simplify it",
-            f"{len(mesh.faces):,} triangles",
-            f"{MAX_MESH_TRIANGLES:,}",
+            owner,
+            "very many triangles: every engine becomes slow; simplify it",
+            f"{count:,} triangles",
+            f"{MAX_TRIANGLES:,}",
         )
+    rest = {owner: count for owner, count in shown.items() if owner not in huge}
+    if sum(rest.values()) > MAX_TRIANGLES:
+        heaviest = sorted(rest, key=lambda owner: -rest[owner])[:_HEAVIEST]
+        yield Finding(
+            Severity.WARNING,
+            "huge-scene",
+            "",
+            f"the whole scene has very many triangles: every engine becomes slow; most are in {', '.join(heaviest)}",
+            f"{sum(shown.values()):,} triangles",
+            f"{MAX_TRIANGLES:,}",
+        )
+
+
+def _mesh_findings(path: str, mesh: Mesh, scene: Scene) -> Iterator[Finding]:
     material = scene.materials.get(mesh.material)
     if material is None or not len(mesh.uvs):
         return

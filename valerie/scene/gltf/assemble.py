@@ -43,6 +43,7 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
     Nodes and cameras must differ by path. Where there are several files, materials and textures get their file's name
     as a prefix, and materials of a placed file the name of its node: each may be varied alone. The first sun wins;
     the street's bearing is the manifest's. Cameras and suns of placed files are left out: they belong to the model.
+    Nodes that the manifest names and no file has are passed over: `require_declared` says them all.
 
     Args:
         parts: file name to content.
@@ -56,7 +57,9 @@ def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
     for placed in manifest.placed_files:
         part = _prefixed(parts[placed.file], placed.node, prefixes[placed.file] or Path(placed.file).stem)
         ordered.append((placed.file, _placed(part, placed)))
-    scene = _scene(ordered, manifest.node_classes, manifest.movable)
+    there = {node.path for _, part in ordered for node in part.nodes}
+    node_classes = {path: kind for path, kind in manifest.node_classes.items() if path in there}
+    scene = _scene(ordered, node_classes, [path for path in manifest.movable if path in there])
     cameras = dict(scene.cameras)
     for camera in manifest.placed_cameras:
         if camera.name in cameras:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import pygltflib
@@ -24,6 +25,8 @@ _COMPONENTS: Final[dict[int, np.dtype[Any]]] = {
     pygltflib.FLOAT: np.dtype("<f4"),
 }
 _WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+Item = TypeVar("Item")
 
 
 class Container:
@@ -48,8 +51,8 @@ class Container:
         return self._resources.read(uri, field=field)
 
     def _view(self, index: int) -> tuple[bytes, int, int, int | None]:
-        view = _item(self.document.bufferViews, index, f"{self.name}: bufferViews")
-        data = _item(self._buffers, view.buffer, f"{self.name}: buffers")
+        view = item(self.document.bufferViews, index, f"{self.name}: bufferViews")
+        data = item(self._buffers, view.buffer, f"{self.name}: buffers")
         start, length = int(view.byteOffset or 0), int(view.byteLength)
         if start < 0 or length < 0 or start + length > len(data):
             raise InvalidInput(
@@ -68,7 +71,7 @@ class Container:
             kind: ``SCALAR``, ``VEC2`` … that is expected.
         """
         field = f"{self.name}: accessors.{index}"
-        accessor = _item(self.document.accessors, index, f"{self.name}: accessors")
+        accessor = item(self.document.accessors, index, f"{self.name}: accessors")
         if accessor.sparse is not None:
             raise InvalidInput("sparse accessors are not read; export without them", field=field)
         if accessor.type != kind or accessor.componentType not in _COMPONENTS:
@@ -151,9 +154,18 @@ def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str, resourc
     return buffers
 
 
-def _item(items: list[Any], index: Any, field: str) -> Any:
+def item(items: Sequence[Item], index: Any, field: str) -> Item:
+    """What an index of the file refers to.
+
+    Args:
+        items: the list that it counts.
+        index: as it stands in the file.
+        field: of the list or of who refers to it, for the error.
+
+    Raises:
+        InvalidInput: no whole number, or of nothing that is there.
+    """
     if not isinstance(index, int) or not 0 <= index < len(items):
-        raise InvalidInput(
-            "refers to something that is not there", field=field, value=index, limit=f"0…{len(items) - 1}"
-        )
+        there = f"0…{len(items) - 1}" if items else "there are none"
+        raise InvalidInput("refers to something that is not there", field=field, value=index, limit=there)
     return items[index]

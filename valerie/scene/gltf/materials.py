@@ -13,7 +13,7 @@ from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, o
 from valerie.scene.model import Material
 
 TextureIndex = Callable[[str], int]
-TextureName = Callable[[int], str]
+TextureName = Callable[[int, str], str]
 
 
 def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
@@ -74,15 +74,18 @@ def read_material(
     Args:
         given: as it stands in the file.
         name: under which the scene knows it.
-        texture_name: name of a glTF texture.
+        texture_name: name of a glTF texture, given its index and who refers to it.
         notes: takes what was ignored or approximated, in words.
 
     Raises:
-        InvalidInput: a number is missing, not finite or out of range.
+        InvalidInput: a number is missing, not finite or out of range, or a texture is not there.
     """
+
+    def texture(info: Any, field: str) -> str | None:
+        return None if info is None else texture_name(info.index, f"material {name}: {field}")
+
     pbr = given.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
     metallic, roughness = _one(pbr.metallicFactor, 1.0), _one(pbr.roughnessFactor, 1.0)
-    rough = pbr.metallicRoughnessTexture
     if given.emissiveTexture is not None:
         notes.append(f"material {name}: its emissive texture is ignored")
     if given.occlusionTexture is not None:
@@ -102,9 +105,9 @@ def read_material(
     return Material(
         name=name,
         base_color=_in_range(color, f"{name}.base_color", 1.0),
-        base_color_texture=None if pbr.baseColorTexture is None else texture_name(pbr.baseColorTexture.index),
-        normal_texture=None if given.normalTexture is None else texture_name(given.normalTexture.index),
-        roughness_texture=None if rough is None else texture_name(rough.index),
+        base_color_texture=texture(pbr.baseColorTexture, "baseColorTexture"),
+        normal_texture=texture(given.normalTexture, "normalTexture"),
+        roughness_texture=texture(pbr.metallicRoughnessTexture, "metallicRoughnessTexture"),
         metallic=_in_range([metallic], f"{name}.metallic", 1.0)[0],
         roughness=_in_range([roughness], f"{name}.roughness", 1.0)[0],
         specular=_one(extras.get("specular"), _one(specular.get("specularFactor"), 1.0)),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import MAX_VERTICES, vectors_from_y_up
-from valerie.scene.gltf.container import Container
+from valerie.scene.gltf.container import Container, item
 from valerie.scene.gltf.materials import read_material
 from valerie.scene.gltf.textures import TextureReader, unique_names
 from valerie.scene.model import Material, Mesh
@@ -26,7 +26,7 @@ class MeshReader:
     """Reads each glTF mesh and accessor once, so that what nodes share in the file is shared in the scene.
 
     Attributes:
-        without_normals: names of meshes whose normals were computed.
+        computed_normals: why normals of a glTF mesh were computed, in words, by its index.
     """
 
     def __init__(self, container: Container, textures: TextureReader, notes: list[str]) -> None:
@@ -37,18 +37,15 @@ class MeshReader:
         self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
         self._vertices = 0
         self._needs_default = False
-        self.without_normals: list[str] = []
+        self.computed_normals: dict[int, set[str]] = {}
 
     def read(self, index: int) -> tuple[Mesh, ...]:
         """The primitives of a glTF mesh."""
         if index not in self._meshes:
             field = f"{self._container.name}: meshes.{index}"
-            if not 0 <= index < len(self._document.meshes):
-                raise InvalidInput("no such mesh", field=field)
-            primitives = self._document.meshes[index].primitives
-            name = self._document.meshes[index].name or f"meshes.{index}"
+            primitives = item(self._document.meshes, index, f"{self._container.name}: meshes").primitives
             read = (
-                self._primitive(primitive, name, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
+                self._primitive(primitive, index, f"{field}.primitives.{k}") for k, primitive in enumerate(primitives)
             )
             self._meshes[index] = tuple(mesh for mesh in read if mesh is not None)
         return self._meshes[index]
@@ -68,7 +65,7 @@ class MeshReader:
             found.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
         return found
 
-    def _primitive(self, given: pygltflib.Primitive, name: str, field: str) -> Mesh | None:
+    def _primitive(self, given: pygltflib.Primitive, mesh: int, field: str) -> Mesh | None:
         if given.mode in _LINES_AND_POINTS:
             self._notes.append("lines and points are ignored")
             return None
@@ -79,51 +76,52 @@ class MeshReader:
             self._notes.append("colours of vertices are ignored")
         if attributes.POSITION is None:
             raise InvalidInput("a mesh without positions", field=field)
-        positions = self._vectors(attributes.POSITION)
+        positions = self._vectors(attributes.POSITION, finite=True)
         count = len(positions)
         faces = self._faces(given.indices, given.mode, count, field)
         uvs = self._uvs(attributes.TEXCOORD_0, count, field)
-        if attributes.NORMAL is None:
-            self.without_normals.append(name)
-            corners = faces.reshape(-1)
-            positions, uvs = positions[corners], uvs[corners]
-            faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
-            normals = flat_normals(positions)
-        else:
-            normals = self._normals(attributes.NORMAL)
-        if len(normals) != len(positions):
+        given_normals = attributes.NORMAL is not None
+        normals = self._normals(attributes.NORMAL) if given_normals else np.zeros((count, 3), np.float32)
+        if len(normals) != count:
             raise InvalidInput("normals and positions differ in number", field=field, value=len(normals), limit=count)
-        return Mesh(positions, normals, uvs, faces, self._material(given.material, field))
+        material = self._material(given.material, field)
+        made = with_face_normals(Mesh(positions, normals, uvs, faces, material))
+        if made.normals is not normals:
+            why = "normals of no length or not finite" if given_normals else "meshes without normals"
+            self.computed_normals.setdefault(mesh, set()).add(why)
+        return made
 
     def _material(self, index: int | None, field: str) -> str:
         if index is None:
             self._needs_default = True
             return DEFAULT_MATERIAL
-        if not 0 <= index < len(self._names):
-            raise InvalidInput("no such material", field=field, value=index)
-        return self._names[index]
+        return item(self._names, index, f"{field}: materials")
 
-    def _vectors(self, accessor: int) -> NDArray[np.float32]:
+    def _vectors(self, accessor: int, *, finite: bool) -> NDArray[np.float32]:
         """(V, 3) float32, z up, of positions or normals."""
         key = (accessor, "vectors")
         if key not in self._arrays:
             raw = self._container.array(accessor, kind="VEC3")
-            if raw.dtype != np.float32 or not np.isfinite(raw).all():
-                raise InvalidInput("not finite 32-bit floats", field=f"{self._container.name}: accessors.{accessor}")
+            if raw.dtype != np.float32:
+                raise InvalidInput("not 32-bit floats", field=f"{self._container.name}: accessors.{accessor}")
             self._vertices += len(raw)
             if self._vertices > 2 * MAX_VERTICES:
                 raise InvalidInput("too many vertices", field=self._container.name, limit=MAX_VERTICES)
             self._arrays[key] = vectors_from_y_up(raw.astype(np.float32, copy=False))
+        if finite and not np.isfinite(self._arrays[key]).all():
+            raise InvalidInput("not finite 32-bit floats", field=f"{self._container.name}: accessors.{accessor}")
         return self._arrays[key]
 
     def _normals(self, accessor: int) -> NDArray[np.float32]:
+        """(V, 3) float32, z up, of length 1; 0 where the file's have no length or are not finite."""
         key = (accessor, "normals")
         if key not in self._arrays:
-            normals = self._vectors(accessor)
-            lengths = np.linalg.norm(normals, axis=1)
-            if np.any(np.abs(lengths - 1.0) > 1e-3):
-                normals = np.where(lengths[:, None] > 1e-9, normals, np.array([0.0, 0.0, 1.0], np.float32))
-                normals = (normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-9)[:, None]).astype(np.float32)
+            normals = self._vectors(accessor, finite=False)
+            lengths = np.linalg.norm(normals.astype(np.float64), axis=1)
+            if not np.all(np.abs(lengths - 1.0) <= 1e-3):
+                usable = np.isfinite(lengths) & (lengths > 1e-9)
+                scale = np.where(usable, lengths, 1.0)[:, None]
+                normals = np.where(usable[:, None], normals / scale, 0.0).astype(np.float32)
             self._arrays[key] = normals
         return self._arrays[key]
 
@@ -167,6 +165,34 @@ def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
         odd = steps % 2
         corners = np.stack([steps, steps + 1 + odd, steps + 2 - odd], axis=1)
     return indices[corners].astype(np.uint32)
+
+
+def with_face_normals(mesh: Mesh) -> Mesh:
+    """The mesh with normals where it has none: corners with a normal of 0 get that of their triangle.
+
+    Triangles with such a corner share their vertices no longer. The mesh itself where it has no such corner.
+    """
+    lacking: NDArray[np.bool_] = np.logical_not(mesh.normals.any(axis=1))
+    faces = lacking[mesh.faces].any(axis=1)
+    if not faces.any():
+        return mesh
+    corners = mesh.faces[faces].reshape(-1)
+    flat = flat_normals(mesh.positions[corners])
+    own = np.where(lacking[corners, None], flat, mesh.normals[corners])
+    kept = 0 if faces.all() else len(mesh.positions)
+    indices = mesh.faces.copy()
+    indices[faces] = kept + np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+
+    def joined(before: NDArray[np.float32], after: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([before[:kept], after])
+
+    return Mesh(
+        joined(mesh.positions, mesh.positions[corners]),
+        joined(mesh.normals, own),
+        joined(mesh.uvs, mesh.uvs[corners]),
+        indices,
+        mesh.material,
+    )
 
 
 def flat_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -21,11 +21,11 @@ from valerie.scene.gltf.common import (
     vectors_from_y_up,
     view_from_y_up,
 )
-from valerie.scene.gltf.container import Container, open_container
+from valerie.scene.gltf.container import Container, item, open_container
 from valerie.scene.gltf.lights import read_light
 from valerie.scene.gltf.meshes import MeshReader
 from valerie.scene.gltf.textures import TextureReader
-from valerie.scene.model import POSITIONS, Camera, Environment, Matrix, Node, Sun
+from valerie.scene.model import POSITIONS, Camera, Environment, Matrix, Mesh, Node, Sun
 from valerie.scene.naming import ROOT, node_name
 
 #: Longest list of names in a note.
@@ -61,6 +61,7 @@ class _Reader:
         self._worlds: dict[int, Matrix] = {}
         self._unnamed: list[str] = []
         self._renamed: list[str] = []
+        self._flat: dict[str, list[str]] = {}
 
     def read(self) -> FilePart:
         document = self._document
@@ -92,7 +93,7 @@ class _Reader:
                 Node(
                     path,
                     transform_from_y_up(local),
-                    () if given.mesh is None else self._meshes.read(given.mesh),
+                    () if given.mesh is None else self._mesh(given.mesh, path),
                     visible=bool(marks.get("visible", True)),
                     light=None if light is None or is_sun else read_light(light, path),
                 )
@@ -131,6 +132,13 @@ class _Reader:
                 self._place(index, parents[index])
                 yield index
 
+    def _scene(self) -> pygltflib.Scene | None:
+        """The scene that the file shows; None where it has none, and all its nodes are shown."""
+        document = self._document
+        return (
+            item(document.scenes, document.scene or 0, f"{self._container.name}: scenes") if document.scenes else None
+        )
+
     def _parents(self) -> dict[int, int | None]:
         """Parent of every node that is part of the scene or hangs below one that may be; None for roots."""
         document = self._document
@@ -142,8 +150,9 @@ class _Reader:
                         "a node with two parents or none", field=f"{self._container.name}: nodes.{index}", value=child
                     )
                 parents[child] = index
-        if document.scenes:
-            roots = document.scenes[document.scene or 0].nodes or []
+        scene = self._scene()
+        if scene is not None:
+            roots = scene.nodes or []
         else:
             roots = [index for index in range(len(document.nodes)) if index not in parents]
         for root in roots:
@@ -168,15 +177,17 @@ class _Reader:
             self._notes.append(f"nodes without a name are called {_listed(self._unnamed)}")
         if self._renamed:
             self._notes.append(f"nodes are renamed, so that names can stand in paths: {_listed(self._renamed)}")
+        for what, nodes in self._flat.items():
+            self._notes.append(f"{what}: they are computed per face, so that it looks faceted: {_listed(nodes)}")
 
-        flat = list(dict.fromkeys(self._meshes.without_normals))
-        if flat:
-            self._notes.append(
-                f"meshes without normals: they are computed per face, so that it looks faceted: {_listed(flat)}"
-            )
+    def _mesh(self, index: int, path: str) -> tuple[Mesh, ...]:
+        meshes = self._meshes.read(index)
+        for what in self._meshes.computed_normals.get(index, ()):
+            self._flat.setdefault(what, []).append(path.removeprefix(f"{ROOT}."))
+        return meshes
 
     def _camera(self, given: pygltflib.Node, path: str, world: Matrix) -> Camera | None:
-        camera = self._document.cameras[given.camera]
+        camera = item(self._document.cameras, given.camera, f"{self._container.name}: cameras")
         if camera.perspective is None:
             self._notes.append(f"camera {path} is ignored: only perspective cameras are read, it is {camera.type}")
             return None
@@ -197,7 +208,8 @@ class _Reader:
         index = ((given.extensions or {}).get(LIGHTS) or {}).get("light")
         if index is None:
             return None
-        return dict(self._document.extensions[LIGHTS]["lights"][index])
+        lights = (self._document.extensions.get(LIGHTS) or {}).get("lights") or []
+        return dict(item(lights, index, f"{self._container.name}: {LIGHTS}.lights"))
 
     def _sun(self, light: dict[str, Any], world: Matrix, environment: Environment) -> Sun:
         own = own_extras(light.get("extras"))
@@ -214,9 +226,8 @@ class _Reader:
         return Sun(azimuth % (2.0 * math.pi), math.asin(max(-1.0, min(1.0, float(backwards[2])))))
 
     def _environment(self) -> Environment | None:
-        if not self._document.scenes:
-            return None
-        own = own_extras(self._document.scenes[self._document.scene or 0].extras).get("environment")
+        scene = self._scene()
+        own = None if scene is None else own_extras(scene.extras).get("environment")
         if not isinstance(own, dict):
             return None
         # Files written before weather was known lack its entries.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import MAX_TEXELS
-from valerie.scene.gltf.container import Container
+from valerie.scene.gltf.container import Container, item
 from valerie.scene.gltf.images import decode_image
 from valerie.scene.model import Texture
 
@@ -21,20 +21,29 @@ class TextureReader:
         self._images: dict[int, NDArray[np.uint8]] = {}
         self._texels = 0
 
-    def name(self, texture: int) -> str:
-        """The name of a glTF texture in the scene."""
-        return self._names[self._source(texture)]
+    def name(self, texture: int, who: str) -> str:
+        """The name of a glTF texture in the scene.
+
+        Args:
+            texture: its index.
+            who: refers to it, e.g. ``material brick: baseColorTexture``; for errors.
+
+        Raises:
+            InvalidInput: there is no such texture, or no image of it that is read.
+        """
+        return self._names[self._source(texture, who)]
 
     def all_textures(self) -> dict[str, Texture]:
         """Every image of the file as a texture, by name."""
         return {name: Texture(name, self._image(index)) for index, name in enumerate(self._names)}
 
-    def _source(self, texture: int) -> int:
-        source = self._document.textures[texture].source
-        if source is None or not 0 <= source < len(self._document.images):
-            raise InvalidInput(
-                "the texture has no PNG or JPEG image", field=f"{self._container.name}: textures.{texture}"
-            )
+    def _source(self, texture: int, who: str) -> int:
+        file = self._container.name
+        source = item(self._document.textures, texture, f"{file}: {who}: textures").source
+        field = f"{file}: textures.{texture}"
+        if source is None:
+            raise InvalidInput("the texture has no PNG or JPEG image", field=field)
+        item(self._document.images, source, f"{field}.source: images")
         return int(source)
 
     def _image(self, index: int) -> NDArray[np.uint8]:

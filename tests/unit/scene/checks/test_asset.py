@@ -14,6 +14,7 @@ from valerie.scene.asset_files import MANIFEST_FILE
 from valerie.scene.checks import Finding, Severity, asset_findings, scene_findings, shapes
 from valerie.scene.gltf import save_gltf
 from valerie.scene.model import Scene
+from valerie.scene.transforms import place
 from valerie.testing.assets import simple_asset
 
 BASE = simple_asset().base
@@ -66,6 +67,61 @@ def test_nobody_under_test_is_an_error(tmp_path: Path) -> None:
     assert "nobody is under test" in found.message
 
 
+def test_a_person_that_is_missing_is_said_with_what_to_rename_and_hides_nothing(tmp_path: Path) -> None:
+    nodes = {path: node for path, node in renamed("person-1", "Person_01").items() if "person-2" not in path}
+    nodes["scene.Cube"] = replace(BASE.nodes["scene.building-1"], path="scene.Cube", transform=place(-14, 30))
+    nodes["scene.car-1"] = replace(nodes["scene.car-1"], transform=place(2, 8) @ np.diag([100.0, 100.0, 100.0, 1.0]))
+    findings = asset_findings(written(tmp_path, nodes, cameras=["camera-1", "camera-2", "camera-3"]))
+    missing = {f.where: f for f in findings if f.code == "no-person"}
+    assert list(missing) == ["scene.person-1", "scene.person-2"]
+    assert "no such person in the files" in missing["scene.person-1"].message
+    assert "under persons, movable, parameters;" in missing["scene.person-1"].message
+    assert missing["scene.person-1"].message.endswith("; scene.Person_01 looks like it: call it person-1")
+    classless = {f.where: f.message for f in findings if f.code == "no-class"}
+    assert list(classless) == ["scene.Person_01", "scene.Cube"]
+    assert classless["scene.Person_01"].endswith("; call it person-1?")
+    assert "camera-3" in only(findings, "declared").message
+    assert only(findings, "size").where == "scene.car-1"
+
+
+def test_a_missing_person_is_suspected_in_a_nameless_node_of_its_height(tmp_path: Path) -> None:
+    nodes = renamed("person-1", "node_7")
+    message = only(asset_findings(written(tmp_path, nodes)), "no-person").message
+    assert message.endswith(
+        "scene.node_7 has no class and the height of a person (1.80 m): call it person-1 if it is one"
+    )
+
+
+def test_a_missing_person_is_suspected_in_a_person_that_the_manifest_does_not_name(tmp_path: Path) -> None:
+    message = only(asset_findings(written(tmp_path, renamed("person-1", "person-9"))), "no-person").message
+    assert message.endswith("; scene.person-9 is a person: name that in the manifest, or call it person-1")
+
+
+def test_nothing_else_is_taken_for_a_missing_person(tmp_path: Path) -> None:
+    nodes = {path: node for path, node in BASE.nodes.items() if "person-1" not in path}
+    found = only(asset_findings(written(tmp_path, nodes)), "no-person")
+    assert found.where == "scene.person-1"
+    assert found.message.endswith("; nothing looks like it: call its node person-1, or take it out of the manifest")
+
+
+def test_a_missing_node_that_is_no_person_is_said_once_for_all_fields_that_name_it(tmp_path: Path) -> None:
+    changes = {"movable": [*simple_asset().manifest.movable, "scene.car-2"], "grounded": ["scene.car-2"]}
+    found = only(asset_findings(written(tmp_path, **changes)), "declared")
+    assert found.where == "scene.car-2"
+    assert "no such car in the files, and the manifest names it under movable, grounded;" in found.message
+    assert "scene.car-1 is a car" in found.message
+
+
+def test_parameters_that_the_scene_cannot_take_are_all_listed_and_hide_nothing(tmp_path: Path) -> None:
+    parameters = [
+        {"path": "scene.car-1.light.intensity_cd", "minimum": 0, "maximum": 10, "default": 1},
+        {"path": "scene.building-1.light.intensity_cd", "minimum": 0, "maximum": 10, "default": 1},
+    ]
+    findings = asset_findings(written(tmp_path, parameters=parameters, extent=[3000, 3000, 4000, 4000]))
+    assert [f.where for f in findings if f.code == "declared"] == [one["path"] for one in parameters]
+    assert only(findings, "extent").severity is Severity.WARNING
+
+
 def test_a_person_that_is_a_building_is_an_error(tmp_path: Path) -> None:
     found = only(asset_findings(written(tmp_path, persons=["scene.person-1", "scene.building-1"])), "no-person")
     assert (found.where, found.value, found.limit) == ("scene.building-1", "building", "person")
@@ -110,10 +166,32 @@ def test_a_mirrored_node_is_suspected(tmp_path: Path) -> None:
     assert only(asset_findings(written(tmp_path, nodes)), "mirrored").where == "scene.building-1"
 
 
-def test_a_huge_mesh_is_suspected_with_its_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shapes, "MAX_MESH_TRIANGLES", 11)
-    found = [f for f in asset_findings(written(tmp_path)) if f.code == "huge-mesh"]
-    assert {(f.value, f.limit) for f in found} == {("12 triangles", "11")}
+def test_an_object_of_very_many_triangles_is_suspected_with_those_of_all_its_meshes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of boxes of 12 triangles each, the person that is shown has three, the car two, everything else one.
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 35)
+    found = only(asset_findings(written(tmp_path)), "huge-mesh")
+    assert (found.where, found.value, found.limit) == ("scene.person-1", "36 triangles", "35")
+
+
+def test_a_scene_of_very_many_triangles_is_suspected_with_its_heaviest_objects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 95)
+    (found,) = asset_findings(written(tmp_path))
+    assert (found.severity, found.code, found.value, found.limit) == (
+        Severity.WARNING, "huge-scene", "96 triangles", "95",
+    )  # fmt: skip
+    assert "most are in scene.person-1, scene.car-1, scene.road-1" in found.message
+
+
+def test_a_scene_that_is_heavy_by_one_object_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    road = BASE.nodes["scene.road-1"]
+    heavy = replace(road.meshes[0], faces=np.resize(road.meshes[0].faces, (100, 3)))
+    monkeypatch.setattr(shapes, "MAX_TRIANGLES", 99)
+    nodes = {**BASE.nodes, "scene.road-1": replace(road, meshes=(heavy,))}
+    assert [(f.code, f.where) for f in asset_findings(written(tmp_path, nodes))] == [("huge-mesh", "scene.road-1")]
 
 
 def test_a_texture_without_coordinates_is_suspected(tmp_path: Path) -> None:
