@@ -52,7 +52,7 @@ class SkyLight:
         self.table.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self.table.repeat_x = self.table.repeat_y = False
         directions, sample = sky_maps.directions, statics.geometry.sample
-        back = reflected(sample, sky_maps.openness, directions, statics.albedo, statics.share, sky)
+        back = reflected(sample, sky_maps.openness, sky_maps.prominence, directions, statics.albedo, statics.share, sky)
         self.hidden, self.weights = sky_weights(sky, directions, back.hidden, back.ground)
         self.hiding = gl.texture((len(directions), 1), 3, back.hidden.astype(np.float32).tobytes(), dtype="f4")
         self.hiding.filter = (moderngl.NEAREST, moderngl.NEAREST)

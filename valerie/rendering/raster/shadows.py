@@ -21,6 +21,7 @@ from valerie.rendering.raster.camera_math import (
     turned_to_fit,
 )
 from valerie.rendering.raster.drawing import SurfaceDrawer
+from valerie.rendering.raster.surroundings import prominence
 from valerie.rendering.raster.targets import Target
 from valerie.rendering.raster.tiles import Mask
 from valerie.scene.model import Camera
@@ -127,6 +128,7 @@ class SkyMaps:
         rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
         extents: (K, 3) float32, metres that a tile covers.
         openness: (N, K) whether nothing hides the sky from a place of the statics' `SurfaceSample`.
+        prominence: (N,) of these places.
         nearest, shares: textures of `nearest_directions`.
     """
 
@@ -152,6 +154,7 @@ class SkyMaps:
         self.rows = np.concatenate(rows).astype(np.float32)
         self.extents = np.array(extents, np.float32)
         self.openness = self._open_to(geometry.sample)
+        self.prominence = prominence(geometry.sample, self.openness)
         nearest, shares = nearest_directions(across * down)
         size = nearest.shape[1::-1]
         self.nearest = gl.texture(size, 4, nearest.tobytes(), dtype="u1")

@@ -28,6 +28,10 @@ _GROUND_BAND: Final = 2.0
 _WALL_SLOPE: Final = 0.3
 #: The sun is seen from a place as the directions of the sky around it are.
 _AROUND_SUN: Final = np.cos(np.deg2rad(25.0))
+#: Of the places, those that stand for all others: every so many.
+_EVERY: Final = 16
+#: What a place counts that faces no other.
+_ALONE: Final = 0.01
 #: Light goes from surface to surface so often; a further time adds some percent of the first.
 _BOUNCES: Final = 3
 
@@ -41,17 +45,19 @@ class SurfaceSample:
         normals: (N, 3) unit vectors, of the triangles.
         rows: (N,) rows of their materials.
         lowest: metres, from where on the ground may be.
+        area: m² that each place stands for.
     """
 
     points: Points
     normals: Points
     rows: NDArray[np.intp]
     lowest: float
+    area: float
 
     @classmethod
     def empty(cls, lowest: float) -> SurfaceSample:
         """Of nothing."""
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.intp), lowest)
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.intp), lowest, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +114,7 @@ def sample_surfaces(
         np.concatenate([normals, -normals[both]]),
         np.concatenate([rows[picked], rows[picked][both]]).astype(np.intp),
         float(low[2] + _AROUND),
+        float(summed[-1]) / 2 / SAMPLE,
     )
 
 
@@ -135,15 +142,45 @@ def _places(first: Points, second: Points, third: Points, low: Points, high: Poi
     return points
 
 
+def prominence(sample: SurfaceSample, openness: NDArray[np.bool_]) -> Points:
+    """(N,) how much each place counts among what other places see.
+
+    Light goes to and fro alike: others see a place as much as it sees of them. That is the share of its view that they fill (form
+    factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for progressive radiosity"), taken from some of
+    the places and as if nothing stood between. So walls towards a street count for more than the backs of its houses, roofs and
+    what faces the outside. Places from which no direction is open (rooms, what lies under the road) count for nothing.
+
+    Args:
+        openness: as for `reflected`.
+    """
+    there: NDArray[np.bool_] = np.asarray(openness.any(axis=1))
+    points = sample.points - sample.points.mean(axis=0) if len(there) else sample.points
+    others = slice(None, None, _EVERY)
+    theirs, normals = points[others], sample.normals[others]
+    along = sample.normals @ theirs.T - (sample.normals * points).sum(axis=1)[:, None]
+    back = points @ normals.T - (normals * theirs).sum(axis=1)
+    squared = (points**2).sum(axis=1)[:, None] + (theirs**2).sum(axis=1) - 2 * points @ theirs.T
+    squared = np.maximum(squared, 1e-6)
+    facing = np.maximum(along, 0) * np.maximum(back, 0) / squared
+    filled = (facing / (np.pi * squared + sample.area)) @ there[others] * (sample.area * _EVERY)
+    counted: Points = there * (filled + _ALONE)
+    return counted
+
+
 def reflected(
-    sample: SurfaceSample, openness: NDArray[np.bool_], directions: Points, albedo: Points, share: Points, sky: Sky
+    sample: SurfaceSample,
+    openness: NDArray[np.bool_],
+    prominent: Points,
+    directions: Points,
+    albedo: Points,
+    share: Points,
+    sky: Sky,
 ) -> Reflected:
     """What surfaces give back of a sky and its sun, matte and on average.
 
-    Places from which no direction is open (rooms, what lies under the road) count for nothing.
-
     Args:
         openness: (N, K) whether nothing hides the sky from a place of the sample.
+        prominent: (N,) see `prominence`.
         directions: (K, 3) unit vectors, even over the upper half of the sphere.
         albedo: (M, 3) of the materials.
         share: (M,) of their area that is there: less than 1 where texels are cut away.
@@ -151,7 +188,7 @@ def reflected(
     count, level = len(directions), sky.ground
     cosines = sample.normals @ directions.T
     upward = sample.normals[:, 2]
-    weight = share[sample.rows] * openness.any(axis=1)
+    weight = share[sample.rows] * prominent
     # The integral over the upper half of the sphere is the mean over the directions; in the image's unit, twice that.
     gathered = np.maximum(cosines, 0) * (2 / count)
     near_sun = np.maximum(directions @ sky.sun_direction - _AROUND_SUN, 0)

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.shadows import even_directions
-from valerie.rendering.raster.surroundings import SAMPLE, SurfaceSample, reflected, sample_surfaces, sky_weights
+from valerie.rendering.raster.surroundings import (
+    SAMPLE,
+    Reflected,
+    SurfaceSample,
+    prominence,
+    reflected,
+    sample_surfaces,
+    sky_weights,
+)
 from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, Sky, sky_of
 from valerie.testing.assets import simple_asset
 
@@ -35,39 +43,49 @@ def places(*normals: tuple[float, float, float], heights: tuple[float, ...] = ()
     count = len(normals)
     points = np.zeros((count, 3))
     points[:, 2] = heights or np.zeros(count)
-    return SurfaceSample(points, np.array(normals), np.arange(count), 0.0)
+    return SurfaceSample(points, np.array(normals), np.arange(count), 0.0, 1.0)
 
 
 def open_to_all(sample: SurfaceSample) -> NDArray[np.bool_]:
     return np.ones((len(sample.points), len(DIRECTIONS)), np.bool_)
 
 
+def given_back(
+    sample: SurfaceSample,
+    openness: NDArray[np.bool_],
+    albedo: NDArray[np.float64],
+    share: NDArray[np.float64],
+    sky: Sky,
+) -> Reflected:
+    return reflected(sample, openness, prominence(sample, openness), DIRECTIONS, albedo, share, sky)
+
+
 class TestReflected:
     def test_ground_in_the_open_gives_back_its_albedo_of_sky_and_sun(self) -> None:
         ground, sky = places((0, 0, 1)), even_sky(0.8, sun=2.0, toward=(0, 1, 1))
-        found = reflected(ground, open_to_all(ground), DIRECTIONS, GREY[None], np.ones(1), sky)
+        found = given_back(ground, open_to_all(ground), GREY[None], np.ones(1), sky)
         assert found.ground == pytest.approx(GREY * (0.8 + 2.0 * np.sqrt(0.5)), rel=1e-3)
 
     def test_ground_from_which_no_direction_is_open_counts_for_nothing(self) -> None:
         ground = places((0, 0, 1), (0, 0, 1))
         openness = open_to_all(ground)
         openness[1] = False
-        found = reflected(ground, openness, DIRECTIONS, np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
+        found = given_back(ground, openness, np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
         assert found.ground == pytest.approx(GREY, rel=1e-3)
 
     def test_a_roof_is_no_ground(self) -> None:
         both = places((0, 0, 1), (0, 0, 1), heights=(0.1, 8.0))
-        found = reflected(both, open_to_all(both), DIRECTIONS, np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
+        found = given_back(both, open_to_all(both), np.stack([GREY, np.ones(3)]), np.ones(2), even_sky())
         assert found.ground == pytest.approx(GREY, rel=1e-3)
 
     def test_without_ground_it_is_the_skys_own(self) -> None:
         sky, wall = even_sky(), places((1, 0, 0), heights=(3.0,))
-        found = reflected(wall, open_to_all(wall), DIRECTIONS, GREY[None], np.ones(1), sky)
+        found = given_back(wall, open_to_all(wall), GREY[None], np.ones(1), sky)
         np.testing.assert_array_equal(found.ground, sky.ground)
 
     def test_a_wall_has_half_the_sky_and_half_the_ground_and_is_seen_from_before_it(self) -> None:
         sample, albedo = places((0, 0, 1), (1, 0, 0), heights=(0.0, 3.0)), np.stack([GREY, np.full(3, 0.7)])
-        found = reflected(sample, open_to_all(sample), DIRECTIONS, albedo, np.ones(2), even_sky())
+        found = given_back(sample, open_to_all(sample), albedo, np.ones(2), even_sky())
         # Of 32 directions not exactly half of the cosines lie before a wall.
         assert found.on_walls == pytest.approx(0.5 + 0.5 * GREY, rel=0.05)
         before = DIRECTIONS[:, 0] < -1e-6
@@ -77,7 +95,7 @@ class TestReflected:
     def test_sun_brightens_the_wall_that_faces_it(self) -> None:
         walls = places((1, 0, 0), (-1, 0, 0), heights=(3.0, 3.0))
         sky = even_sky(sun=2.0, toward=(1, 0, 1))
-        found = reflected(walls, open_to_all(walls), DIRECTIONS, np.ones((2, 3)), np.ones(2), sky)
+        found = given_back(walls, open_to_all(walls), np.ones((2, 3)), np.ones(2), sky)
         lit, dark = found.hidden[DIRECTIONS[:, 0] < -0.1], found.hidden[DIRECTIONS[:, 0] > 0.1]
         assert lit - dark.mean() == pytest.approx(2.0 * np.sqrt(0.5), rel=0.05)
 
@@ -86,15 +104,15 @@ class TestReflected:
         openness = open_to_all(wall)
         sky = even_sky(sun=2.0, toward=(1, 0, 1))
         openness[0, np.array(DIRECTIONS @ sky.sun_direction) > 0.9] = False
-        without = reflected(wall, openness, DIRECTIONS, np.ones((1, 3)), np.ones(1), replace(sky, sun=np.zeros(3)))
-        found = reflected(wall, openness, DIRECTIONS, np.ones((1, 3)), np.ones(1), sky)
+        without = given_back(wall, openness, np.ones((1, 3)), np.ones(1), replace(sky, sun=np.zeros(3)))
+        found = given_back(wall, openness, np.ones((1, 3)), np.ones(1), sky)
         np.testing.assert_allclose(found.on_walls, without.on_walls)
 
     def test_what_is_cut_away_counts_for_less(self) -> None:
         walls = places((1, 0, 0), (1, 0, 0), heights=(3.0, 3.0))
         albedo = np.stack([np.zeros(3), np.ones(3)])
         share = np.array([1.0, 0.25])
-        found = reflected(walls, open_to_all(walls), DIRECTIONS, albedo, share, even_sky())
+        found = given_back(walls, open_to_all(walls), albedo, share, even_sky())
         before = DIRECTIONS[:, 0] < -1e-6
         assert found.hidden[before] == pytest.approx(
             np.broadcast_to(0.2 * found.on_walls, (before.sum(), 3))
@@ -105,16 +123,14 @@ class TestReflected:
         walls = places((1, 0, 0), (-1, 0, 0), heights=(3.0, 3.0))
         openness = np.broadcast_to(DIRECTIONS[:, 2] > 0.8, (2, 32))
         sky = replace(even_sky(), ground=np.zeros(3))
-        white, black = (
-            reflected(walls, openness, DIRECTIONS, np.full((2, 3), albedo), np.ones(2), sky) for albedo in (1.0, 0.0)
-        )
+        white, black = (given_back(walls, openness, np.full((2, 3), albedo), np.ones(2), sky) for albedo in (1.0, 0.0))
         assert (white.on_walls > 1.3 * black.on_walls).all()
         # Half the sphere above is walls or sky, and neither is brighter than the sky.
         assert (white.on_walls < 0.5).all()
 
     def test_of_nothing_there_is_nothing(self) -> None:
         empty, sky = SurfaceSample.empty(0.0), even_sky()
-        found = reflected(empty, np.zeros((0, 32), np.bool_), DIRECTIONS, np.zeros((0, 3)), np.zeros(0), sky)
+        found = given_back(empty, np.zeros((0, 32), np.bool_), np.zeros((0, 3)), np.zeros(0), sky)
         np.testing.assert_array_equal(found.hidden, 0)
         np.testing.assert_array_equal(found.ground, sky.ground)
         np.testing.assert_array_equal(found.on_walls, 0)
@@ -132,6 +148,44 @@ def sampled(*squares: NDArray[np.float32], two_sided: bool = False) -> SurfaceSa
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]], np.uint32) + np.uint32(4 * i) for i in range(count)])
     rows = np.repeat(np.arange(count, dtype=np.uint32), 2)
     return sample_surfaces(np.concatenate(squares), faces, rows, np.full(2 * count, two_sided), LOW, HIGH)
+
+
+class TestProminence:
+    def test_two_squares_see_as_much_of_each_other_as_the_form_factor_says(self) -> None:
+        # Two parallel squares of 10 × 10 m, 10 m apart: each fills 0.1998 of the other's view (Howell's catalogue, C-11).
+        below, above = square((-5, -5, 0), 10.0), square((-5, -5, 10), 10.0)
+        faces = np.array([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]], np.uint32)  # the upper one faces down
+        sample = sample_surfaces(
+            np.concatenate([below, above]), faces, np.zeros(4, np.uint32), np.zeros(4, np.bool_), LOW, HIGH
+        )
+        found = prominence(sample, open_to_all(sample))
+        assert found.mean() == pytest.approx(0.1998 + 0.01, rel=0.03)
+
+    def test_walls_towards_a_street_count_for_more_than_their_backs(self) -> None:
+        # Two walls of 40 × 10 m, 10 m apart, each with a front to the street and a back, and the ground between and behind them.
+        wall = np.array([[0, -20, 0], [0, 20, 0], [0, 20, 10], [0, -20, 10]], np.float32)
+        front, back = np.array([[0, 1, 2], [0, 2, 3]], np.uint32), np.array([[0, 2, 1], [0, 3, 2]], np.uint32)
+        shifts = (-5.0, -5.3, 5.0, 5.3)
+        parts = [wall + np.array([shift, 0, 0], np.float32) for shift in shifts]
+        ground = np.array([[-15, -20, 0], [15, -20, 0], [15, 20, 0], [-15, 20, 0]], np.float32)
+        turned = (front, back, back, front)
+        faces = np.concatenate([corners + np.uint32(4 * k) for k, corners in enumerate((*turned, front))])
+        rows = np.repeat(np.arange(5, dtype=np.uint32), 2)
+        low, high = np.array([-15.0, -20.0, 0.0]), np.array([15.0, 20.0, 10.0])
+        sample = sample_surfaces(np.concatenate([*parts, ground]), faces, rows, np.zeros(10, np.bool_), low, high)
+        fronts = [sample.normals[sample.rows == row][0, 0] for row in range(4)]
+        assert fronts == [1, -1, -1, 1]
+        found = prominence(sample, open_to_all(sample))
+        to_street, behind = (np.mean([found[sample.rows == row].mean() for row in rows]) for rows in ((0, 2), (1, 3)))
+        assert to_street > 1.8 * behind
+
+    def test_what_the_sky_does_not_reach_counts_for_nothing_and_what_is_alone_for_little(self) -> None:
+        sample = sampled(square((0, 0, 0), 4.0), square((5, 5, 0), 4.0))
+        openness = open_to_all(sample)
+        openness[sample.rows == 1] = False
+        found = prominence(sample, openness)
+        assert (found[sample.rows == 1] == 0).all()
+        assert found[sample.rows == 0] == pytest.approx(0.01, abs=1e-6)
 
 
 class TestSample:

@@ -81,8 +81,8 @@ vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
     return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
-// What a mirror shows in a direction: the sky (given), what hides it, or the ground.
-vec3 surroundings(vec3 r, ivec2 cell, vec3 above) {
+// What a mirror shows in a direction: the sky (given), what hides it, or the ground. Of no use where it is not wanted.
+vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     vec2 p = r.xy / (abs(r.x) + abs(r.y) + max(r.z, 0.0));
     int side = textureSize(direction_shares, 0).x;
     ivec2 at = min(ivec2((vec2(p.x + p.y, p.x - p.y) * 0.5 + 0.5) * float(side)), ivec2(side - 1));
@@ -90,7 +90,8 @@ vec3 surroundings(vec3 r, ivec2 cell, vec3 above) {
     vec4 shares = texelFetch(direction_shares, at, 0);
     uvec4 first = texelFetch(openness_first, cell, 0), second = texelFetch(openness_second, cell, 0);
     vec4 seen = vec4(0.0);
-    for (int i = 0; i < 4; ++i) {
+    int taps = wanted ? 4 : 0;
+    for (int i = 0; i < taps; ++i) {
         uvec4 half_of = nearest[i] < 16u ? first : second;
         uvec2 quarter = (nearest[i] & 8u) == 0u ? half_of.xy : half_of.zw;
         uint four = (nearest[i] & 4u) == 0u ? quarter.x : quarter.y;
@@ -330,8 +331,9 @@ void main() {
     vec3 lobe = normalize(mix(normal, r, smoothness * (sqrt(smoothness) + roughness)));
     vec3 blurred = skylight(red, green, blue, zonal, lobe);
     vec3 above = sky(sample_is_sky ? d : vec3(r.xy, abs(r.z)));
-    vec3 around = surroundings(r, pixel, above);
-    vec3 environment = mix(around, blurred, smoothstep(0.08, 0.55, roughness));
+    float rough = smoothstep(0.08, 0.55, roughness);
+    vec3 around = surroundings(r, pixel, above, rough < 1.0);
+    vec3 environment = mix(around, blurred, rough);
 #ifdef RAIN
     // Seen along the road, a film's lobe is drawn out: it takes in the rest of the sky at less roughness than above.
     vec3 wide = mix(above, blurred, smoothstep(0.06, 0.45, roughness));
