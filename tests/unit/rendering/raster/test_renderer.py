@@ -138,6 +138,22 @@ def _moon_spencer(up: float) -> float:
     return float((z * cosine).mean() / (z * z).mean())
 
 
+@pytest.mark.parametrize("roughness", [0.1, 0.4, 0.9])
+def test_what_is_mirrored_is_missing_from_the_matt_light_below(raster: RasterRenderer, roughness: float) -> None:
+    # Along a white ground under clouds, which are dimmer at the horizon that it mirrors than overhead.
+    camera = Camera("scene.camera-1", camera_transform((0, -10, 1), 0, -4, 0), focal_length_mm=200.0)
+    floor = box_mesh((-200, -200, -1), (200, 200, 0), "floor")
+    white = {
+        specular: one_mesh(floor, Material("floor", (1.0,) * 3, roughness=roughness, specular=specular), camera)
+        for specular in (0.0, 1.0)
+    }
+    matt, glossy = (
+        raster.full(replace(scene, environment=Environment(cloud_cover=1.0)), View("camera-1", 32, 18)).pixels
+        for scene in white.values()
+    )
+    assert glossy.astype(np.float64).mean() < 1.01 * matt.astype(np.float64).mean()
+
+
 MIRROR = Material("mirror", (1.0, 1.0, 1.0), roughness=0.04, metallic=1.0)
 CHALK = Material("chalk", (0.5, 0.4, 0.3), roughness=1.0, specular=0.0)
 
