@@ -56,10 +56,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
     document = manifest.model_dump(mode="json")
-    for later in (
-        "placed_files",
-        "placed_cameras",
-    ):  # assets without them have the digest that they had before these were known
+    # Assets without them have the digest that they had before these were known.
+    for later in ("placed_files", "placed_cameras"):
         if not document[later]:
             del document[later]
     return manifest, digest("asset-files", document, hashes, REVISION), files

@@ -21,7 +21,7 @@ from valerie.rendering.raster.camera_math import (
     turned_to_fit,
 )
 from valerie.rendering.raster.drawing import SurfaceDrawer
-from valerie.rendering.raster.surroundings import prominence
+from valerie.rendering.raster.surroundings import SurfaceSample, prominence
 from valerie.rendering.raster.targets import Target
 from valerie.rendering.raster.tiles import Mask
 from valerie.scene.model import Camera
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Prepared, Statics
     from valerie.rendering.raster.static_geometry import StaticGeometry
-    from valerie.rendering.raster.surroundings import SurfaceSample
 
 #: Texels per side of the statics' map, of the movables' map where they are wide apart, and where they are close together.
 STATIC_MAP: Final = 4096

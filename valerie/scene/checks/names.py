@@ -76,6 +76,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
     """What the manifest names and the scene lacks: once for each node, with those that it may be."""
     missing = missing_nodes(scene, manifest)
     taken = {*manifest.persons, *manifest.movable, *manifest.grounded}
+    upright = _of_a_persons_size(scene) if missing.keys() & {*manifest.persons} else {}
     for path, fields in missing.items():
         name = path.rpartition(".")[2]
         kind = class_of_name(name)
@@ -92,7 +93,7 @@ def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
         if what == "person":
             hints += [
                 f"{other} has no class and the height of a person ({height:.2f} m): call it {name} if it is one"
-                for other, height in _of_a_persons_size(scene).items()
+                for other, height in upright.items()
                 if other not in found
             ][:_LISTED]
         advice = "; ".join(hints) or f"nothing looks like it: call its node {name}, or take it out of the manifest"

@@ -1,5 +1,5 @@
 // Light of the sky and of what hides it, as spherical harmonics, from how open each direction is (openness.frag).
-// It is linear in that: the weights hold the sky's light in each direction, less the street's that hides it (lighting.py).
+// It is linear in that: the weights hold the sky's light in each direction, less the street's that hides it (surroundings.py).
 #include "sample.glsl"
 uniform usampler2D first;
 uniform usampler2D second;
