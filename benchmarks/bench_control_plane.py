@@ -26,9 +26,9 @@ from valerie.db import runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
-from valerie.pipeline.context import open_context
-from valerie.pipeline.feeding import Feeder
-from valerie.pipeline.submit import submit
+from valerie.pipeline.base.context import open_context
+from valerie.pipeline.control.feeding import Feeder
+from valerie.pipeline.control.submit import submit
 from valerie.runs.spec import parse
 from valerie.settings import load_settings
 

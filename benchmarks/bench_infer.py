@@ -103,8 +103,8 @@ def render(folder: Path, width: int, height: int) -> None:
     """Frames of the street with the pedestrian near and far, under two suns."""
     from valerie import plugins
     from valerie.rendering.base import View
-    from valerie.scene.asset import load_asset
-    from valerie.scene.variation import apply
+    from valerie.scene.assets.asset import load_asset
+    from valerie.scene.variation.applying import apply
     from valerie.sensing.sensor import develop
     from valerie.sensing.settings import SensorSetting
 
@@ -122,7 +122,7 @@ def write(folder: Path, *networks: str) -> None:
     """Files of the large ones among these networks, with random weights."""
     import torch
 
-    from valerie.perception.function_file import function_file_bytes
+    from valerie.perception.importing.function_file import function_file_bytes
     from valerie.perception.networks.architectures import build_network
 
     torch.manual_seed(0)
@@ -138,9 +138,9 @@ def write(folder: Path, *networks: str) -> None:
 def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
     """In this process: seconds per frame after a first one, and the labels into the folder."""
     from valerie.errors import MissingDependency
-    from valerie.perception.adaptation import plan
     from valerie.perception.catalog import file_document, function_path
-    from valerie.perception.functions import open_function
+    from valerie.perception.running.adaptation import plan
+    from valerie.perception.running.opening import open_function
 
     pictures = np.load(folder / "pictures.npy")
     path = folder / f"{network}.safetensors" if network in LARGE else function_path(network)
@@ -191,9 +191,9 @@ def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.
     import torch
     from torch.nn import functional
 
-    from valerie.perception.adaptation import plan
     from valerie.perception.catalog import file_document
-    from valerie.perception.loaders import load_network
+    from valerie.perception.importing.loaders import load_network
+    from valerie.perception.running.adaptation import plan
 
     torch.set_num_threads(threads)
     taken = file_document(path.stem, path).input
@@ -266,7 +266,7 @@ def summarise(figures: dict[str, Any]) -> None:
 
 def processor() -> str:
     from benchmarks.costs import machine
-    from valerie.perception.engines.processor import instruction_set
+    from valerie.perception.running.engines.processor import instruction_set
 
     return f"{machine().partition(',')[0].removeprefix('one core of ')}, {instruction_set()}"
 

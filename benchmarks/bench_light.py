@@ -23,8 +23,8 @@ from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.asset import load_asset
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.variation.applying import apply
 
 SKIES: Final[dict[str, Mapping[str, Value]]] = {
     "clear": {},

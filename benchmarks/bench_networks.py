@@ -27,8 +27,8 @@ from valerie.labels import PERSON
 from valerie.loading import load_document
 from valerie.metrics.collection import Averages, collection_scores
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.pipeline.context import open_context
-from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.base.context import open_context
+from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.rendering.cycles.blender import interpreter
 from valerie.settings import Settings, load_settings
 from valerie.storage import codecs

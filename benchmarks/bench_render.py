@@ -31,10 +31,10 @@ import numpy as np
 from benchmarks import results
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import GroundTruth, LinearImage, PersonTruth, View
-from valerie.scene.asset import SceneAsset, load_asset
-from valerie.scene.legality import rejection_reason
-from valerie.scene.model import Scene
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import SceneAsset, load_asset
+from valerie.scene.graph.model import Scene
+from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.variation.applying import apply
 from valerie.storage import codecs
 from valerie.storage.store import open_store
 

@@ -35,8 +35,8 @@ from valerie.rendering.base import View
 from valerie.rendering.person_light import measure_light
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.visibility import measure
-from valerie.scene.asset import load_asset
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.variation.applying import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs

@@ -20,8 +20,8 @@ from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.sensors import focal_length_mm
-from valerie.scene.asset import load_asset
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.variation.applying import apply
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 

@@ -44,10 +44,10 @@ def route_of(stage: str, name: str, numeric_class: str) -> str:
 
 
 class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
-    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.requests`)."""
+    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.base.requests`)."""
 
     abstract = True
-    Request = "valerie.pipeline.requests:WatchfulRequest"
+    Request = "valerie.pipeline.base.requests:WatchfulRequest"
 
 
 def create_app(settings: Settings) -> Celery:
@@ -73,7 +73,7 @@ def create_app(settings: Settings) -> Celery:
         worker_enable_remote_control=False,
         worker_send_task_events=False,
         worker_hijack_root_logger=False,
-        # A worker that loses the broker ends and is made anew (see `valerie.pipeline.workers.serve`).
+        # A worker that loses the broker ends and is made anew (see `valerie.pipeline.work.workers.serve`).
         broker_connection_retry=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,

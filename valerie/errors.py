@@ -97,6 +97,19 @@ class CorruptArtifact(ValerieError):
     """A stored object does not hold what its key promises."""
 
 
+class MissingInput(ValerieError):
+    """The stored object of a finished input is gone or damaged; it has to be made again.
+
+    Args:
+        kind: of the input.
+        digest: of the input.
+    """
+
+    def __init__(self, kind: str, digest: str) -> None:
+        self.kind, self.digest = kind, digest
+        super().__init__(f"the object of {kind} {digest} is missing or damaged")
+
+
 class RenderingError(ValerieError):
     """An engine produced no usable image (black, constant, wrong shape) or failed for good."""
 

@@ -13,8 +13,8 @@ from services.api.app import create_app
 from valerie.db.migrate import migrate
 from valerie.errors import ValerieError
 from valerie.logs import configure_logging
-from valerie.pipeline.context import open_context
-from valerie.pipeline.control import ControlLoop
+from valerie.pipeline.base.context import open_context
+from valerie.pipeline.control.loop import ControlLoop
 from valerie.settings import load_settings
 
 

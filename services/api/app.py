@@ -19,8 +19,8 @@ from services.api.protection import Protection
 from services.api.routers import catalog, frames, functions, health, results, runs
 from valerie import plugins
 from valerie.db.migrate import migrate
-from valerie.pipeline.context import open_context
-from valerie.pipeline.control import ControlLoop
+from valerie.pipeline.base.context import open_context
+from valerie.pipeline.control.loop import ControlLoop
 from valerie.settings import Settings, load_settings
 
 log = structlog.get_logger()

@@ -15,7 +15,7 @@ from fastapi.routing import APIRoute
 
 from services.api import examples
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
-from valerie.pipeline.context import Context
+from valerie.pipeline.base.context import Context
 
 
 def _context(request: Request) -> Context:

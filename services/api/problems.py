@@ -21,6 +21,7 @@ from valerie.errors import (
     InvalidInput,
     InvalidInputs,
     MissingDependency,
+    MissingInput,
     NotFound,
     RenderingError,
     StorageFull,
@@ -28,7 +29,6 @@ from valerie.errors import (
     UnknownName,
     ValerieError,
 )
-from valerie.pipeline.stages import MissingInput
 
 log = structlog.get_logger()
 

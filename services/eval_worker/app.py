@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from services.eval_worker.tasks import register
 from valerie.logs import configure_logging
-from valerie.pipeline.makers.evaluation import EvaluateMaker
-from valerie.pipeline.workers import serve
+from valerie.pipeline.work.makers.evaluation import EvaluateMaker
+from valerie.pipeline.work.workers import serve
 from valerie.settings import load_settings
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from celery import Celery
 
 from valerie.broker import EVALUATE, FINISH
-from valerie.pipeline.child import Child
-from valerie.pipeline.finish import finish_run
+from valerie.pipeline.work.child import Child
+from valerie.pipeline.work.finish import finish_run
 
 
 def register(app: Celery) -> Child:

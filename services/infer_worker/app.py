@@ -10,9 +10,9 @@ from services.infer_worker.tasks import register
 from valerie import plugins
 from valerie.errors import UnknownName
 from valerie.logs import configure_logging
-from valerie.pipeline.makers.inference import InferMaker
-from valerie.pipeline.probe import inference_names
-from valerie.pipeline.workers import infer_offers, serve
+from valerie.pipeline.functions.probe import inference_names
+from valerie.pipeline.work.makers.inference import InferMaker
+from valerie.pipeline.work.workers import infer_offers, serve
 from valerie.settings import load_settings
 
 log = structlog.get_logger()

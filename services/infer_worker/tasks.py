@@ -5,7 +5,7 @@ from __future__ import annotations
 from celery import Celery
 
 from valerie.broker import INFER
-from valerie.pipeline.child import Child
+from valerie.pipeline.work.child import Child
 
 
 def register(app: Celery) -> Child:

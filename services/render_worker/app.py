@@ -7,8 +7,8 @@ import structlog
 from services.render_worker.tasks import register
 from valerie import plugins
 from valerie.logs import configure_logging
-from valerie.pipeline.makers.rendering import RenderMaker
-from valerie.pipeline.workers import render_offers, serve
+from valerie.pipeline.work.makers.rendering import RenderMaker
+from valerie.pipeline.work.workers import render_offers, serve
 from valerie.settings import load_settings
 
 log = structlog.get_logger()

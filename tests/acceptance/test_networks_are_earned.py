@@ -17,10 +17,10 @@ from valerie.metrics.scores import frame_scores
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, function_card, load_function
 from valerie.perception.training.provenance import streets_seen
-from valerie.pipeline import training_scenes
-from valerie.pipeline.training_scenes import crowd_asset, draw_scene
+from valerie.pipeline.retraining import training_scenes
+from valerie.pipeline.retraining.training_scenes import crowd_asset, draw_scene
 from valerie.rendering.base import View
-from valerie.scene.asset import load_asset
+from valerie.scene.assets.asset import load_asset
 from valerie.sensing.sensor import develop
 
 pytestmark = [pytest.mark.gl, pytest.mark.timeout(1200)]

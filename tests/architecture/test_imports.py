@@ -41,9 +41,9 @@ def test_imports_follow_the_rules() -> None:
     [
         "services.api.app",
         "valerie.cli",
-        "valerie.pipeline.submit",
-        "valerie.pipeline.control",
-        "valerie.pipeline.plan",
+        "valerie.pipeline.control.submit",
+        "valerie.pipeline.control.loop",
+        "valerie.pipeline.control.plan",
         "valerie.embedded.supervisor",
     ],
 )
@@ -57,7 +57,7 @@ def test_the_api_lists_engines_functions_and_assets_without_heavy_libraries(tmp_
         "from pathlib import Path\n"
         "from valerie import plugins\n"
         "from valerie.settings import load_settings\n"
-        "from valerie.pipeline import catalog\n"
+        "from valerie.pipeline.functions import catalog\n"
         f"settings = load_settings(data_dir=Path({str(tmp_path)!r}))\n"
         "assert plugins.renderer_names()\n"
         "assert catalog.assets(settings)\n"

@@ -11,10 +11,10 @@ import pytest
 from valerie.errors import InvalidInput
 from valerie.rendering.cycles.blender import blender_environment
 from valerie.rendering.cycles.conversion import convert_blend
-from valerie.scene.asset import load_asset
+from valerie.scene.assets.asset import load_asset
 from valerie.scene.checks import Severity, asset_findings
+from valerie.scene.checks.manifest_draft import draft_manifest
 from valerie.scene.checks.shapes import object_boxes
-from valerie.scene.manifest_draft import draft_manifest
 from valerie.settings import Settings
 
 #: Makes a small street, and in it a text block that registers itself and a driver with Python: each writes a file if it is run.

@@ -17,8 +17,8 @@ from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import EXPOSURE, LUX, sky_of
-from valerie.scene.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
-from valerie.scene.transforms import Pose, camera_transform, place
+from valerie.scene.graph.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.graph.transforms import Pose, camera_transform, place
 from valerie.testing.assets import box_mesh
 
 pytestmark = pytest.mark.gl

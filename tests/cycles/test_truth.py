@@ -21,10 +21,10 @@ from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.asset import SceneAsset, load_asset
-from valerie.scene.model import Scene
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import SceneAsset, load_asset
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl

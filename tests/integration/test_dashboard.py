@@ -11,9 +11,9 @@ import pytest
 import structlog
 
 from services.api.app import create_app
-from valerie.perception.cards import card_rows
-from valerie.pipeline import functions
-from valerie.testing.functions import small_onnx
+from valerie.perception.documents.cards import card_rows
+from valerie.pipeline.functions import registry
+from valerie.testing.onnx_function import small_onnx
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -50,7 +50,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
     work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
     for provenance in ({**SECOND, "source": "first.onnx"}, SECOND):
-        functions.register(context, *small_onnx(folder, provenance=provenance))
+        registry.register(context, *small_onnx(folder, provenance=provenance))
     with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
         yield str(client.base_url).rstrip("/")
     structlog.reset_defaults()

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.acceptance.system import System, spec, write_box_street
-from valerie.perception.label_png import encode_png
-from valerie.testing.functions import small_onnx
+from valerie.perception.running.label_png import encode_png
+from valerie.testing.onnx_function import small_onnx
 
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]

@@ -11,11 +11,11 @@ import pytest
 from valerie.db.engine import reading
 from valerie.db.migrate import migrate
 from valerie.errors import NotFound, UnknownName
-from valerie.perception.documents import FunctionDocument
-from valerie.pipeline import functions
-from valerie.pipeline.context import Context, open_context
+from valerie.perception.documents.function import FunctionDocument
+from valerie.pipeline.base.context import Context, open_context
+from valerie.pipeline.functions import registry
 from valerie.settings import load_settings
-from valerie.testing.functions import small_onnx
+from valerie.testing.onnx_function import small_onnx
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -36,21 +36,21 @@ def test_versions_are_numbered_once_each_when_several_register_at_the_same_time(
     documents = [base.model_copy(update={"provenance": {"seed": str(seed % 4)}}) for seed in range(8)]
 
     def register(document: FunctionDocument) -> bool:
-        return functions.register(context, document, payload)[1]
+        return registry.register(context, document, payload)[1]
 
     with ThreadPoolExecutor(4) as pool:
         new = list(pool.map(register, documents))
     with reading(context.engine) as connection:
-        found = functions.listed(connection)
+        found = registry.listed(connection)
     assert [one.version for one in found] == [4, 3, 2, 1]
     assert sum(new) == 4
     assert {one.digest for one in found} == {one.digest for one in documents}
 
 
 def test_what_is_removed_is_gone(context: Context, tmp_path: Path) -> None:
-    version, _ = functions.register(context, *small_onnx(tmp_path))
-    functions.remove(context, version.reference)
+    version, _ = registry.register(context, *small_onnx(tmp_path))
+    registry.remove(context, version.reference)
     with reading(context.engine) as connection, pytest.raises(UnknownName, match="unknown registered function"):
-        functions.find(connection, "small")
+        registry.find(connection, "small")
     with pytest.raises(NotFound):
-        functions.read_payload(context, version.document)
+        registry.read_payload(context, version.document)

@@ -10,7 +10,7 @@ import pytest
 from valerie.labels import PERSON
 from valerie.perception.catalog import function_card
 from valerie.perception.training.__main__ import main
-from valerie.perception.training.frames import FrameFolder, write_index
+from valerie.perception.training.frame_folder import FrameFolder, write_index
 
 
 @pytest.mark.gl

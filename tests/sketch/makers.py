@@ -14,9 +14,9 @@ from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import RenderingError
 from valerie.labels import PERSON, VOID, instance_id, to_train_ids
-from valerie.pipeline.context import Context
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.resolution import resolve_stored
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth, View
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
@@ -38,7 +38,7 @@ class SketchMaker:
         self._reader = ProductReader(context.store)
 
     def make(self, job: Job) -> Finished:
-        """See `valerie.pipeline.stages.Maker`."""
+        """See `valerie.pipeline.work.stages.Maker`."""
         if self._broken(job):
             raise RenderingError("sketch: the image is constant (every sampled pixel is 0)")
         with reading(self._context.engine) as connection:

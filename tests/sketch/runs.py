@@ -15,12 +15,12 @@ from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.products import Job, Ready
 from valerie.perception.catalog import function_card
-from valerie.pipeline.context import Context, open_context
-from valerie.pipeline.control import ControlLoop
-from valerie.pipeline.finish import finish_run
-from valerie.pipeline.makers.evaluation import EvaluateMaker
-from valerie.pipeline.stages import run_stage
-from valerie.pipeline.submit import submit
+from valerie.pipeline.base.context import Context, open_context
+from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.submit import submit
+from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.makers.evaluation import EvaluateMaker
+from valerie.pipeline.work.stages import run_stage
 from valerie.runs.spec import parse
 from valerie.settings import Settings, load_settings
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from valerie.labels import PERSON, VOID
 from valerie.perception.catalog import load_function
-from valerie.perception.training.frames import FrameFolder, Shard, TrainingFrame, write_index, write_shard
-from valerie.pipeline.training_frames import FrameSettings
+from valerie.perception.training.frame_folder import FrameFolder, Shard, TrainingFrame, write_index, write_shard
+from valerie.pipeline.retraining.training_frames import FrameSettings
 from valerie.settings import Settings
 
 #: Scenes that drawing one frame of a region is said to have taken.
@@ -25,7 +25,7 @@ def draw_frames(
     processes: int = 1,
     progress: Callable[[Shard], None] = lambda _: None,
 ) -> FrameFolder:
-    """In the place of `valerie.pipeline.training_frames.render_frames`: sky, road and a yellow box that is a person."""
+    """Stand in for `training_frames.render_frames`: sky, road and a yellow box as a person."""
     folder.mkdir(parents=True)
     shards = []
     for seed in settings.seeds():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from valerie.perception.label_png import encode_png
+from valerie.perception.running.label_png import encode_png
 
 
 def dark_is_one(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

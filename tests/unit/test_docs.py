@@ -22,13 +22,13 @@ from valerie.cli.shell import Exit
 from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.documents import parse_function
+from valerie.perception.documents.function import parse_function
 from valerie.perception.training.__main__ import command_parser
-from valerie.pipeline.probe import probe_function
+from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
-from valerie.scene.asset import asset_manifest
-from valerie.scene.manifest import parse_manifest
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import parse_manifest
 from valerie.settings import PREFIX, Settings
 from valerie.testing.assets import simple_asset
 from valerie.testing.perception import PerceptionContract

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from valerie.perception.documents import PAYLOADS, parse_function
-from valerie.perception.functions import open_function
+from valerie.perception.documents.function import PAYLOADS, parse_function
+from valerie.perception.running.opening import open_function
 
 TEXT = (Path(__file__).parents[2] / "docs" / "functions.md").read_text("utf-8")
 DOCUMENTS = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)

@@ -12,7 +12,7 @@ from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, Unkno
 from valerie.parameters.samplers import SAMPLERS
 from valerie.perception.catalog import FUNCTIONS
 from valerie.runs.spec import parse, resolve
-from valerie.scene.asset import asset_manifest
+from valerie.scene.assets.asset import asset_manifest
 
 WITNESS = """
 from valerie.parameters.samplers.random import RandomSampler as Sampler

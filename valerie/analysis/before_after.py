@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.analysis.binning import bin_edges
-from valerie.analysis.frames import characters, frame_counts, present
+from valerie.analysis.frame_counts import characters, frame_counts, present
 from valerie.analysis.intervals import Interval, Resampler
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.frames import ALL, UNNAMED, Group, characters, frame_counts, rows_of, settings
+from valerie.analysis.frame_counts import ALL, UNNAMED, Group, characters, frame_counts, rows_of, settings
 from valerie.analysis.intervals import MIN_SITUATIONS, Resampler
 from valerie.analysis.levels import levels_of
 from valerie.analysis.table import EvaluationTable, combine

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.analysis.frames import present
+from valerie.analysis.frame_counts import present
 from valerie.analysis.summary import OCCLUDED
 from valerie.analysis.table import EvaluationTable, combine
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from valerie.analysis.frames import ALL, Group, characters, rows_of
+from valerie.analysis.frame_counts import ALL, Group, characters, rows_of
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Axis, Trends, axis_of
 

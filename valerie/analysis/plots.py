@@ -5,7 +5,7 @@ from __future__ import annotations
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from valerie.analysis.frames import ALL
+from valerie.analysis.frame_counts import ALL
 from valerie.analysis.panels import COMBINED_COLOR, Line, Mark, Panel, Points
 from valerie.errors import MissingDependency
 

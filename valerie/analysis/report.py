@@ -17,7 +17,7 @@ import orjson
 
 from valerie.analysis import sections
 from valerie.analysis.examples import choose_examples
-from valerie.analysis.frames import characters, setting_labels, settings
+from valerie.analysis.frame_counts import characters, setting_labels, settings
 from valerie.analysis.html import Html, data_url, join, tag
 from valerie.analysis.panels import COMBINED_COLOR, Panel, make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure

@@ -10,7 +10,7 @@ import yaml
 from valerie.analysis.all_classes import AllClasses, classes_text
 from valerie.analysis.examples import Example
 from valerie.analysis.findings import Findings
-from valerie.analysis.frames import ALL, setting_labels
+from valerie.analysis.frame_counts import ALL, setting_labels
 from valerie.analysis.html import Html, data_url, join, tag
 from valerie.analysis.intervals import Interval
 from valerie.analysis.regression import Curve

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from valerie.analysis.all_classes import AllClasses
-from valerie.analysis.frames import (
+from valerie.analysis.frame_counts import (
     ALL,
     FrameCounts,
     Group,

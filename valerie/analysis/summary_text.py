@@ -14,7 +14,7 @@ from rich.text import Text
 
 from valerie.analysis.all_classes import classes_text
 from valerie.analysis.findings import Findings
-from valerie.analysis.frames import ALL, setting_labels
+from valerie.analysis.frame_counts import ALL, setting_labels
 from valerie.analysis.intervals import Interval
 from valerie.analysis.summary import OCCLUDED, Summary, SummaryRow
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from valerie.analysis.binning import Bin, bin_edges, bins_of
-from valerie.analysis.frames import groups, rows_of
+from valerie.analysis.frame_counts import groups, rows_of
 from valerie.analysis.intervals import Resampler
 from valerie.analysis.regression import Curve, fit_curve
 from valerie.analysis.table import EvaluationTable

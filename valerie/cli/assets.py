@@ -13,8 +13,8 @@ from valerie.cli.shell import Exit, Json, command_name, console, say, settings_o
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from valerie.scene.asset import SceneAsset
-    from valerie.scene.traverse import PathEntry
+    from valerie.scene.assets.asset import SceneAsset
+    from valerie.scene.variation.traverse import PathEntry
 
 app = typer.Typer(no_args_is_help=True, help="Show, check, list, export, draft and convert scene assets.")
 
@@ -29,7 +29,7 @@ Argument = Annotated[
 @app.command("list")
 def list_(as_json: Json = False) -> None:
     """List the assets that a spec may name."""
-    from valerie.scene.asset import asset_manifest, asset_names
+    from valerie.scene.assets.asset import asset_manifest, asset_names
 
     folder = settings_of().asset_dir
     found: list[dict[str, Any]] = []
@@ -52,19 +52,19 @@ def show(
     as_json: Json = False,
 ) -> None:
     """List every path of an asset with type, unit, range and current value."""
-    from valerie.scene.asset import asset_manifest
+    from valerie.scene.assets.asset import asset_manifest
 
     reference, folder = _reference(asset, arguments)
     manifest, digest = asset_manifest(reference, asset_dir=folder)
     if declared:
-        from valerie.scene.traverse import trajectory_parameters
+        from valerie.scene.variation.traverse import trajectory_parameters
 
         rows = [
             {**parameter.model_dump(mode="json"), "declared": True, "value": parameter.default}
             for parameter in (*manifest.parameters, *trajectory_parameters(manifest))
         ]
     else:
-        from valerie.scene.traverse import traverse
+        from valerie.scene.variation.traverse import traverse
 
         rows = [_row(entry) for entry in traverse(_load(asset, arguments))]
     if as_json:
@@ -93,7 +93,7 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
 
     Exits with 2 when a run with the asset would be refused or fail.
     """
-    from valerie.scene.asset_files import MANIFEST_FILE
+    from valerie.scene.assets.asset_files import MANIFEST_FILE
     from valerie.scene.checks import Severity, asset_findings, scene_findings
 
     folder = Path(asset) if "/" in asset else settings_of().asset_dir / asset
@@ -125,7 +125,7 @@ def draft(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with glTF files, and no manifest yet.")],
 ) -> None:
     """Write a first manifest for a folder of glTF files, to be corrected."""
-    from valerie.scene.manifest_draft import draft_manifest
+    from valerie.scene.checks.manifest_draft import draft_manifest
 
     if not folder.is_dir():
         raise InvalidInput("no such folder", field="FOLDER", value=str(folder))
@@ -143,8 +143,8 @@ def convert(
     Needs Blender's environment (`make cycles`).
     """
     from valerie.rendering.cycles.conversion import convert_blend
-    from valerie.scene.asset_files import MANIFEST_FILE
-    from valerie.scene.manifest_draft import draft_manifest
+    from valerie.scene.assets.asset_files import MANIFEST_FILE
+    from valerie.scene.checks.manifest_draft import draft_manifest
 
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -201,7 +201,7 @@ def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str,
 
 
 def _load(asset: str, arguments: list[str] | None) -> SceneAsset:
-    from valerie.scene.asset import load_asset
+    from valerie.scene.assets.asset import load_asset
 
     reference, folder = _reference(asset, arguments)
     return load_asset(reference, asset_dir=folder)

@@ -14,7 +14,7 @@ from valerie.cli.shell import DataDir, Json, context_of, say
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
-    from valerie.pipeline.datasets import ExportProgress
+    from valerie.pipeline.export.datasets import ExportProgress
 
 app = typer.Typer(no_args_is_help=True, help="Export runs as data sets.")
 
@@ -56,7 +56,7 @@ def export(
 
     The folder appears when it is complete; an interrupted export goes on when it is asked for again.
     """
-    from valerie.pipeline.datasets import FORMATS, ExportSettings, export_run
+    from valerie.pipeline.export.datasets import FORMATS, ExportSettings, export_run
 
     for name in formats or ():
         if name not in FORMATS:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from valerie.metrics.collection import Averages, CollectionScores
     from valerie.perception.base import PerceptionFunction
-    from valerie.pipeline.dataset_evaluation import DatasetResult
+    from valerie.pipeline.retraining.dataset_evaluation import DatasetResult
 
 
 def evaluate(
@@ -48,8 +48,8 @@ def evaluate(
     from valerie.cli.datasets import Lines
     from valerie.cli.specs import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
-    from valerie.pipeline.dataset_evaluation import evaluate_dataset, run_side
-    from valerie.pipeline.opening import open_pinned, open_reference
+    from valerie.pipeline.functions.opening import open_pinned, open_reference
+    from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
     lines = Lines("frames")

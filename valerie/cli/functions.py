@@ -13,7 +13,7 @@ from valerie.cli.registry import open_registry, register_file
 from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
 
-#: Characters of a digest that are enough behind a name's @; `valerie.pipeline.functions` shows as many.
+#: Characters of a digest that are enough behind a name's @; `valerie.pipeline.functions.registry` shows as many.
 _SHORT: Final = 12
 
 app = typer.Typer(no_args_is_help=True, help="Register, list, show and remove functions under test.")

@@ -13,7 +13,7 @@ from valerie.cli.shell import DataDir, Exit, Json, console, context_of, settings
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
-    from valerie.pipeline.replay import Replayed
+    from valerie.pipeline.work.replay import Replayed
 
 
 def worker(
@@ -67,7 +67,7 @@ def replay(
     """
     run_id, variant, camera, time_index = _frame(frame)
     with context_of(data_dir) as context:
-        from valerie.pipeline.replay import replay_frame
+        from valerie.pipeline.work.replay import replay_frame
 
         made = replay_frame(context, run_id, variant, camera, time_index)
     if as_json:
@@ -86,7 +86,7 @@ def gc(
 ) -> None:
     """Free what no run links to: products, their objects, and objects that belong to nothing."""
     with context_of(data_dir) as context:
-        from valerie.pipeline.gc import collect
+        from valerie.pipeline.control.gc import collect
 
         freed = collect(context, dry_run=dry_run)
     if as_json:

@@ -14,7 +14,7 @@ from valerie.errors import InvalidInput, NotFound
 
 if TYPE_CHECKING:
     from valerie.client import Client
-    from valerie.pipeline.context import Context
+    from valerie.pipeline.base.context import Context
     from valerie.settings import Settings
 
 #: Of the document that lies beside a file and has its name.
@@ -60,34 +60,34 @@ class _Local:
         self._context = context
 
     def functions(self) -> list[dict[str, Any]]:
-        from valerie.pipeline.catalog import functions
+        from valerie.pipeline.functions.catalog import functions
 
         return functions(self._context)
 
     def function(self, reference: str) -> dict[str, Any]:
-        from valerie.pipeline.catalog import function
+        from valerie.pipeline.functions.catalog import function
 
         return function(self._context, reference)
 
     def function_payload(self, reference: str) -> bytes:
         from valerie.db.engine import reading
-        from valerie.pipeline.functions import find, read_payload
+        from valerie.pipeline.functions.registry import find, read_payload
 
         with reading(self._context.engine) as connection:
             document = find(connection, reference).document
         return read_payload(self._context, document)
 
     def remove_function(self, reference: str) -> None:
-        from valerie.pipeline.functions import remove
+        from valerie.pipeline.functions.registry import remove
 
         remove(self._context, reference)
 
     def register_function(
         self, texts: dict[str, str], payload: Path | None, folder: Path
     ) -> tuple[dict[str, Any], bool]:
-        from valerie.pipeline.catalog import registered_function
-        from valerie.pipeline.functions import register
-        from valerie.pipeline.importing import Brought, import_function
+        from valerie.pipeline.functions.catalog import registered_function
+        from valerie.pipeline.functions.importing import Brought, import_function
+        from valerie.pipeline.functions.registry import register
 
         name = "" if payload is None else payload.name
         imported = import_function(
@@ -117,7 +117,7 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
         return
     from valerie.cli.specs import deployment_or_empty
     from valerie.db.migrate import migrate
-    from valerie.pipeline.context import open_context
+    from valerie.pipeline.base.context import open_context
 
     if not create:
         with deployment_or_empty(settings) as context:
@@ -179,7 +179,7 @@ def functions_named(given: str, opening: Opening) -> list[str]:
         NotFound: no such file.
         ValerieError: what is wrong with a file.
     """
-    from valerie.pipeline.importing import SUFFIXES
+    from valerie.pipeline.functions.importing import SUFFIXES
 
     references = []
     for item in filter(None, (part.strip() for part in given.split(","))):
@@ -197,7 +197,7 @@ def functions_named(given: str, opening: Opening) -> list[str]:
 def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
     """A folder as document and file: the configuration is read here, the weights are opened where they are registered."""
     from valerie.loading import load_document
-    from valerie.perception.huggingface import read_huggingface
+    from valerie.perception.importing.huggingface import read_huggingface
 
     changes = load_document(texts["document"]) if "document" in texts else {}
     changes |= {field: value for field, value in texts.items() if field != "document"}

@@ -52,9 +52,9 @@ def rows(
     import numpy as np
 
     from valerie.db.engine import reading
-    from valerie.pipeline.makers.resolved import RunCache
-    from valerie.pipeline.selection import evaluated_rows, run_where
-    from valerie.pipeline.tables import read_table
+    from valerie.pipeline.reading.run_cache import RunCache
+    from valerie.pipeline.reading.selection import evaluated_rows, run_where
+    from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
         raise InvalidInput("the ending tells the format", field="--output", value=output, limit=".csv or .parquet")

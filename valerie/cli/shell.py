@@ -20,7 +20,7 @@ from valerie.errors import InvalidInput, NotFound, ValerieError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from valerie.pipeline.context import Context
+    from valerie.pipeline.base.context import Context
     from valerie.settings import Settings
 
 
@@ -100,7 +100,7 @@ def context_of(data_dir: Path | None) -> Iterator[Context]:
 def opened(settings: Settings) -> Iterator[Context]:
     """What `context_of` gives, of a database that is there; raises ValerieError if it is of another version."""
     from valerie.db.migrate import require_current
-    from valerie.pipeline.context import open_context
+    from valerie.pipeline.base.context import open_context
 
     context = open_context(settings)
     try:

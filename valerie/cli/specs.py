@@ -28,8 +28,8 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valerie.pipeline.context import Context
-    from valerie.runs.planning import Plan
+    from valerie.pipeline.base.context import Context
+    from valerie.runs.forecast import Plan
     from valerie.settings import Settings
 
 Functions = Annotated[
@@ -81,7 +81,7 @@ def plan(
 
         typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
         return
-    from valerie.runs.planning import Plan
+    from valerie.runs.forecast import Plan
 
     _show(Plan.model_validate(document))
 
@@ -114,8 +114,8 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
         InvalidInput: every problem, with field, value and limit.
     """
     from valerie.db.engine import reading
-    from valerie.pipeline.functions import known, names
-    from valerie.pipeline.resolution import resolve_new
+    from valerie.pipeline.base.resolved_runs import resolve_new
+    from valerie.pipeline.functions.registry import known, names
     from valerie.runs.spec import parse
 
     spec = parse(text)
@@ -133,7 +133,7 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
     if url is not None or running.find(settings.data_dir) is not None:
         with client_of(settings, url) as client:
             return client.plan(text)
-    from valerie.pipeline.plan import plan_run
+    from valerie.pipeline.control.plan import plan_run
     from valerie.runs.spec import parse
 
     spec = parse(text)

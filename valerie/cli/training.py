@@ -24,9 +24,9 @@ from valerie.errors import InvalidInput
 if TYPE_CHECKING:
     from valerie.analysis.before_after import Comparison
     from valerie.perception.training.fit import TrainingProgress
-    from valerie.perception.training.frames import Shard
-    from valerie.pipeline.retraining import Retrained
-    from valerie.pipeline.weakness import Weakness
+    from valerie.perception.training.frame_folder import Shard
+    from valerie.pipeline.retraining.loop import Retrained
+    from valerie.pipeline.retraining.weakness import Weakness
 
 app = typer.Typer(help="Train functions under test: on frames drawn anywhere, or where a run found them weak.")
 
@@ -91,9 +91,9 @@ def train(
         raise InvalidInput("not the name of a function file", field="--out", value=str(out), limit="….safetensors")
     if out is not None and out.exists():
         raise InvalidInput("is there already; a version is never written over", field="--out", value=str(out))
-    from valerie.pipeline.functions import require_free
-    from valerie.pipeline.retraining import RetrainSettings, register_retrained, retrain, training_folder
-    from valerie.pipeline.weakness import find_weakness, functions_of
+    from valerie.pipeline.functions.registry import require_free
+    from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
+    from valerie.pipeline.retraining.weakness import find_weakness, functions_of
 
     settings = RetrainSettings(
         frames=frames,
@@ -205,9 +205,9 @@ def _compare(
     mixed: bool = False,
 ) -> Comparison:
     from valerie.cli.datasets import Lines
-    from valerie.pipeline.comparison import compare_versions
-    from valerie.pipeline.opening import open_reference
-    from valerie.pipeline.weakness import selected_region
+    from valerie.pipeline.functions.opening import open_reference
+    from valerie.pipeline.retraining.comparison import compare_versions
+    from valerie.pipeline.retraining.weakness import selected_region
 
     lines = Lines("frames")
     with context_of(data_dir) as deployment:

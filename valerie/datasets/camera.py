@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_angles
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_angles
 
 
 def camera_document(camera: Camera, width: int, height: int) -> dict[str, Any]:

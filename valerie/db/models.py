@@ -307,7 +307,7 @@ class Function(Base):
     __tablename__ = "functions"
 
     name: Mapped[str] = mapped_column(String(64), primary_key=True)
-    #: Of the document without its name; see `valerie.perception.documents.FunctionDocument`.
+    #: Of the document without its name; see `valerie.perception.documents.function.FunctionDocument`.
     digest: Mapped[str] = mapped_column(Digest, primary_key=True)
     #: Counts the versions of a name; the highest is the newest.
     version: Mapped[int]

@@ -8,9 +8,9 @@ from typing import Final
 
 from valerie.errors import UnknownName
 from valerie.perception.base import FunctionCard, PerceptionFunction
-from valerie.perception.documents import FunctionDocument, InputDocument, Payload
-from valerie.perception.function_file import read_header
-from valerie.perception.functions import open_function
+from valerie.perception.documents.function import FunctionDocument, InputDocument, Payload
+from valerie.perception.importing.function_file import read_header
+from valerie.perception.running.opening import open_function
 
 #: Where the shipped function files are.
 WEIGHTS: Final = Path(__file__).parent / "weights"
@@ -34,7 +34,7 @@ def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function")
 
 
 def file_document(name: str, path: Path) -> FunctionDocument:
-    """The document of a function file (see `valerie.perception.function_file`), from its header: fp32 in torch.
+    """The document of a function file (see `valerie.perception.importing.function_file`), from its header: fp32 in torch.
 
     Raises:
         NotFound, InvalidInput: the file is missing or damaged.
@@ -69,7 +69,7 @@ def load_function(name: str, *, threads: int = 1, device: str = "auto", folder: 
     Args:
         name: one of `FUNCTIONS`.
         threads: CPU threads of this process for the inference engine.
-        device: see `valerie.perception.functions.open_function`.
+        device: see `valerie.perception.running.opening.open_function`.
         folder: where the function files are.
 
     Raises:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import RenderingError
-from valerie.scene.model import Scene, freeze
+from valerie.scene.graph.model import Scene, freeze
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from valerie.rendering.raster.normals_pass import NormalsPass
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 #: Raised by hand whenever the truth of some geometry changes; part of every truth's digest.
 REVISION: Final = 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.scene_reading import lights
 from valerie.rendering.sky import LUX, Sky
-from valerie.scene.model import SWITCHES, Light, Material, Scene
+from valerie.scene.graph.model import SWITCHES, Light, Material, Scene
 
 Vector = tuple[float, float, float]
 

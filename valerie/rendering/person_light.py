@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, View, bounds
-from valerie.scene.model import Scene
+from valerie.scene.graph.model import Scene
 
 #: Weights of linear Rec. 709 in luminance (ITU-R BT.709-6).
 _LUMINANCE: Final = np.array([0.2126, 0.7152, 0.0722], np.float32)

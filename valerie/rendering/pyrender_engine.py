@@ -23,7 +23,7 @@ from valerie.rendering.base import Layer, LinearImage, Rectangle, View, require_
 from valerie.rendering.numeric import numeric_class
 from valerie.rendering.scene_reading import DrawItem, camera_key, camera_of, draw_items, material_of
 from valerie.rendering.sky import Sky, sky_of
-from valerie.scene.model import Material, Mesh, Scene, Texture
+from valerie.scene.graph.model import Material, Mesh, Scene, Texture
 
 #: Brightest value of the linear image.
 HEADROOM: Final = 4.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, RenderingError, UnknownName
 from valerie.rendering.base import View
-from valerie.scene.model import Camera, Material, Matrix, Mesh, Node, Scene
+from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Node, Scene
 
 #: Largest image side: the padded and supersampled canvases have twice as many pixels a side, drivers allow 16,384.
 MAX_PIXELS: Final = 8192

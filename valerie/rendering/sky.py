@@ -21,8 +21,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import CLEAR_VISIBILITY_M, Environment, Scene
-from valerie.scene.weather import wetness
+from valerie.scene.graph.model import CLEAR_VISIBILITY_M, Environment, Scene
+from valerie.scene.light.weather import wetness
 
 Array = NDArray[np.float64]
 

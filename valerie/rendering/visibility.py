@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from valerie.labels import PERSON
 from valerie.rendering.base import GroundTruth, PersonTruth, View, bounds
 from valerie.rendering.scene_reading import instance_roots
-from valerie.scene.model import Camera, Node, Scene
+from valerie.scene.graph.model import Camera, Node, Scene
 
 #: Raised by hand whenever a column's meaning changes.
 REVISION: Final = 1

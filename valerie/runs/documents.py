@@ -157,7 +157,7 @@ class SequenceDocument(Document):
 
 
 class TrajectoryDocument(Document):
-    """How one thing moves, instead of how the asset says; see `valerie.scene.trajectory.Trajectory`.
+    """How one thing moves, instead of how the asset says; see `valerie.scene.motion.trajectory.Trajectory`.
 
     Attributes:
         path: a movable thing or a camera, e.g. ``person-1``.

@@ -1,4 +1,4 @@
-"""Time in a run: which moments are looked at, and what moves. From the spec's words to `valerie.scene.trajectory`."""
+"""Time in a run: which moments are looked at, and what moves. From the spec's words to `valerie.scene.motion.trajectory`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any, Final
 from valerie.errors import InvalidInput
 from valerie.parameters.units import to_unit
 from valerie.runs.documents import RunSpec, TrajectoryDocument
-from valerie.scene.manifest import Manifest
-from valerie.scene.naming import ROOT
-from valerie.scene.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory, check_trajectory
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.motion.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory, check_trajectory
 
 #: Velocities are measured over this many seconds from a frame's moment on.
 VELOCITY_SPAN_S: Final = 0.005

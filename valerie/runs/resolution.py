@@ -28,11 +28,11 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.sensors import focal_length_path, needed_by
-from valerie.scene.legality import rejection_reason
-from valerie.scene.manifest import Manifest
-from valerie.scene.naming import ENVIRONMENT_PATH, ROOT
-from valerie.scene.solar import ELEVATION, require_one_notation
-from valerie.scene.trajectory import TIME_PATH
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
+from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.light.solar import ELEVATION, require_one_notation
+from valerie.scene.motion.trajectory import TIME_PATH
 
 #: Variants of a run, unless the caller allows another number.
 MAX_VARIANTS: Final = 1_000_000

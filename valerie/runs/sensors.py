@@ -10,9 +10,9 @@ import orjson
 
 from valerie.parameters.assignment import canonical_json
 from valerie.parameters.definitions import Value
-from valerie.scene.manifest import Manifest
-from valerie.scene.naming import ROOT
-from valerie.scene.sensor_parameters import SENSOR_ROOT
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
+from valerie.scene.graph.naming import ROOT
 from valerie.sensing.settings import SensorSetting
 
 _PREFIX: Final = f"{SENSOR_ROOT}."

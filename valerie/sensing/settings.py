@@ -1,6 +1,6 @@
 """A sensor setting: every error of a camera that the sensor stage can make, as one frozen document.
 
-Ranges, units and neutral values come from `valerie.scene.sensor_parameters`; physics and sources are in the modules
+Ranges, units and neutral values come from `valerie.scene.assets.sensor_parameters`; physics and sources are in the modules
 that compute the effects and in ``docs/sensor.md``.
 """
 
@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.scene.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 
 ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
 

@@ -1,4 +1,4 @@
-"""Annotations to bytes and back; the envelope is that of `valerie.storage.frames`."""
+"""Annotations to bytes and back; the envelope is that of `valerie.storage.envelope`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
-from valerie.scene.model import JOINTS
-from valerie.storage import frames
+from valerie.scene.graph.model import JOINTS
+from valerie.storage import envelope
 
 Annotation = Normals | Boxes | FlowMap | Joints
 
@@ -48,7 +48,7 @@ _JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
 def encode_annotation(kind: AnnotationKind, annotation: Annotation) -> bytes:
     """The arrays of an annotation, under the names of its fields."""
     arrays = {one.name: getattr(annotation, one.name) for one in fields(annotation)}
-    return frames.pack(kind.value, arrays, {})
+    return envelope.pack(kind.value, arrays, {})
 
 
 def decode_normals(data: bytes, *, key: str = "") -> Normals:
@@ -57,7 +57,7 @@ def decode_normals(data: bytes, *, key: str = "") -> Normals:
     Raises:
         CorruptArtifact: not whole, consistent normals.
     """
-    arrays, _ = frames.unpack(AnnotationKind.NORMALS.value, data, key=key)
+    arrays, _ = envelope.unpack(AnnotationKind.NORMALS.value, data, key=key)
     found = arrays.get("octahedral")
     if found is None or found.dtype != np.int16 or found.ndim != 3 or found.shape[2] != 2:
         raise CorruptArtifact(f"{key or 'artifact'}: the normals are not (height, width, 2) int16")
@@ -70,7 +70,7 @@ def decode_flow(data: bytes, *, kind: AnnotationKind = AnnotationKind.FLOW, key:
     Raises:
         CorruptArtifact: not whole, consistent vectors.
     """
-    arrays, _ = frames.unpack(kind.value, data, key=key)
+    arrays, _ = envelope.unpack(kind.value, data, key=key)
     found = arrays.get("vectors")
     if found is None or found.dtype != np.float32 or found.ndim != 3 or found.shape[2] != 2:
         raise CorruptArtifact(f"{key or 'artifact'}: the {kind.value} is not (height, width, 2) float32")
@@ -99,7 +99,7 @@ def _rows(
     kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes, key: str
 ) -> dict[str, NDArray[Any]]:
     """Arrays of one row per instance, each of its type and shape."""
-    arrays, _ = frames.unpack(kind.value, data, key=key)
+    arrays, _ = envelope.unpack(kind.value, data, key=key)
     count = len(arrays.get("instances", ()))
     checked: dict[str, NDArray[Any]] = {}
     for name, (dtype, rest) in shapes.items():

@@ -16,12 +16,12 @@ from numpy.typing import DTypeLike, NDArray
 
 from valerie.errors import CorruptArtifact
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer
-from valerie.storage import frames
+from valerie.storage import envelope
 
 
 def encode_image(image: LinearImage) -> bytes:
     """A linear image: ``pixels`` (H, W, 3) float16."""
-    return frames.pack("image", {"pixels": image.pixels}, {})
+    return envelope.pack("image", {"pixels": image.pixels}, {})
 
 
 def decode_image(data: bytes, *, key: str = "") -> LinearImage:
@@ -30,14 +30,14 @@ def decode_image(data: bytes, *, key: str = "") -> LinearImage:
     Raises:
         CorruptArtifact: not a whole, consistent image.
     """
-    arrays, _ = frames.unpack("image", data, key=key)
+    arrays, _ = envelope.unpack("image", data, key=key)
     return LinearImage(_array(arrays, "pixels", np.float16, (None, None, 3), key))
 
 
 def encode_layer(layer: Layer) -> bytes:
     """A layer: ``pixels`` (h, w, 3) float16 and its rectangle (x, y, w, h)."""
     box = layer.rectangle
-    return frames.pack("layer", {"pixels": layer.pixels}, {"rectangle": [box.x, box.y, box.width, box.height]})
+    return envelope.pack("layer", {"pixels": layer.pixels}, {"rectangle": [box.x, box.y, box.width, box.height]})
 
 
 def decode_layer(data: bytes, *, key: str = "") -> Layer:
@@ -46,7 +46,7 @@ def decode_layer(data: bytes, *, key: str = "") -> Layer:
     Raises:
         CorruptArtifact: not a whole, consistent layer.
     """
-    arrays, meta = frames.unpack("layer", data, key=key)
+    arrays, meta = envelope.unpack("layer", data, key=key)
     rectangle = _rectangle(meta.get("rectangle"), key)
     return Layer(rectangle, _array(arrays, "pixels", np.float16, (rectangle.height, rectangle.width, 3), key))
 
@@ -58,7 +58,7 @@ def encode_truth(truth: GroundTruth) -> bytes:
         "instance_map": truth.instance_map,
         "depth": truth.depth,
     }
-    return frames.pack("truth", arrays, {"persons": _pack_persons(truth.persons, arrays)})
+    return envelope.pack("truth", arrays, {"persons": _pack_persons(truth.persons, arrays)})
 
 
 def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
@@ -67,7 +67,7 @@ def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
     Raises:
         CorruptArtifact: not a whole, consistent truth.
     """
-    return _truth(*frames.unpack("truth", data, key=key), key)
+    return _truth(*envelope.unpack("truth", data, key=key), key)
 
 
 def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
@@ -84,7 +84,7 @@ def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
         "depths": layer.depths,
     }
     meta = {"statics": statics, "rectangle": [box.x, box.y, box.width, box.height], "size": list(layer.size)}
-    return frames.pack("truth-layer", arrays, meta | {"persons": _pack_persons(layer.persons, arrays)})
+    return envelope.pack("truth-layer", arrays, meta | {"persons": _pack_persons(layer.persons, arrays)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTr
     Raises:
         CorruptArtifact: neither, or not consistent.
     """
-    arrays, meta = frames.unpack(("truth", "truth-layer"), data, key=key)
+    arrays, meta = envelope.unpack(("truth", "truth-layer"), data, key=key)
     if meta["kind"] == "truth":
         return _truth(arrays, meta, key)
     statics, whole = meta.get("statics"), meta.get("size")
@@ -135,7 +135,7 @@ def statics_digest(statics: GroundTruth) -> str:
 
 def encode_prediction(train_ids: NDArray[np.uint8]) -> bytes:
     """What a function predicted: (H, W) uint8 train ids."""
-    return frames.pack("prediction", {"train_ids": train_ids}, {})
+    return envelope.pack("prediction", {"train_ids": train_ids}, {})
 
 
 def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
@@ -144,13 +144,13 @@ def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
     Raises:
         CorruptArtifact: not a whole, consistent prediction.
     """
-    arrays, _ = frames.unpack("prediction", data, key=key)
+    arrays, _ = envelope.unpack("prediction", data, key=key)
     return _array(arrays, "train_ids", np.uint8, (None, None), key)
 
 
 def encode_counts(counts: NDArray[np.int64]) -> bytes:
     """A confusion matrix: (rows, columns) int64 pixel counts."""
-    return frames.pack("counts", {"counts": counts}, {})
+    return envelope.pack("counts", {"counts": counts}, {})
 
 
 def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
@@ -159,7 +159,7 @@ def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
     Raises:
         CorruptArtifact: not a whole, consistent matrix.
     """
-    arrays, _ = frames.unpack("counts", data, key=key)
+    arrays, _ = envelope.unpack("counts", data, key=key)
     return _array(arrays, "counts", np.int64, (None, None), key)
 
 

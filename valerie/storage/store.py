@@ -23,7 +23,7 @@ from obstore.exceptions import AlreadyExistsError, BaseError, PreconditionError
 from obstore.store import LocalStore, ObjectStore, S3Store
 
 from valerie.errors import InvalidInput, NotFound, StorageFull, StorageUnavailable, ValerieError
-from valerie.storage import frames
+from valerie.storage import envelope
 
 _FULL: Final = re.compile(r"os error (28|122|27)\b|No space left|StorageFull|QuotaExceeded|status: 507", re.IGNORECASE)
 #: How the folder store names a file that is still being written.
@@ -89,7 +89,7 @@ class ArtifactStore:
                 obstore.put(self._store, key, data, mode="create", use_multipart=False)
         except _Exists:
             present = self.get(key)
-            if present == data or not key.endswith(".zst") or frames.intact(present):
+            if present == data or not key.endswith(".zst") or envelope.intact(present):
                 return False
             return self.put(key, data, replace=True)
         return True

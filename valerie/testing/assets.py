@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from valerie.parameters.assignment import digest
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
-from valerie.scene.asset import SceneAsset
-from valerie.scene.manifest import Footprint, GroundRegion, Manifest
-from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
-from valerie.scene.objects import classified
-from valerie.scene.transforms import camera_transform, place
+from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest
+from valerie.scene.assets.objects import classified
+from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.graph.transforms import camera_transform, place
 
 #: Where the two persons stand by default: (x, y, heading in degrees).
 PERSON_PLACES: Final = {"scene.person-1": (0.0, 10.0, 180.0), "scene.person-2": (3.0, 15.0, 0.0)}

@@ -19,7 +19,7 @@ from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View
 from valerie.rendering.person_light import Received
-from valerie.scene.model import Scene
+from valerie.scene.graph.model import Scene
 
 NAME: Final = "blank"
 NUMERIC_CLASS: Final = "blank"

@@ -15,10 +15,10 @@ from scipy import ndimage
 from valerie.errors import RenderingError, UnknownName
 from valerie.labels import PERSON, SKY, instance_id
 from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, Renderer, View
-from valerie.scene.asset import SceneAsset
-from valerie.scene.model import Camera, Environment, Scene, Sun, Texture
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.graph.model import Camera, Environment, Scene, Sun, Texture
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 #: Assignments of `simple_asset` in which movables stand free, hide, overlap, are cut by the border, are many, or are away.

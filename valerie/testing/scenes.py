@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from valerie.scene.model import Scene
+from valerie.scene.graph.model import Scene
 
 
 def assert_same_scene(one: Scene, other: Scene) -> None:

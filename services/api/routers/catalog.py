@@ -15,7 +15,8 @@ from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
-from valerie.pipeline import catalog, monitoring
+from valerie.pipeline.control import monitoring
+from valerie.pipeline.functions import catalog
 
 router = APIRouter(prefix="/v1", tags=["catalog"])
 

@@ -26,13 +26,13 @@ from services.api.transfer import ConditionsDependency, send
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
-from valerie.pipeline import frames
-from valerie.pipeline.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, KINDS, png
-from valerie.pipeline.pinning import pinned_card
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import character_of, frame_id
+from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.annotation_files import FILES_REVISION, annotation_arrays, find_annotations, npz
+from valerie.pipeline.reading.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS, KINDS, png
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.tables import character_of, frame_id
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.spec import ResolvedRun
 from valerie.storage.keys import product_key

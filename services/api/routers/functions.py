@@ -15,9 +15,9 @@ from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
 from valerie.db.engine import reading
 from valerie.errors import NotFound, UnknownName
-from valerie.pipeline import catalog, functions
-from valerie.pipeline.brought import put_prediction
-from valerie.pipeline.importing import Brought, import_function
+from valerie.pipeline.functions import catalog, registry
+from valerie.pipeline.functions.importing import Brought, import_function
+from valerie.pipeline.work.uploaded_predictions import put_prediction
 
 router = APIRouter(prefix="/v1", tags=["functions"])
 
@@ -89,7 +89,7 @@ def register(form: FormDependency, request: Request, response: Response, context
     )
     with _IMPORTS:
         imported = import_function(brought, form.folder, context.settings)
-    registered, new = functions.register(context, imported.document, imported.payload)
+    registered, new = registry.register(context, imported.document, imported.payload)
     wake_control(request)
     response.headers["Location"] = f"/v1/functions/{registered.reference}"
     if not new:
@@ -123,7 +123,7 @@ def read(reference: Reference, context: ContextDependency) -> FunctionDetail:
 def payload(reference: Reference, context: ContextDependency, conditions: ConditionsDependency) -> Response:
     try:
         with reading(context.engine) as connection:
-            document = functions.find(connection, reference).document
+            document = registry.find(connection, reference).document
     except UnknownName as error:
         raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
     if document.payload is None:
@@ -134,7 +134,7 @@ def payload(reference: Reference, context: ContextDependency, conditions: Condit
         tag=document.payload.sha256,
         media_type="application/octet-stream",
         size=lambda: size,
-        read=lambda start, length: functions.read_payload(context, document)[start : start + length],
+        read=lambda start, length: registry.read_payload(context, document)[start : start + length],
         headers={"Content-Disposition": f'attachment; filename="{document.name}.{document.payload.format}"'},
     )
 
@@ -147,7 +147,7 @@ def payload(reference: Reference, context: ContextDependency, conditions: Condit
 )
 def remove(reference: Reference, context: ContextDependency) -> None:
     try:
-        functions.remove(context, reference)
+        registry.remove(context, reference)
     except UnknownName as error:
         raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 

@@ -9,7 +9,7 @@ from services.api import examples
 from services.api.dependencies import ContextDependency
 from services.api.openapi import example, problems
 from services.api.schemas import Health
-from valerie.pipeline import monitoring
+from valerie.pipeline.control import monitoring
 
 router = APIRouter(tags=["health"])
 

@@ -17,9 +17,9 @@ from services.api.transfer import ConditionsDependency, send
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, UnknownName
-from valerie.pipeline.points import read_points
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import read_table, table_row, varied_types
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading.points import read_points
+from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.runs.spec import ResolvedRun
 from valerie.storage.keys import run_key
 

@@ -22,11 +22,11 @@ from services.api.openapi import example, problems
 from services.api.schemas import Failure, Progress, RunDetail, RunPage, RunRead
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.pipeline import lifecycle
-from valerie.pipeline.context import Context
-from valerie.pipeline.plan import plan_run
-from valerie.pipeline.submit import submit
-from valerie.runs.planning import Plan
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.control.submit import submit
+from valerie.runs.forecast import Plan
 from valerie.runs.spec import RunSpec, parse
 from valerie.runs.states import RunState
 

@@ -10,8 +10,8 @@ import torch
 
 from benchmarks.bench_infer import LARGE, MODES, eager, table
 from valerie.perception.catalog import FUNCTIONS, file_document, function_path
-from valerie.perception.functions import open_function
 from valerie.perception.networks.architectures import ARCHITECTURES
+from valerie.perception.running.opening import open_function
 
 
 @pytest.fixture(autouse=True)

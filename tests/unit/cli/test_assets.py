@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from valerie.cli import assets
 from valerie.cli.main import app
-from valerie.scene.asset import asset_manifest
+from valerie.scene.assets.asset import asset_manifest
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from valerie.cli.evaluation import _parts
 from valerie.labels import PERSON
 from valerie.metrics.collection import collection_scores
 from valerie.perception.base import FunctionCard
-from valerie.pipeline.dataset_evaluation import DatasetResult, FunctionResult
+from valerie.pipeline.retraining.dataset_evaluation import DatasetResult, FunctionResult
 
 ROAD, VOID = 0, 19
 

@@ -21,8 +21,8 @@ from valerie.client import ServerProblemError
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import RenderingError
-from valerie.pipeline import lifecycle
-from valerie.pipeline.makers.inputs import ProductReader
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.reading.products import ProductReader
 
 KINDS = ("normals", "boxes", "joints", "flow", "velocity", "light")
 Export = Callable[..., str]

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from valerie.cli.main import app
 from valerie.cli.registry import functions_named
 from valerie.errors import InvalidInput, NotFound
-from valerie.testing.functions import small_onnx
+from valerie.testing.onnx_function import small_onnx
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from cityscapesscripts.helpers import box3dImageTransform
 from pyquaternion import Quaternion
 
 from valerie.datasets.camera import camera_document
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_transform
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
 
 
 def _rotation(axis: int, angle: float) -> np.ndarray:

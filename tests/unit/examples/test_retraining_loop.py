@@ -17,8 +17,8 @@ from sketch.runs import open_sketch, settings_of, spec, work
 from sketch.training import DRAWS, class_here, draw_frames
 
 from examples.retraining.loop import FUNCTION, close_the_loop
-from valerie.perception.function_file import read_header
-from valerie.pipeline.retraining import RetrainSettings
+from valerie.perception.importing.function_file import read_header
+from valerie.pipeline.retraining.loop import RetrainSettings
 from valerie.storage.keys import run_key
 
 WEAK = "pacc < 0.9 and distance_m > 25"
@@ -29,7 +29,7 @@ ALONG_THE_STREET = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
 def test_a_run_is_shown_beside_two_new_versions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("valerie.pipeline.retraining.render_frames", draw_frames)
+    monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     deployment = settings_of(tmp_path / "data")
     context, bell = open_sketch(deployment, infer_class=class_here(FUNCTION, deployment))
     run_id = work(context, bell, spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))

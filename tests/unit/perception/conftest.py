@@ -10,8 +10,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from valerie.perception.documents import FunctionDocument, parse_function  # noqa: E402
-from valerie.perception.function_file import function_file_bytes  # noqa: E402
+from valerie.perception.documents.function import FunctionDocument, parse_function  # noqa: E402
+from valerie.perception.importing.function_file import function_file_bytes  # noqa: E402
 from valerie.perception.networks.architectures import build_network  # noqa: E402
 
 MEAN, STD = (0.4, 0.45, 0.5), (0.2, 0.25, 0.3)

@@ -18,15 +18,15 @@ from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Finished, Job, Ready
 from valerie.errors import TransientError
-from valerie.pipeline.context import Context, open_context
-from valerie.pipeline.control import ControlLoop
-from valerie.pipeline.finish import finish_run
-from valerie.pipeline.makers.evaluation import EvaluateMaker
-from valerie.pipeline.makers.inference import InferMaker
-from valerie.pipeline.makers.rendering import RenderMaker
-from valerie.pipeline.probe import probe_engine, probe_function
-from valerie.pipeline.stages import LooksAhead, MayEnd, run_stage
-from valerie.pipeline.submit import submit
+from valerie.pipeline.base.context import Context, open_context
+from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.submit import submit
+from valerie.pipeline.functions.probe import probe_engine, probe_function
+from valerie.pipeline.work.finish import finish_run
+from valerie.pipeline.work.makers.evaluation import EvaluateMaker
+from valerie.pipeline.work.makers.inference import InferMaker
+from valerie.pipeline.work.makers.rendering import RenderMaker
+from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
 from valerie.runs.spec import parse
 from valerie.settings import load_settings
 

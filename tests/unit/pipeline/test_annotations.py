@@ -16,17 +16,18 @@ from valerie.datasets import coco
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, RenderingError, UnknownName
-from valerie.pipeline import frames, gc, lifecycle
-from valerie.pipeline.annotation_files import key_points
-from valerie.pipeline.datasets import ExportSettings, export_run
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.plan import plan_run
-from valerie.pipeline.replay import replay_frame
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import read_table
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.control import gc, lifecycle
+from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.export.datasets import ExportSettings, export_run
+from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.annotation_files import key_points
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.tables import read_table
+from valerie.pipeline.work.replay import replay_frame
 from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
 from valerie.runs.spec import parse
-from valerie.scene.model import JOINTS
+from valerie.scene.graph.model import JOINTS
 
 FRAMES = 8
 ASKED = spec(xs=2, ys=2, annotations=["normals", "boxes"])

@@ -17,7 +17,7 @@ from valerie.broker import route_of
 from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.db.models import Product
-from valerie.pipeline.probe import probe_engine, probe_function
+from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.rendering.cycles.blender import process_blender
 
 FAKE = Path(__file__).parents[1] / "rendering" / "cycles" / "fake_blender.py"

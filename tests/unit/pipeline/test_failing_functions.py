@@ -19,10 +19,10 @@ from valerie.db import processes, results
 from valerie.db.engine import reading, writing
 from valerie.db.products import Finished, Job
 from valerie.perception.base import FunctionCard
-from valerie.perception.documents import parse_function
-from valerie.perception.label_png import encode_png
-from valerie.pipeline import functions
-from valerie.pipeline.function_source import FunctionSource
+from valerie.perception.documents.function import parse_function
+from valerie.perception.running.label_png import encode_png
+from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.source import FunctionSource
 from valerie.storage.keys import run_key
 from valerie.testing.blank import BlankFunction
 
@@ -67,7 +67,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
             "options": {"url": server.url, "timeout_s": 2},
             "output": {"kind": "labels", "classes": ["road", "person"]},
         }
-        functions.register(pipeline.context, parse_function(text), None)
+        registry.register(pipeline.context, parse_function(text), None)
         offer(
             pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"}
         )
@@ -123,7 +123,7 @@ def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
     monkeypatch.setattr(FunctionSource, "open", open_one)
     for number, name in enumerate(("one", "two")):
         text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
-        functions.register(pipeline.context, parse_function(text), None)
+        registry.register(pipeline.context, parse_function(text), None)
     offer(pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"})
     run_id = pipeline.submit({**FOUR, "functions": ["one", "two", "blank"]})
     assert pipeline.run(run_id) == "completed"

@@ -12,16 +12,16 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
-from valerie.pipeline import feeding, gc, lifecycle
-from valerie.pipeline.control import ControlLoop
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.plan import plan_run
-from valerie.pipeline.replay import replay_frame
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import read_table
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.control import feeding, gc, lifecycle
+from valerie.pipeline.control.loop import ControlLoop
+from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.tables import read_table
+from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.spec import parse
 from valerie.storage import codecs
-from valerie.storage.frames import intact
+from valerie.storage.envelope import intact
 from valerie.storage.keys import product_key
 
 FRAMES = 24

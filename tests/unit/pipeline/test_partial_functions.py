@@ -17,13 +17,13 @@ from valerie.db.models import Frame
 from valerie.errors import Conflict
 from valerie.labels import PERSON, VOID
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.documents import parse_function
-from valerie.perception.label_png import encode_png
-from valerie.pipeline import functions
-from valerie.pipeline.brought import put_prediction
-from valerie.pipeline.comparison import compare_versions
-from valerie.pipeline.dataset_evaluation import run_side
-from valerie.pipeline.makers.inputs import ProductReader
+from valerie.perception.documents.function import parse_function
+from valerie.perception.running.label_png import encode_png
+from valerie.pipeline.functions import registry
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.retraining.comparison import compare_versions
+from valerie.pipeline.retraining.dataset_evaluation import run_side
+from valerie.pipeline.work.uploaded_predictions import put_prediction
 from valerie.storage.keys import run_key
 
 PERSON_OR_NOT = (
@@ -38,7 +38,7 @@ RUN = spec(xs=2, ys=2, functions=["person-or-not", "narrowed", "blank"])
 def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
     """One function that finds every person and knows nothing else; one that knows more and is asked for persons alone."""
     for text in (PERSON_OR_NOT, NARROWED):
-        functions.register(pipeline.context, parse_function(text), None)
+        registry.register(pipeline.context, parse_function(text), None)
     run = pipeline.submit(RUN)
     assert pipeline.run(run, until=["running"]) == "running"
     for _ in range(8):

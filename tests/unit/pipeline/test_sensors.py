@@ -13,14 +13,15 @@ from tests.acceptance.system import spec, write_box_street
 from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
-from valerie.pipeline import frames, gc, lifecycle
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.plan import plan_run
-from valerie.pipeline.replay import replay_frame
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.tables import read_table
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.control import gc, lifecycle
+from valerie.pipeline.control.plan import plan_run
+from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.tables import read_table
+from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.spec import parse
-from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 
 FRAMES = 4
 BENT = {"name": "bent", "distortion": {"k1": -0.9}}

@@ -11,12 +11,12 @@ from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs
-from valerie.pipeline import frames
-from valerie.pipeline.makers.inputs import ProductReader
-from valerie.pipeline.replay import replay_frame
-from valerie.pipeline.resolution import resolve_stored
-from valerie.pipeline.selection import choose_frames, run_where
-from valerie.pipeline.tables import read_table
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.selection import choose_frames, run_where
+from valerie.pipeline.reading.tables import read_table
+from valerie.pipeline.work.replay import replay_frame
 
 
 def moving(**more: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from valerie.labels import SKY
 from valerie.rendering.base import GroundTruth, View
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ from valerie.rendering.annotations.boxes import EDGES, Boxes, measure_boxes
 from valerie.rendering.annotations.normals import NOTHING, Normals
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.asset import load_asset
-from valerie.scene.model import Scene
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 320, 180)

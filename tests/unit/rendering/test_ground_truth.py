@@ -11,9 +11,9 @@ from scene_rays import assert_agrees, near_edges, trace, triangles_of
 from valerie.errors import InvalidInput, UnknownName
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.model import Scene
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl

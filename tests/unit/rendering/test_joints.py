@@ -11,6 +11,8 @@ import pytest
 import scene_rays
 from numpy.typing import NDArray
 
+from urban_street.human.figure import figure
+from urban_street.vehicles import build_rider, build_vehicle
 from valerie.rendering.annotations.joints import (
     HIDDEN,
     LIMBS,
@@ -22,11 +24,9 @@ from valerie.rendering.annotations.joints import (
 )
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.model import JOINTS, Material, Node, Scene
-from valerie.scene.objects import classified
-from valerie.scene.procedural.human.figure import figure
-from valerie.scene.procedural.vehicles import build_rider, build_vehicle
-from valerie.scene.transforms import camera_transform, place
+from valerie.scene.assets.objects import classified
+from valerie.scene.graph.model import JOINTS, Material, Node, Scene
+from valerie.scene.graph.transforms import camera_transform, place
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 320, 180)

@@ -8,8 +8,8 @@ import pytest
 
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.sky import EXPOSURE, LUX, sky_of
-from valerie.scene.model import SWITCHES, Environment, Light, Material, Node, Scene, Sun
-from valerie.scene.transforms import Pose
+from valerie.scene.graph.model import SWITCHES, Environment, Light, Material, Node, Scene, Sun
+from valerie.scene.graph.transforms import Pose
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

@@ -14,8 +14,8 @@ from valerie.rendering.person_light import PersonLight, Received, measure_light,
 from valerie.rendering.raster import renderer
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, EXPOSURE, sky_of
-from valerie.scene.model import Node, Scene
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Node, Scene
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import box_mesh, simple_asset
 
 VIEW = View("camera-1", 320, 180)

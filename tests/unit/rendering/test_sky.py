@@ -17,7 +17,7 @@ from valerie.rendering.sky import (
     sky_of,
     twilight_lux,
 )
-from valerie.scene.model import Environment, Scene, Sun
+from valerie.scene.graph.model import Environment, Scene, Sun
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

@@ -10,10 +10,10 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.asset import SceneAsset, load_asset
-from valerie.scene.model import Camera, Scene
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.assets.asset import SceneAsset, load_asset
+from valerie.scene.graph.model import Camera, Scene
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.rendering import assert_same
 
 pytestmark = pytest.mark.gl

@@ -7,9 +7,9 @@ import pytest
 
 from valerie.rendering.base import GroundTruth, PersonTruth, View
 from valerie.rendering.visibility import ABSENT, HIDDEN, OUTSIDE, measure, person_roots
-from valerie.scene.model import Scene
-from valerie.scene.transforms import place
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.transforms import place
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 20, 10)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from valerie.scene.manifest import Manifest, parse_manifest
+from valerie.scene.assets.manifest import Manifest, parse_manifest
 
 settings.register_profile("no deadline", deadline=None)
 settings.load_profile("no deadline")

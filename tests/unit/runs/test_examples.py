@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 
+from valerie.runs.forecast import Plan, plan
 from valerie.runs.inputs import ProductInputs
-from valerie.runs.planning import Plan, plan
 from valerie.runs.spec import parse, resolve
-from valerie.scene.asset import asset_manifest
-from valerie.scene.ground import ground_height
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.legality.ground import ground_height
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")

@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInputs
+from valerie.runs.forecast import plan
 from valerie.runs.inputs import ProductInputs
-from valerie.runs.planning import plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
-from valerie.scene.asset import asset_manifest
-from valerie.scene.manifest import Manifest
-from valerie.scene.trajectory import TIME_PATH, Trajectory
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.motion.trajectory import TIME_PATH, Trajectory
 
 WALK = {"person-1": [["0 s", -2, 20], ["2 s", "200 cm", 20]]}
 

@@ -5,11 +5,11 @@ import pytest
 
 from valerie.errors import InvalidInputs
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
-from valerie.runs.planning import plan
+from valerie.runs.forecast import plan
 from valerie.runs.spec import ResolvedRun, parse, resolve
-from valerie.scene.manifest import Manifest
-from valerie.scene.model import POSITIONS
-from valerie.scene.solar import CLOCK
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.model import POSITIONS
+from valerie.scene.light.solar import CLOCK
 
 X, Y, HEADING = "scene.person-1.pos.x", "scene.person-1.pos.y", "scene.person-1.heading"
 

@@ -6,9 +6,9 @@ from valerie.errors import InvalidInputs
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.sensors import focal_length_mm
 from valerie.runs.spec import ResolvedRun, parse, resolve
-from valerie.scene.asset import asset_manifest
-from valerie.scene.manifest import Manifest
-from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 from valerie.testing.assets import simple_manifest
 
 

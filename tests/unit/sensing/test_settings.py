@@ -6,7 +6,7 @@ from pydantic import BaseModel, ValidationError
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import canonical_json
-from valerie.scene.sensor_parameters import SENSOR_PARAMETERS
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 from valerie.sensing.settings import SensorSetting
 
 

@@ -12,7 +12,7 @@ from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, View
-from valerie.storage import frames
+from valerie.storage import envelope
 from valerie.storage.annotations import decode_boxes, decode_flow, decode_joints, decode_normals, encode_annotation
 from valerie.testing.assets import simple_asset
 
@@ -51,7 +51,7 @@ def test_boxes_of_different_lengths_are_refused() -> None:
     arrays = {one.name: getattr(some_boxes(), one.name) for one in fields(Boxes)}
     arrays["sizes"] = arrays["sizes"][:1]
     with pytest.raises(CorruptArtifact, match="sizes is not"):
-        decode_boxes(frames.pack("boxes", arrays, {}), key="products/boxes/x")
+        decode_boxes(envelope.pack("boxes", arrays, {}), key="products/boxes/x")
 
 
 def test_one_kind_is_not_taken_for_another() -> None:
@@ -61,7 +61,7 @@ def test_one_kind_is_not_taken_for_another() -> None:
 
 def test_normals_of_another_shape_are_refused() -> None:
     with pytest.raises(CorruptArtifact, match="int16"):
-        decode_normals(frames.pack("normals", {"octahedral": np.zeros((4, 4, 3), np.int16)}, {}))
+        decode_normals(envelope.pack("normals", {"octahedral": np.zeros((4, 4, 3), np.int16)}, {}))
 
 
 def test_flow_comes_back_as_it_was_and_is_no_velocity() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import CorruptArtifact
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer
-from valerie.storage import codecs, frames
+from valerie.storage import codecs, envelope
 
 sides = st.integers(1, 12)
 
@@ -145,7 +145,7 @@ def test_an_impossible_truth_layer_is_refused(meta: dict[str, object]) -> None:
         "depths": np.zeros(4, np.float32),
     }
     with pytest.raises(CorruptArtifact):
-        codecs.decode_stored_truth(frames.pack("truth-layer", arrays, given_meta))
+        codecs.decode_stored_truth(envelope.pack("truth-layer", arrays, given_meta))
 
 
 def test_the_depth_of_the_sky_stays_infinite() -> None:
@@ -197,13 +197,13 @@ def test_counts_come_back(counts: NDArray[np.int64]) -> None:
     ],
 )
 def test_a_layer_whose_rectangle_does_not_fit_its_pixels_is_refused(meta: dict[str, object]) -> None:
-    data = frames.pack("layer", {"pixels": np.zeros((3, 2, 3), np.float16)}, meta)
+    data = envelope.pack("layer", {"pixels": np.zeros((3, 2, 3), np.float16)}, meta)
     with pytest.raises(CorruptArtifact):
         codecs.decode_layer(data)
 
 
 def test_an_image_of_another_type_is_refused_with_what_was_expected() -> None:
-    data = frames.pack("image", {"pixels": np.zeros((3, 2, 3), np.float32)}, {})
+    data = envelope.pack("image", {"pixels": np.zeros((3, 2, 3), np.float32)}, {})
     with pytest.raises(CorruptArtifact, match=r"float32 \(3, 2, 3\), expected float16"):
         codecs.decode_image(data)
 
@@ -221,7 +221,7 @@ def _truth_data(**changes: object) -> bytes:
             arrays[name] = value
         else:
             meta[name] = value
-    return frames.pack("truth", arrays, meta)
+    return envelope.pack("truth", arrays, meta)
 
 
 def test_the_unchanged_truth_of_these_tests_is_accepted() -> None:

@@ -14,7 +14,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from valerie.errors import InvalidInput, InvalidInputs, ValerieError
-from valerie.perception.training.frames import FrameFolder, Shard
+from valerie.perception.training.frame_folder import FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import CropSettings, TrainingSettings
 from valerie.perception.training.training_set import open_training_set
@@ -69,7 +69,7 @@ def _option(setting: str) -> str:
 
 def _frames(options: argparse.Namespace) -> None:
     # The use case lives above this package (it joins asset, engine and sensor); only this entry point looks up.
-    from valerie.pipeline.training_frames import FrameSettings, render_frames
+    from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
 
     settings = FrameSettings(
         split=options.split,

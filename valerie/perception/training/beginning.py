@@ -9,8 +9,8 @@ import numpy as np
 
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES
-from valerie.perception.documents import FunctionDocument
-from valerie.perception.function_file import CLASS_NAMES, function_file_bytes, read_tensors
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.importing.function_file import CLASS_NAMES, function_file_bytes, read_tensors
 
 #: What a later version says of the one it began with.
 _CARRIED: Final = ("steps", "steps-before", "frames-street-seeds", "street-seeds-before", "licence")

@@ -14,12 +14,12 @@ from torch.nn import functional
 
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
-from valerie.perception.function_file import compact, function_file_bytes
-from valerie.perception.labelling import in_channels_last, normalised
-from valerie.perception.loaders import load_network
+from valerie.perception.importing.function_file import compact, function_file_bytes
+from valerie.perception.importing.loaders import load_network
 from valerie.perception.networks.architectures import Network, build_network
+from valerie.perception.running.labelling import in_channels_last, normalised
 from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.loss import pixel_loss
 from valerie.perception.training.samples import batches
 from valerie.perception.training.settings import TrainingSettings
@@ -73,7 +73,7 @@ class TrainedModel:
     figures: ValidationFigures | None
 
     def to_bytes(self, provenance: dict[str, str]) -> bytes:
-        """The function file (`valerie.perception.function_file`); seed, steps, precision and figures are added."""
+        """The function file (`valerie.perception.importing.function_file`); seed, steps, precision and figures are added."""
         state = self.network.state_dict()
         tensors = {name: value.numpy() for name, value in state.items() if value.is_floating_point()}
         own = {

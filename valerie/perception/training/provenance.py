@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from valerie.perception.function_file import read_header
-from valerie.perception.training.frames import FrameFolder
+from valerie.perception.importing.function_file import read_header
+from valerie.perception.training.frame_folder import FrameFolder
 from valerie.perception.training.training_set import SEPARATOR, TrainingSet
 
 _SEEDS: Final = "frames-street-seeds"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import PERSON, VOID
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.settings import CropSettings, TrainingSettings
 
 Picture = NDArray[np.uint8]

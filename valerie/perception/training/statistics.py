@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import NUM_TRAIN_CLASSES
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.frame_folder import TrainingFrame
 
 _FRAMES: Final = 64
 #: No class weighs more than this many times the average pixel: a class of a few pixels would make the loss leap.

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from valerie.errors import InvalidInput
-from valerie.perception.training.frames import SEEDS, FrameFolder, Frames, TrainingFrame
+from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Frames, TrainingFrame
 
 #: Between what is said of one folder and of the next.
 SEPARATOR: Final = "; "

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON
-from valerie.perception.adaptation import plan
-from valerie.perception.documents import InputDocument
-from valerie.perception.labelling import ALIGNMENT, label_maps
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.documents.function import InputDocument
+from valerie.perception.running.adaptation import plan
+from valerie.perception.running.labelling import ALIGNMENT, label_maps
+from valerie.perception.training.frame_folder import TrainingFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def validate(
     *,
     longest_side: int | None = None,
 ) -> ValidationFigures:
-    """Predict whole frames exactly as `valerie.perception.engines.torch_engine` does, on the network's device in fp32.
+    """Predict whole frames exactly as `valerie.perception.running.engines.torch_engine` does, on the network's device in fp32.
 
     The network is put into evaluation mode and back.
 
@@ -62,7 +62,7 @@ def validate(
         frames: with their labels.
         mean, std: (3,) float32 on the network's device.
         longest_side: pixels; longer frames are reduced to it, as the function will do
-            (`valerie.perception.documents.InputDocument`).
+            (`valerie.perception.documents.function.InputDocument`).
     """
     document = InputDocument(multiple_of=ALIGNMENT, longest_side=longest_side)
     n = NUM_TRAIN_CLASSES

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from valerie.rendering.base import GroundTruth, View, bounds
 from valerie.rendering.raster.camera_math import clip_hull, project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, instance_roots
-from valerie.scene.model import Camera, Mesh, Node, Scene, freeze
+from valerie.scene.graph.model import Camera, Mesh, Node, Scene, freeze
 
 #: Of a box of size 1 around the origin that faces +y.
 _CORNERS: Final = np.array(

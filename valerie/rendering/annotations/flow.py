@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import freeze
+from valerie.scene.graph.model import freeze
 
 
 @dataclass(frozen=True, slots=True, eq=False)

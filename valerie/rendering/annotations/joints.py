@@ -13,7 +13,7 @@ from valerie.labels import PERSON, RIDER
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.raster.camera_math import project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
-from valerie.scene.model import JOINTS, Camera, Scene, freeze
+from valerie.scene.graph.model import JOINTS, Camera, Scene, freeze
 
 #: What is said of a joint: it lies outside of the image or behind the camera; something else is before it; the person's own body
 #: is before it; it is visible.

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import freeze
+from valerie.scene.graph.model import freeze
 
 #: Both numbers of a pixel in which there is no surface.
 NOTHING: Final = -32768

@@ -22,8 +22,8 @@ from valerie.rendering.raster.camera_math import box_corners
 from valerie.rendering.raster.lamp_reach import FrameLamps, with_lamps
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.rendering.sky import sky_of
-from valerie.scene.model import Scene
-from valerie.scene.weather import wetness
+from valerie.scene.graph.model import Scene
+from valerie.scene.light.weather import wetness
 
 #: Heights of a movable beyond which its indirect light is lost in the noise.
 REACH: Final = 0.5

@@ -19,7 +19,7 @@ from valerie.rendering.cycles import translation
 from valerie.rendering.cycles.blender import BlenderHolder, process_blender
 from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.settings import CyclesSettings
-from valerie.scene.model import Scene
+from valerie.scene.graph.model import Scene
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
 

@@ -22,7 +22,7 @@ from valerie.rendering.lamps import Lamp, glowing, lit_lamps
 from valerie.rendering.rain import rained_on
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, material_of
 from valerie.rendering.sky import AZIMUTHS, DUSK, ELEVATIONS, Sky, sky_of
-from valerie.scene.model import Camera, Material, Matrix, Mesh, Scene, Texture
+from valerie.scene.graph.model import Camera, Material, Matrix, Mesh, Scene, Texture
 
 #: Share of its light that a thin sheet (`Material.double_sided`) passes on; its lit side is then as in the raster engine.
 _TRANSLUCENT_SHARE: Final = 0.175

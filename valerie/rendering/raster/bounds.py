@@ -15,7 +15,7 @@ import numpy as np
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.raster.camera_math import Points, box_corners, clip_hull, project
-from valerie.scene.model import Camera
+from valerie.scene.graph.model import Camera
 
 
 @dataclass(frozen=True, slots=True)

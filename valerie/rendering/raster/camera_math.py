@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.scene.model import Camera, Matrix, freeze
+from valerie.scene.graph.model import Camera, Matrix, freeze
 
 Points = NDArray[np.float64]
 

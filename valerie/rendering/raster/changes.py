@@ -13,7 +13,7 @@ from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap
 from valerie.rendering.raster.tiles import TILE, Mask, widened
-from valerie.scene.model import Camera
+from valerie.scene.graph.model import Camera
 
 #: Metres by which a caster may lie behind a receiver along the light and still count: the receiver's plane, clamped to a slope
 #: of 6 in both directions, over the widest penumbra.

@@ -26,7 +26,7 @@ from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import Target, gl_rectangle
 from valerie.rendering.scene_reading import camera_of
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 #: A movable is what the truth shows where its depth is the truth's up to this share (another program may round it otherwise).
 _SAME_DEPTH: Final = 1e-5

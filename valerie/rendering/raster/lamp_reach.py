@@ -17,7 +17,7 @@ from valerie.rendering.lamps import Lamp
 from valerie.rendering.raster.bounds import covered_rectangle, grown, union
 from valerie.rendering.raster.camera_math import Points, light_axes
 from valerie.rendering.raster.tiles import Mask, TileGrid
-from valerie.scene.model import Camera, Matrix
+from valerie.scene.graph.model import Camera, Matrix
 
 #: Lamps with shadow maps: of those that stand still, and of those that hang on movables. Texels per side of each.
 LAMP_TILES: Final = 8

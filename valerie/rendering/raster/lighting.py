@@ -26,7 +26,7 @@ from valerie.rendering.raster.targets import (
 )
 from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.sky import Sky
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.raster.textures import TextureSet
-from valerie.scene.model import Material
+from valerie.scene.graph.model import Material
 
 #: RGBA texels per material.
 TEXELS: Final = 5

@@ -14,7 +14,7 @@ from valerie.rendering.raster.camera_math import Points, box_corners
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.uniforms import set_uniforms
 from valerie.rendering.scene_reading import DrawItem, normal_matrix
-from valerie.scene.model import Mesh
+from valerie.scene.graph.model import Mesh
 
 
 class MeshBuffers:

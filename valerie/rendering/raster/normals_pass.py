@@ -17,7 +17,7 @@ from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, one_span
 from valerie.rendering.scene_reading import camera_key, camera_of
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 _CAMERAS: Final = 2
 

@@ -31,7 +31,7 @@ from valerie.rendering.raster.targets import SAMPLES, ScreenPass, gl_rectangle, 
 from valerie.rendering.raster.tiles import Mask, TileGrid, widened
 from valerie.rendering.scene_reading import camera_key, camera_of
 from valerie.rendering.sky import EXPOSURE, Sky, sky_of
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
 
 #: Metres and pixels of near occlusion. Filters: the place of the sky light that a sample takes (4 pixels away at most; the
 #: blur of near occlusion and its neighbours take 3), the tent filter (1) and rounding (1).

@@ -17,7 +17,7 @@ from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh
 from valerie.rendering.raster.static_geometry import StaticGeometry
 from valerie.rendering.raster.textures import TextureSet
 from valerie.rendering.scene_reading import DrawItem, draw_items, material_of
-from valerie.scene.model import Material, Node, Scene
+from valerie.scene.graph.model import Material, Node, Scene
 
 #: Assets kept on the graphics card (a worker renders groups of variants of one asset).
 ASSETS: Final = 2

@@ -24,7 +24,7 @@ from valerie.rendering.raster.drawing import SurfaceDrawer
 from valerie.rendering.raster.surroundings import SurfaceSample, prominence
 from valerie.rendering.raster.targets import Target
 from valerie.rendering.raster.tiles import Mask
-from valerie.scene.model import Camera
+from valerie.scene.graph.model import Camera
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext

@@ -16,7 +16,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import Material, Texture
+from valerie.scene.graph.model import Material, Texture
 
 #: Sides of the arrays; an image goes into the smallest that holds it, resampled unless it has exactly that size.
 SIDES: Final = (64, 128, 256, 512, 1024, 2048)

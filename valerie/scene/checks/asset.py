@@ -10,19 +10,19 @@ import shapely
 
 from valerie.errors import InvalidInput, ValerieError
 from valerie.parameters.definitions import ParameterDefinition
-from valerie.scene.asset import SceneAsset
-from valerie.scene.asset_files import read_manifest
-from valerie.scene.attributes import resolve
+from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.assets.asset_files import read_manifest
+from valerie.scene.assets.attributes import resolve
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.objects import declared_problems, missing_nodes
 from valerie.scene.checks.findings import Finding, Severity, from_error
 from valerie.scene.checks.names import name_findings
 from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
-from valerie.scene.draft import Draft
-from valerie.scene.legality import rejection_reason
-from valerie.scene.manifest import Manifest
-from valerie.scene.naming import ROOT
-from valerie.scene.objects import declared_problems, missing_nodes
-from valerie.scene.variation import apply
+from valerie.scene.graph.draft import Draft
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.variation.applying import apply
 
 
 def asset_findings(folder: Path) -> list[Finding]:
@@ -33,7 +33,8 @@ def asset_findings(folder: Path) -> list[Finding]:
     Args:
         folder: with ``manifest.yaml`` and the files that it lists.
     """
-    from valerie.scene.gltf import FilePart, merge, read_gltf
+    from valerie.scene.assets.assembling import merge
+    from valerie.scene.gltf import FilePart, read_gltf
 
     try:
         manifest, asset_digest, files = read_manifest(folder)

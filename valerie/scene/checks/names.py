@@ -7,12 +7,12 @@ from difflib import get_close_matches
 from typing import Final
 
 from valerie.labels import CITYSCAPES, PERSON
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.assets.objects import alike, missing_nodes, unclassified
 from valerie.scene.checks.findings import Finding, Severity
 from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
-from valerie.scene.manifest import Manifest
-from valerie.scene.model import Scene
-from valerie.scene.naming import class_of_name, likely_name, parse_object_name
-from valerie.scene.objects import alike, missing_nodes, unclassified
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_name
 
 #: Nodes that a missing one may be, of which a finding tells.
 _LISTED: Final = 3

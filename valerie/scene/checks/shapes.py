@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.labels import BY_ID
+from valerie.scene.assets.manifest import Manifest
 from valerie.scene.checks.findings import Finding, Severity
-from valerie.scene.manifest import Manifest
-from valerie.scene.model import Mesh, Node, Scene
+from valerie.scene.graph.model import Mesh, Node, Scene
 
 #: Triangles that are shown, of one object or of the whole scene: more slow every engine down without being seen.
 MAX_TRIANGLES: Final = 1_000_000

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.parameters.definitions import ParameterType
-from valerie.scene.asset import SceneAsset
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.checks.findings import Finding, Severity
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
-from valerie.scene.ground import ground_height
-from valerie.scene.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Scene
+from valerie.scene.legality.ground import ground_height
 
 #: Share of all directions that lead out through a surface; from here on a place counts as inside of it.
 _INSIDE: Final = 0.6

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.scene.model import Camera, Environment, Material, Matrix, Node, Sun, Texture
+from valerie.scene.graph.model import Camera, Environment, Material, Matrix, Node, Sun, Texture
 
 #: Key of this project's facts in a glTF object's ``extras``.
 EXTRAS_KEY: Final = "valerie"

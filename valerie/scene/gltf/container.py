@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import MAX_NODES, MAX_VERTICES, SUPPORTED_EXTENSIONS
-from valerie.scene.gltf_files import Resources, open_document
+from valerie.scene.gltf.files import Resources, open_document
 
 _COMPONENTS: Final[dict[int, np.dtype[Any]]] = {
     pygltflib.BYTE: np.dtype("<i1"),

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import EXTRAS_KEY, own_extras
-from valerie.scene.model import BEAMS, SWITCHES, Light
+from valerie.scene.graph.model import BEAMS, SWITCHES, Light
 
 #: Largest angle that a spot light of glTF may have.
 _WIDEST_SPOT: Final = math.pi / 2

@@ -10,7 +10,7 @@ import pygltflib
 
 from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import EMISSIVE_STRENGTH, EXTRAS_KEY, SPECULAR, own_extras
-from valerie.scene.model import Material
+from valerie.scene.graph.model import Material
 
 TextureIndex = Callable[[str], int]
 TextureName = Callable[[int, str], str]

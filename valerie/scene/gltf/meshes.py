@@ -14,7 +14,7 @@ from valerie.scene.gltf.common import MAX_VERTICES, vectors_from_y_up
 from valerie.scene.gltf.container import Container, item
 from valerie.scene.gltf.materials import read_material
 from valerie.scene.gltf.textures import TextureReader, unique_names
-from valerie.scene.model import Material, Mesh
+from valerie.scene.graph.model import Material, Mesh
 
 #: What a primitive without a material is drawn with.
 DEFAULT_MATERIAL = "default"

@@ -25,8 +25,8 @@ from valerie.scene.gltf.container import Container, item, open_container
 from valerie.scene.gltf.lights import read_light
 from valerie.scene.gltf.meshes import MeshReader
 from valerie.scene.gltf.textures import TextureReader
-from valerie.scene.model import POSITIONS, Camera, Environment, Matrix, Mesh, Node, Sun
-from valerie.scene.naming import ROOT, node_name
+from valerie.scene.graph.model import POSITIONS, Camera, Environment, Matrix, Mesh, Node, Sun
+from valerie.scene.graph.naming import ROOT, node_name
 
 #: Longest list of names in a note.
 _FIRST = 5

@@ -9,7 +9,7 @@ from valerie.errors import InvalidInput
 from valerie.scene.gltf.common import MAX_TEXELS
 from valerie.scene.gltf.container import Container, item
 from valerie.scene.gltf.images import decode_image
-from valerie.scene.model import Texture
+from valerie.scene.graph.model import Texture
 
 
 class TextureReader:

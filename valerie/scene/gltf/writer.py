@@ -23,8 +23,8 @@ from valerie.scene.gltf.common import (
 from valerie.scene.gltf.images import encode_png
 from valerie.scene.gltf.lights import write_light
 from valerie.scene.gltf.materials import write_material
-from valerie.scene.model import Camera, Light, Matrix, Mesh, Scene
-from valerie.scene.naming import ROOT, SUN_PATH
+from valerie.scene.graph.model import Camera, Light, Matrix, Mesh, Scene
+from valerie.scene.graph.naming import ROOT, SUN_PATH
 
 #: For glTF's vertical angle of view, which needs a picture format; readers of ours take the focal length.
 _ASPECT_RATIO = 16 / 9

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.frame_folder import TrainingFrame
 
 
 def _frame(number: int, street_seed: int, height: int, width: int) -> TrainingFrame:

@@ -12,9 +12,9 @@ import torch
 
 from valerie.errors import InvalidInput
 from valerie.perception.catalog import file_document
-from valerie.perception.documents import FunctionDocument, parse_function
-from valerie.perception.function_file import read_tensors
-from valerie.perception.loaders import filled_network, load_network
+from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.importing.function_file import read_tensors
+from valerie.perception.importing.loaders import filled_network, load_network
 from valerie.perception.training.beginning import beginning
 
 

@@ -6,8 +6,8 @@ import torch
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.catalog import function_card, load_function
-from valerie.perception.function_file import function_file_bytes
-from valerie.perception.loaders import load_network
+from valerie.perception.importing.function_file import function_file_bytes
+from valerie.perception.importing.loaders import load_network
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 
@@ -130,7 +130,7 @@ def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tm
     assert card.provenance["steps"] == "20"
     assert card.provenance["held-out-frames"] == "2"
     function = load_function("semantic-fpn-small", folder=tmp_path)
-    from valerie.perception.labelling import label_maps
+    from valerie.perception.running.labelling import label_maps
 
     with torch.inference_mode():
         expected = label_maps(
@@ -189,7 +189,7 @@ def test_an_unknown_architecture_is_refused(make_frames) -> None:
 
 
 def test_a_batch_that_is_void_throughout_leaves_finite_weights(make_frames) -> None:
-    from valerie.perception.training.frames import TrainingFrame
+    from valerie.perception.training.frame_folder import TrainingFrame
 
     void = [TrainingFrame(f.picture, f.train_ids * 0 + 255, f.street_seed) for f in make_frames(2)]
     model = train(settings(steps=2), void)

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from valerie.perception.catalog import function_card
-from valerie.perception.function_file import read_header
+from valerie.perception.importing.function_file import read_header
 from valerie.perception.training.__main__ import execute, main
-from valerie.perception.training.frames import write_index, write_shard
+from valerie.perception.training.frame_folder import write_index, write_shard
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from valerie.perception.training.frames import TrainingFrame
+from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.statistics import class_weights
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.perception.training.frames import FrameFolder, write_index, write_shard
+from valerie.perception.training.frame_folder import FrameFolder, write_index, write_shard
 from valerie.perception.training.provenance import streets_seen
 from valerie.perception.training.training_set import TrainingSet, open_training_set
 

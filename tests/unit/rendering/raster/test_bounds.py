@@ -4,8 +4,8 @@ import pytest
 from valerie.rendering.base import View
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown
 from valerie.rendering.raster.camera_math import box_corners
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_transform
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
 
 CAMERA = Camera("scene.camera-1", camera_transform((0, 0, 1), 0, 0, 0), focal_length_mm=36.0)
 VIEW = View("camera-1", 200, 100)

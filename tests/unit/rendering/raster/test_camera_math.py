@@ -16,8 +16,8 @@ from valerie.rendering.raster.camera_math import (
     turned_to_fit,
     view_from_world,
 )
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_transform
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
 
 CAMERA = Camera("scene.camera-1", camera_transform((1.0, -3.0, 1.5), 20.0, -5.0, 3.0), focal_length_mm=50.0)
 POINTS = np.random.default_rng(0).uniform((-5, 5, 0), (5, 40, 8), (50, 3))

@@ -16,9 +16,9 @@ from valerie.rendering.lamps import lit_lamps
 from valerie.rendering.raster.lamp_reach import MOVING_TILES, LampView, moving_with_shadows, shadow_hull
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import LUX, sky_of
-from valerie.scene.model import Camera, Light, Material, Node, Scene, Sun
-from valerie.scene.transforms import Pose, camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Camera, Light, Material, Node, Scene, Sun
+from valerie.scene.graph.transforms import Pose, camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from valerie.rendering.raster.materials import mean_reflectance
 from valerie.rendering.raster.textures import TextureSet
-from valerie.scene.model import Material, Texture
+from valerie.scene.graph.model import Material, Texture
 
 PLASTER = Material("plaster", (0.8, 0.5, 0.2))
 #: Linear value of the byte 188, by the formula of sRGB: half of white, nearly.

@@ -15,9 +15,9 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import sky_of
-from valerie.scene.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
-from valerie.scene.transforms import Pose, camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
+from valerie.scene.graph.transforms import Pose, camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 

@@ -25,8 +25,8 @@ from valerie.rendering.raster.shadows import (
     static_view,
 )
 from valerie.rendering.raster.static_geometry import StaticGeometry
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_transform
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
 from valerie.testing.assets import simple_asset
 
 SUN = np.array([0.3, 0.5, 0.8]) / math.sqrt(0.98)

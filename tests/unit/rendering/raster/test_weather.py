@@ -10,9 +10,9 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.raster.tiles import widened
 from valerie.rendering.sky import sky_of
-from valerie.scene.model import Camera, Environment, Material, Node, Scene, Sun
-from valerie.scene.transforms import camera_transform
-from valerie.scene.weather import wetness
+from valerie.scene.graph.model import Camera, Environment, Material, Node, Scene, Sun
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.light.weather import wetness
 from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 

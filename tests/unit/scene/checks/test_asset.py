@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from valerie.scene.asset import load_asset
-from valerie.scene.asset_files import MANIFEST_FILE
+from valerie.scene.assets.asset import load_asset
+from valerie.scene.assets.asset_files import MANIFEST_FILE
 from valerie.scene.checks import Finding, Severity, asset_findings, scene_findings, shapes
 from valerie.scene.gltf import save_gltf
-from valerie.scene.model import Scene
-from valerie.scene.transforms import place
+from valerie.scene.graph.model import Scene
+from valerie.scene.graph.transforms import place
 from valerie.testing.assets import simple_asset
 
 BASE = simple_asset().base

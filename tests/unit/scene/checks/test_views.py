@@ -9,13 +9,13 @@ import pytest
 import trimesh
 
 from valerie.parameters.definitions import ParameterDefinition
-from valerie.scene.asset import SceneAsset
+from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.checks import Finding
 from valerie.scene.checks.shapes import object_boxes
 from valerie.scene.checks.views import enclosure, in_view, view_findings
-from valerie.scene.model import Camera
-from valerie.scene.transforms import camera_transform
-from valerie.scene.variation import apply
+from valerie.scene.graph.model import Camera
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.variation.applying import apply
 from valerie.testing.assets import simple_asset
 
 

@@ -14,7 +14,8 @@ from valerie.db import processes
 from valerie.db.engine import writing
 from valerie.errors import TransientError
 from valerie.labels import CITYSCAPES
-from valerie.pipeline import catalog, monitoring
+from valerie.pipeline.control import monitoring
+from valerie.pipeline.functions import catalog
 
 
 def test_an_asset_lists_its_parameters_with_bounds_and_units(api: httpx.Client) -> None:

@@ -13,7 +13,7 @@ from sketch.fixtures import Sketch
 from sketch.runs import settings_of
 
 from valerie.labels import PERSON, colorize
-from valerie.pipeline.context import open_context
+from valerie.pipeline.base.context import open_context
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 

@@ -13,8 +13,8 @@ import pytest
 from sketch.fixtures import Sketch
 
 from services.api.app import create_app
-from valerie.perception.label_png import encode_png
-from valerie.testing.functions import small_onnx
+from valerie.perception.running.label_png import encode_png
+from valerie.testing.onnx_function import small_onnx
 
 SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
 

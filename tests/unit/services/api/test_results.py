@@ -12,7 +12,7 @@ import pytest
 from sketch.fixtures import Sketch
 from sketch.runs import settings_of
 
-from valerie.pipeline.context import open_context
+from valerie.pipeline.base.context import open_context
 from valerie.storage.keys import run_key
 
 Row = dict[str, Any]

@@ -1,0 +1,93 @@
+from typing import Any
+
+import pytest
+
+from valerie.perception.base import FunctionCard
+from valerie.perception.catalog import function_card, function_document
+from valerie.perception.documents.cards import card_rows
+from valerie.perception.documents.function import parse_function
+
+PAYLOAD = {"sha256": "ab" * 32, "bytes": 16_042_000, "format": "onnx"}
+
+
+def rows(**entries: Any) -> dict[str, str]:
+    given = {"name": "mine", "kind": "onnx", **entries}
+    payload = {"payload": PAYLOAD} if given["kind"] == "onnx" else {}
+    document = parse_function(given, **payload)
+    return dict(card_rows(document.card(), document))
+
+
+def test_a_shipped_functions_card_says_all_that_decides_its_labels() -> None:
+    found = dict(card_rows(function_card("semantic-fpn-small"), function_document("semantic-fpn-small")))
+    assert found["classes"].startswith("19: road, sidewalk, building")
+    assert found["input size"] == "the frame's own, padded to multiples of 32"
+    assert "longer than 1600 pixels" in found["reduction"]
+    assert found["normalisation"].startswith("(x / 255 − mean) / std, mean 0.")
+    assert (found["channel order"], found["engine"], found["precision"]) == ("RGB", "torch", "fp32")
+    assert found["digest"] == function_card("semantic-fpn-small").digest
+    assert found["licence"] == "Apache-2.0"
+
+
+def test_ones_own_classes_stand_with_what_they_count_as() -> None:
+    output = {"classes": ["background", "human", "car"], "class_map": {"human": "person"}, "target_classes": ["person"]}
+    found = rows(output=output)
+    assert found["classes"] == "3: background → void, human → person, car"
+    assert found["judged by"] == "person"
+    assert (found["answers"], found["file"]) == ("logits", "onnx, 16,042,000 bytes")
+
+
+def test_the_threshold_of_a_single_class_is_shown() -> None:
+    found = rows(output={"kind": "probabilities", "classes": ["person"], "threshold": 0.4})
+    assert found["answers"] == "probabilities; above 0.4 a pixel is of the class"
+
+
+@pytest.mark.parametrize(
+    ("taken", "size"),
+    [
+        ({}, "the frame's own"),
+        ({"size": [640, 480]}, "640 × 480: smaller frames are padded"),
+        ({"size": [640, 480], "mode": "resize"}, "640 × 480: frames are resized"),
+        ({"size": [640, 480], "mode": "tile", "overlap": 32}, "640 × 480: tiles that share at least 32 pixels"),
+    ],
+)
+def test_every_way_in_is_told(taken: dict[str, Any], size: str) -> None:
+    found = rows(input=taken)
+    assert found["input size"] == size
+    assert "reduction" not in found
+
+
+@pytest.mark.parametrize(
+    ("taken", "text"),
+    [
+        ({}, "x / 255"),
+        ({"scale": 1}, "x"),
+        ({"scale": 1, "mean": [104, 117, 123]}, "(x − mean) / std, mean 104, 117, 123, std 1, 1, 1"),
+    ],
+)
+def test_normalisation_is_told_as_a_formula(taken: dict[str, Any], text: str) -> None:
+    assert rows(input=taken)["normalisation"] == text
+
+
+def test_a_function_elsewhere_is_told_by_its_address_and_takes_frames_as_they_are() -> None:
+    found = rows(kind="http", options={"url": "http://models.example:8000/predict", "timeout_s": 5})
+    assert (found["address"], found["time limit"]) == (
+        "http://models.example:8000/predict",
+        "5 s for a picture",
+    )
+    assert not {"input size", "normalisation", "engine", "precision", "file"} & found.keys()
+
+
+def test_the_deadline_of_brought_predictions_is_told() -> None:
+    found = rows(kind="predictions", options={"deadline_hours": 48})
+    assert found["deadline"] == "48 hours after the start of a run"
+
+
+def test_a_class_of_an_installed_package_says_what_its_card_does() -> None:
+    card = FunctionCard("dark", "d1", "threshold", "uint8", "numpy", {"licence": "MIT"})
+    assert card_rows(card) == [
+        ("digest", "d1"),
+        ("architecture", "threshold"),
+        ("engine", "numpy"),
+        ("precision", "uint8"),
+        ("licence", "MIT"),
+    ]

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import pytest
+
+from valerie.pipeline.control.progress import finished_per_second
+
+
+def steady(every_s: float, seconds: int) -> list[tuple[float, int]]:
+    """Looks once a second at a stage that finishes one in every so many seconds."""
+    return [(float(at), int(at / every_s)) for at in range(seconds + 1)]
+
+
+@pytest.mark.parametrize("every_s", [0.1, 1.0, 7.0, 11.0])
+def test_a_steady_stage_has_a_steady_rate(every_s: float) -> None:
+    for seconds in range(200, 230):
+        assert finished_per_second(steady(every_s, seconds)) == pytest.approx(1 / every_s, rel=0.11)
+
+
+def test_a_change_of_pace_is_seen_within_half_a_minute() -> None:
+    slow = steady(1.0, 100)
+    then = [*slow, *((100.0 + at, 100 + 10 * at) for at in range(1, 26))]
+    assert finished_per_second(then) == pytest.approx(10, rel=0.05)
+
+
+def test_what_has_stopped_slows_down_until_nothing_is_known() -> None:
+    stopped = [*steady(1.0, 60), *((60.0 + at, 60) for at in range(1, 41))]
+    assert 0 < finished_per_second(stopped) < 0.5
+    assert finished_per_second([(0.0, 5), (300.0, 5)]) == 0.0
+
+
+def test_one_look_tells_nothing() -> None:
+    assert finished_per_second([(3.0, 7)]) == 0.0

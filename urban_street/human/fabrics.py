@@ -1,0 +1,220 @@
+"""More textures: knitwear, T-shirts, coats, skirts and what people carry (see `textures` for the layout)."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+
+from urban_street.human.textures import (
+    SLEEVE_START,
+    TRUNK_SHARE,
+    Canvas,
+    Colour,
+    grid,
+    line,
+    noise,
+    seam,
+    weave,
+)
+
+#: Texels a side of what has no pattern.
+_SMALL: Final = 64
+
+Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
+
+
+def plain(colour: Colour, seed: int) -> Canvas:
+    """One colour, hardly worn."""
+    canvas = Canvas.plain(colour, _SMALL)
+    canvas.shade(1.0 + 0.02 * noise(np.random.default_rng(seed), (1.0, 1.0), _SMALL))
+    return canvas
+
+
+def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+    """A T-shirt or jersey, plain, striped across, or with a band around the chest; ribbed at neck and cuffs."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    if pattern == "stripes":
+        canvas.paint(
+            other, np.clip(6.0 * (np.sin(np.where(trunk, height * 12.0, v * 22.0) * 2.0 * np.pi) - 0.2), 0.0, 1.0)
+        )
+    elif pattern == "block":
+        canvas.paint(other, 1.0 * (((height > 0.30) & (height < 0.55) & trunk) | ((v > 0.72) & (v < 0.84))))
+    weave(canvas, random, contrast=0.03, relief=0.12)
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, trunk, dark=0.12)
+    seam(canvas, height - 0.97, trunk, dark=0.18, width=0.003)
+    arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
+    seam(canvas, arm - 0.93, v > SLEEVE_START, dark=0.18, width=0.006)
+    return canvas
+
+
+def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
+    """Knitwear with ribs at hem and cuffs; with a pouch and a zip's worth of cord, a hooded sweater."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    weave(canvas, random, contrast=0.05, relief=0.22)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    ribs = np.sin(u * 2.0 * np.pi * 90.0)
+    arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
+    edge = (trunk & (height > 0.92)) | ((v > SLEEVE_START) & (arm > 0.88))
+    canvas.height += np.where(edge, 0.9 * ribs, 0.25 * np.sin(v * 2.0 * np.pi * 120.0))
+    canvas.shade(np.where(edge, 0.93, 1.0))
+    seam(canvas, height - 0.92, trunk, dark=0.15, width=0.003)
+    if pocket:
+        front = np.abs(u - 0.5)
+        pouch = np.maximum(front / np.where(height < 0.70, 0.085, 0.125), np.abs(height - 0.75) / 0.145)
+        seam(canvas, pouch - 1.0, trunk, dark=0.35, width=0.04)
+        canvas.paint((225, 222, 215), 0.8 * line(front - 0.035, 0.004) * ((height > 0.06) & (height < 0.24)))
+    return canvas
+
+
+def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Canvas:
+    """The upper part of a coat: lapels, two rows of buttons, pockets; `coat_skirt` continues it."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    weave(canvas, random, contrast=0.06, relief=0.2)
+    u, v = grid()
+    trunk = v < TRUNK_SHARE
+    height = v / TRUNK_SHARE
+    front = np.abs(u - 0.5)
+    lapel = (front < 0.07 * (1.0 - height / 0.42)) & (height < 0.42) & trunk
+    canvas.height += 1.8 * lapel
+    canvas.shade(
+        1.0 - 0.30 * line(front - 0.07 * np.clip(1.0 - height / 0.42, 0.0, 1.0), 0.006) * ((height < 0.42) & trunk)
+    )
+    seam(canvas, u - 0.53, trunk & (height > 0.40), dark=0.4, width=0.004)
+    for place in (0.50, 0.66, 0.82):
+        for side in (0.472, 0.528):
+            distance = np.hypot(u - side, (v - place * TRUNK_SHARE) * 0.75)
+            canvas.paint(button, 1.0 * (distance < 0.0075))
+            canvas.height += 1.5 * (distance < 0.0075)
+    if belt:
+        band = trunk & (height > 0.90)
+        canvas.shade(np.where(band, 0.82, 1.0))
+        canvas.height += 1.5 * band
+        canvas.paint((60, 48, 34), 0.9 * ((front < 0.022) & band))
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, trunk)
+    arm = (v - SLEEVE_START) / (1.0 - SLEEVE_START)
+    seam(canvas, arm - 0.86, v > SLEEVE_START, dark=0.3, width=0.01)
+    return canvas
+
+
+def coat_skirt(colour: Colour, seed: int) -> Canvas:
+    """The lower part of a coat, from the waist down: overlapping fronts, pockets, a vent."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    weave(canvas, random, contrast=0.06, relief=0.2)
+    u, v = grid()
+    seam(canvas, u - 0.53, dark=0.45, width=0.004)
+    canvas.height += 1.6 * np.clip((0.53 - u) / 0.01, 0.0, 1.0) * (u > 0.40)
+    seam(canvas, np.minimum(u, 1.0 - u), v > 0.45, dark=0.45)
+    for side in (0.33, 0.67):
+        box = np.maximum(np.abs(u - side) / 0.055, np.abs(v - 0.26) / 0.035)
+        seam(canvas, box - 1.0, dark=0.35, width=0.06)
+    seam(canvas, v - 0.96, dark=0.15, width=0.004)
+    return canvas
+
+
+def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+    """A skirt or the lower part of a dress: u around, v from waist to hem."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    u, v = grid()
+    if pattern == "dots":
+        row = np.floor(v * 26.0)
+        along = (u * 44.0 + 0.5 * (row % 2.0)) % 1.0 - 0.5
+        canvas.paint(other, np.clip(6.0 * (0.24 - np.hypot(along, (v * 26.0) % 1.0 - 0.5)), 0.0, 1.0))
+    elif pattern == "checks":
+        lines = 0.5 * (np.sin(u * 2.0 * np.pi * 14.0) > 0.55) + 0.5 * (np.sin(v * 2.0 * np.pi * 9.0) > 0.55)
+        canvas.paint(other, 0.85 * lines)
+        canvas.paint((20, 20, 24), 0.5 * (np.abs(np.sin(u * np.pi * 14.0 + 0.6)) < 0.05))
+    elif pattern == "pleats":
+        fold = (u * 40.0) % 1.0
+        canvas.shade(1.0 - 0.28 * np.clip(1.0 - fold / 0.25, 0.0, 1.0))
+        canvas.height += 5.0 * fold
+    weave(canvas, random, contrast=0.04, relief=0.14)
+    seam(canvas, v - 0.03, dark=0.25, width=0.003)
+    seam(canvas, v - 0.97, dark=0.2, width=0.003)
+    return canvas
+
+
+def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
+    """The upper part of a dress, in the skirt's pattern."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    u, v = grid()
+    if pattern == "dots":
+        rows = v * 52.0
+        along = (u * 44.0 + 0.5 * (np.floor(rows) % 2.0)) % 1.0 - 0.5
+        canvas.paint(other, np.clip(6.0 * (0.24 - np.hypot(along, rows % 1.0 - 0.5)), 0.0, 1.0))
+    weave(canvas, random, contrast=0.04, relief=0.14)
+    for place in (0.25, 0.75):
+        seam(canvas, u - place, v < TRUNK_SHARE, dark=0.15)
+    return canvas
+
+
+def knit(colour: Colour, other: Colour, seed: int) -> Canvas:
+    """A knitted cap: ribs from the crown, a turned-up edge in another colour."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    u, v = grid()
+    canvas.paint(other, np.clip((v - 0.62) * 60.0, 0.0, 1.0))
+    canvas.height += 1.3 * np.sin(u * 2.0 * np.pi * 56.0)
+    canvas.shade(1.0 + 0.10 * np.sin(u * 2.0 * np.pi * 56.0) + 0.04 * noise(random, (1.0, 1.0)))
+    return canvas
+
+
+def felt(colour: Colour, band: Colour, seed: int) -> Canvas:
+    """A hat or peaked cap: panels, and a band where the brim begins."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour)
+    weave(canvas, random, contrast=0.05, relief=0.1)
+    u, v = grid()
+    for panel in range(6):
+        seam(canvas, np.abs(u - (panel + 0.5) / 6.0), v < 0.7, dark=0.2)
+    canvas.paint(band, 1.0 * ((v > 0.64) & (v < 0.78)))
+    return canvas
+
+
+def bag(colour: Colour, seed: int) -> Canvas:
+    """Leather or nylon with seams and a zip."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour, 256)
+    canvas.shade(1.0 + 0.05 * noise(random, (2.0, 2.0), 256))
+    canvas.height += 0.3 * noise(random, (1.2, 1.2), 256)
+    _, v = grid(256)
+    seam(canvas, v - 0.30, dark=0.4, width=0.01)
+    canvas.paint((150, 148, 140), 0.7 * line(v - 0.30, 0.005))
+    seam(canvas, v - 0.72, dark=0.3, width=0.01)
+    return canvas
+
+
+def paper(colour: Colour, seed: int) -> Canvas:
+    """A paper bag with a coloured field on its side."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour, 128)
+    canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 128))
+    canvas.height += 1.2 * noise(random, (8.0, 3.0), 128)
+    u, v = grid(128)
+    canvas.paint((156, 38, 34), 0.9 * (np.hypot(u - 0.5, v - 0.45) < 0.22))
+    return canvas
+
+
+def canopy(colour: Colour, seed: int) -> Canvas:
+    """An umbrella's cloth: eight panels with seams along the ribs, a hem."""
+    random = np.random.default_rng(seed)
+    canvas = Canvas.plain(colour, 256)
+    canvas.shade(1.0 + 0.03 * noise(random, (1.0, 1.0), 256))
+    u, v = grid(256)
+    rib = np.abs((u * 8.0 + 0.5) % 1.0 - 0.5)
+    canvas.shade(1.0 - 0.35 * line(rib, 0.02))
+    canvas.shade(1.0 - 0.25 * line(v - 0.97, 0.015))
+    return canvas

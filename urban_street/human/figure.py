@@ -1,0 +1,471 @@
+"""Figures: characters that can take stances; what is drawn of each is made when it is first looked at."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urban_street.human import (
+    carried,
+    clothing,
+    data,
+    hair,
+    hats,
+    outfits,
+    pose,
+    shoes,
+    skin,
+    stances,
+    surface,
+    textures,
+    trim,
+    unwrap,
+)
+from urban_street.human.body import Body, shape_body
+from urban_street.human.catalogue import LOOKS
+from urban_street.human.riding import Contact, ride
+from urban_street.human.surface import Indices, Points
+from valerie.errors import UnknownName
+from valerie.scene.graph.deferred import DeferredMesh, DeferredTexture
+from valerie.scene.graph.model import CARRIED, POSES, Material, Mesh, Stance, Texture
+
+#: Stances of a figure whose meshes are kept: a walk cycle, and the other poses.
+_KEPT_STANCES: Final = 24
+_HIDDEN_MARGIN: Final = 0.04
+#: Under a skirt one can look further.
+_SKIRT_MARGIN: Final = 0.14
+
+
+class Shape(NamedTuple):
+    """One material's part: (V, 3) positions and normals, (V, 2) texture coordinates, (F, 3) faces."""
+
+    positions: Points
+    normals: Points
+    uvs: Points
+    faces: Indices
+
+
+class StanceKey(NamedTuple):
+    """What of a stance decides the shape: pose, instant of the walk, and what is carried (never ``own``)."""
+
+    pose: str
+    step: int
+    carries: str
+
+
+class Seat(NamedTuple):
+    """Where parts of a seated body are, in the frame of what it sits on.
+
+    Attributes:
+        head: (4, 4) a frame on the head: the origin inside the skull at brow height, axes as the rest pose's.
+        joints: (len(JOINTS), 3) metres.
+    """
+
+    head: Points
+    joints: Points
+
+
+_FIRST: Final = StanceKey("walking", 0, "nothing")
+
+
+@lru_cache(maxsize=len(LOOKS))
+def figure(name: str) -> Figure:
+    """The figure of a character, as it stands by default.
+
+    Raises:
+        UnknownName: no such character.
+    """
+    if name not in LOOKS:
+        raise UnknownName("character", name, LOOKS)
+    return Figure(Model(name, LOOKS[name]()), Stance(), None)
+
+
+class Figure:
+    """See `valerie.scene.graph.model.Figure`.
+
+    Args:
+        model: the character; shared by all its figures.
+        stance: how it holds itself.
+        rename: gives materials other names; None leaves them.
+    """
+
+    def __init__(self, model: Model, stance: Stance, rename: Callable[[str], str] | None) -> None:
+        self._model, self._stance, self._rename = model, stance, rename
+        self._siblings: dict[StanceKey, Figure] = {self._key: self}
+
+    @property
+    def stance(self) -> Stance:
+        return self._stance
+
+    @property
+    def name(self) -> str:
+        return self._model.name
+
+    @property
+    def materials(self) -> dict[str, Material]:
+        """All that some stance may need, by their own names."""
+        return self._model.materials
+
+    @property
+    def textures(self) -> dict[str, Texture]:
+        """All that these materials name."""
+        return self._model.textures
+
+    @cached_property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """One per material of this stance."""
+        model, key = self._model, self._key
+        full = {part: f"{model.name}/{part}" for part in model.parts(key)}
+        rename = self._rename or (lambda name: name)
+        return tuple(DeferredMesh(partial(model.mesh, key, part), rename(name)) for part, name in full.items())
+
+    @cached_property
+    def joints(self) -> NDArray[np.float64]:
+        """See `valerie.scene.graph.model.Figure`."""
+        return self._model.joints(self._key)
+
+    def taking(self, stance: Stance) -> Figure:
+        """The figure in another stance; the same object each time for stances that look alike."""
+        if stance.pose not in POSES:
+            raise UnknownName("pose", stance.pose, POSES)
+        if stance.carries not in CARRIED:
+            raise UnknownName("thing to carry", stance.carries, CARRIED)
+        made = Figure(self._model, stance, self._rename)
+        made._siblings = self._siblings
+        return self._siblings.setdefault(made._key, made)
+
+    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
+        """Meshes on a bicycle or motorcycle, in its frame, and where head and joints are."""
+        return self._model.seated(contact)
+
+    def renamed(self, rename: Callable[[str], str]) -> Figure:
+        """The figure with materials called ``rename(name)``."""
+        before = self._rename
+        return Figure(self._model, self._stance, rename if before is None else lambda name: rename(before(name)))
+
+    @property
+    def _key(self) -> StanceKey:
+        stance = self._stance
+        step = stances.gait_step(stance.gait_phase) if stance.pose == "walking" else 0
+        own = self._model.look.carries
+        return StanceKey(stance.pose, step, own if stance.carries == "own" else stance.carries)
+
+
+class Model:
+    """A character: its look, and everything that follows from it, each made once.
+
+    Attributes:
+        name: e.g. ``black-outfit``; materials are called ``<name>/<part>``, and the part of everything worn starts
+            with ``cloth-``, others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
+        look: what it is made from.
+        materials, textures: by name; the images are painted when they are first looked at.
+    """
+
+    def __init__(self, name: str, look: outfits.Look) -> None:
+        self.name, self.look = name, look
+        self.materials: dict[str, Material] = {}
+        self.textures: dict[str, Texture] = {}
+        self._canvases: dict[str, Callable[[], textures.Canvas]] = {}
+        self._made: OrderedDict[StanceKey, dict[str, Mesh]] = OrderedDict()
+        self._declare()
+
+    def parts(self, key: StanceKey) -> tuple[str, ...]:
+        """Names of what a stance shows: one mesh each."""
+        own = [f"cloth-{garment.name}" for garment in self.look.garments]
+        own += ["skin-head", "skin-limbs", "skin-eyes", "hair-lashes"]
+        if self.look.hair is not None:
+            own.append("hair-head")
+        if self.look.hat is not None:
+            own.append("cloth-hat")
+        own += ["shoe-upper", "shoe-sole"]
+        return (*own, *carried.parts(key.carries, key.pose))
+
+    def mesh(self, key: StanceKey, part: str) -> Mesh:
+        """One part of a stance."""
+        if key not in self._made:
+            self._made[key] = {name: _mesh(shape, f"{self.name}/{name}") for name, shape in self._shapes(key).items()}
+            while len(self._made) > _KEPT_STANCES:
+                self._made.popitem(last=False)
+        self._made.move_to_end(key)
+        return self._made[key][part]
+
+    @cached_property
+    def body(self) -> Body:
+        """The shaped body in the rest pose."""
+        return shape_body(self.look.shape)
+
+    @cached_property
+    def _ground(self) -> float:
+        return float(self.body.vertices[np.unique(data.base_mesh().groups["body"].quads), 2].min())
+
+    @cached_property
+    def _skin(self) -> clothing.SecondSkin:
+        return clothing.second_skin(self.body)
+
+    @cached_property
+    def _patterns(self) -> list[clothing.Pattern]:
+        return [clothing.cut_out(garment.cut, self.body) for garment in self.look.garments]
+
+    @cached_property
+    def pairs(self) -> dict[str, tuple[shoes.ShoePart, shoes.ShoePart]]:
+        """Upper and sole of the shoe of each side, in the rest pose."""
+        return {s: shoes.build_shoe(self.look.shoe, self.body, self._skin, s, self._ground) for s in ("l", "r")}
+
+    @cached_property
+    def covered(self) -> NDArray[np.bool_]:
+        """(19158,) which vertices of the body lie under clothes, away from their edges."""
+        body, weights = self.body, data.rig().weights
+        hidden = np.zeros(len(body.vertices), bool)
+        for garment in self.look.garments:
+            margin = _SKIRT_MARGIN if garment.cut.kind == "skirt" else _HIDDEN_MARGIN
+            hidden |= clothing.covered(garment.cut, body, body.vertices, weights, margin)
+        return hidden
+
+    @cached_property
+    def _bare_parts(self) -> tuple[skin.SkinPart, skin.SkinPart]:
+        body, weights = self.body, data.rig().weights
+        hidden = self.covered.copy()
+        in_shoe = clothing.share(weights, ("foot", "ball", "calf")) > 0.5
+        hidden |= in_shoe & (body.vertices[:, 2] < self._ground + self.look.shoe.height - 0.012)
+        return skin.bare_parts(body, hidden)
+
+    @cached_property
+    def _first(self) -> tuple[dict[str, Shape], pose.Posed]:
+        posed = self.posed(_FIRST)
+        return self._full_shapes(posed), posed
+
+    @cached_property
+    def _slim(self) -> dict[str, surface.Mapped]:
+        """How each part loses triangles: decided in the first instant of the walk, for all stances alike."""
+        full, _ = self._first
+        keep = {"skin-head": 0.62, "skin-limbs": 0.62, "shoe-upper": 0.75}
+        found = {}
+        for part, shape in full.items():
+            share = 0.72 if part.startswith("cloth-") and part != "cloth-hat" else keep.get(part, 1.0)
+            found[part] = surface.simplify(shape.positions, shape.faces, int(share * len(shape.faces)))
+        return found
+
+    def _shapes(self, key: StanceKey) -> dict[str, Shape]:
+        first = key._replace(carries="nothing") == _FIRST and not carried.takes_a_hand(key.carries)
+        posed = self._first[1] if first else self.posed(key)
+        full = self._first[0] if first else self._full_shapes(posed)
+        shapes = self._slimmed(full)
+        origin = self._origin(posed)
+        ground = origin[2]
+        worn = np.concatenate([shape.positions for part, shape in full.items() if part.startswith("cloth-")])
+        for part, thing in carried.build(key.carries, key.pose, self.body, posed, worn, float(ground)).items():
+            shapes[part] = Shape(*thing)
+        return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
+
+    def _origin(self, posed: pose.Posed) -> Points:
+        """(3,) in the body's frame: on the ground, between the soles."""
+        soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
+        middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
+        return np.array([middle[0], middle[1], np.concatenate(soles)[:, 2].min()])
+
+    def joints(self, key: StanceKey) -> Points:
+        """(len(JOINTS), 3) where the joints are in a stance, in the frame of its meshes."""
+        posed = self.posed(key)
+        return pose.joints(self.body, posed) - self._origin(posed)
+
+    def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
+        """See `Figure.seated`."""
+        rotations, origin = ride(self.body, contact)
+        posed = pose.pose_body(self.body, rotations)
+        shapes = self._slimmed(self._full_shapes(posed))
+        meshes = tuple(
+            _mesh(shape._replace(positions=shape.positions - origin), f"{self.name}/{part}")
+            for part, shape in shapes.items()
+        )
+        head: Points = posed.transforms[data.rig().bones.index("head")].copy()
+        head[:3, 3] += head[:3, :3] @ hair.head_centre(self.body) - origin
+        return meshes, Seat(head, pose.joints(self.body, posed) - origin)
+
+    def _slimmed(self, full: Mapping[str, Shape]) -> dict[str, Shape]:
+        slim = self._slim
+        return {
+            part: Shape(
+                slim[part].matrix @ shape.positions,
+                slim[part].matrix @ shape.normals,
+                slim[part].matrix @ shape.uvs,
+                slim[part].faces,
+            )
+            for part, shape in full.items()
+        }
+
+    def posed(self, key: StanceKey) -> pose.Posed:
+        """Where the bones are in a stance."""
+        look = self.look
+        rotations = stances.rotations(self.body, look.gait, key.pose, key.step, key.carries)
+        soles = {side: (pair[1].points, pair[1].weights) for side, pair in self.pairs.items()}
+        rotations = stances.feet_on_ground(self.body, rotations, look.gait, key.pose, key.step, soles)
+        return pose.pose_body(self.body, rotations)
+
+    def dressed(self, posed: pose.Posed) -> tuple[clothing.Cloth, ...]:
+        """The garments on the posed body, as they settle, without collars and hems."""
+        worn: list[clothing.Cloth] = []
+        for garment, pattern in zip(self.look.garments, self._patterns, strict=True):
+            worn.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(worn)))
+        return tuple(worn)
+
+    def _full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
+        """All parts with all their triangles in the body's frame."""
+        shapes = dict(self._dressed(posed))
+        shapes |= self._bare(posed)
+        shapes |= self._on_head(posed)
+        for index, part in enumerate(("shoe-upper", "shoe-sole")):
+            pieces = []
+            for pair in self.pairs.values():
+                points = posed.apply(pair[index].points, pair[index].weights)
+                pieces.append(
+                    Shape(points, surface.vertex_normals(points, pair[index].faces), pair[index].uvs, pair[index].faces)
+                )
+            shapes[part] = _joined(pieces)
+        return shapes
+
+    def _dressed(self, posed: pose.Posed) -> Iterator[tuple[str, Shape]]:
+        for garment, settled in zip(self.look.garments, self.dressed(posed), strict=True):
+            collar = garment.collar
+            collared = settled if collar is None else trim.add_collar(settled, collar, self.body, posed)
+            cloth = trim.add_hems(collared, garment.thickness)
+            old, uvs, faces = unwrap.unwrap(garment.cut, self.body, cloth)
+            normals = surface.vertex_normals(cloth.points, cloth.faces)
+            yield f"cloth-{garment.name}", Shape(cloth.points[old], normals[old], uvs, faces)
+
+    def _bare(self, posed: pose.Posed) -> dict[str, Shape]:
+        body = self.body
+        points = posed.apply(body.vertices, data.rig().weights)
+        normals = surface.vertex_normals(points, data.base_mesh().groups["body"].quads)
+        head, limbs = self._bare_parts
+        shapes = {
+            name: Shape(points[part.vertices], normals[part.vertices], part.uvs, part.faces)
+            for part, name in ((head, "skin-head"), (limbs, "skin-limbs"))
+        }
+        small = {
+            "skin-eyes": [skin.eye_part(body, side) for side in ("l", "r")],
+            "hair-lashes": [skin.lash_part(side) for side in ("l", "r")],
+        }
+        for name, pieces in small.items():
+            shapes[name] = _joined(
+                [
+                    Shape(points[p.vertices], surface.vertex_normals(points[p.vertices], p.faces), p.uvs, p.faces)
+                    for p in pieces
+                ]
+            )
+        return shapes
+
+    def _on_head(self, posed: pose.Posed) -> Iterator[tuple[str, Shape]]:
+        turn = posed.transforms[data.rig().bones.index("head")]
+        grown: dict[str, hair.Hair] = {}
+        if self.look.hair is not None:
+            grown["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
+        if self.look.hat is not None:
+            grown["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
+        for part, one in grown.items():
+            points = one.points @ turn[:3, :3].T + turn[:3, 3]
+            normals = surface.vertex_normals(points, one.faces)
+            old, uvs, faces = surface.unweld(one.faces, one.uvs[one.faces])
+            yield part, Shape(points[old], normals[old], uvs, faces)
+
+    def _declare(self) -> None:
+        look = self.look
+        for garment in look.garments:
+            self._painted(
+                f"cloth-{garment.name}", garment.texture, garment.roughness, garment.specular, double_sided=True
+            )
+        self._painted(
+            "skin-head", lambda: skin.paint_head(look.face, self.body, look.seed), 0.5, 0.8, double_sided=True
+        )
+        self._painted("skin-limbs", lambda: skin.paint_limbs(look.face, look.seed), 0.55, 0.8)
+        self._painted("skin-eyes", lambda: textures.eye(look.face.iris, look.seed), 0.12, 1.0)
+        self._plain("hair-lashes", (0.012, 0.009, 0.007), 0.8, double_sided=True)
+        if look.hair is not None:
+            self._painted(
+                "hair-head", lambda: textures.strands(look.hair_colour, look.seed), 0.5, 0.8, double_sided=True
+            )
+        if look.hat is not None:
+            self._painted("cloth-hat", look.hat.texture, 0.9, 0.5, double_sided=True)
+        self._painted("shoe-upper", look.shoe_texture, look.shoe_roughness, 1.0, double_sided=True)
+        self._plain("shoe-sole", look.sole, 0.85)
+        for part, (texture, roughness) in carried.paints(look.bag_colour, look.umbrella_colour).items():
+            self._painted(part, texture, roughness, 0.9, double_sided=True)
+
+    def _plain(
+        self, part: str, colour: tuple[float, float, float], roughness: float, *, double_sided: bool = False
+    ) -> None:
+        full = f"{self.name}/{part}"
+        self.materials[full] = Material(full, base_color=colour, roughness=roughness, double_sided=double_sided)
+
+    def _painted(
+        self,
+        part: str,
+        canvas: Callable[[], textures.Canvas],
+        roughness: float,
+        specular: float,
+        *,
+        double_sided: bool = False,
+    ) -> None:
+        full = f"{self.name}/{part}"
+        paint = _Painting(canvas)
+        self.textures[f"{full}-color"] = DeferredTexture(f"{full}-color", paint.colour)
+        self.textures[f"{full}-normal"] = DeferredTexture(f"{full}-normal", paint.normals)
+        self.materials[full] = Material(
+            full,
+            base_color=(1.0, 1.0, 1.0),
+            base_color_texture=f"{full}-color",
+            normal_texture=f"{full}-normal",
+            roughness=roughness,
+            specular=specular,
+            double_sided=double_sided,
+        )
+
+
+@dataclass(eq=False)
+class _Painting:
+    """Colour and relief of one canvas, which is let go once both were taken."""
+
+    canvas: Callable[[], textures.Canvas]
+    _colour: NDArray[np.uint8] | None = None
+    _normals: NDArray[np.uint8] | None = None
+
+    def colour(self) -> NDArray[np.uint8]:
+        self._paint()
+        assert self._colour is not None
+        return self._colour
+
+    def normals(self) -> NDArray[np.uint8]:
+        self._paint()
+        assert self._normals is not None
+        return self._normals
+
+    def _paint(self) -> None:
+        if self._colour is None:
+            made = self.canvas()
+            self._colour, self._normals = made.image(), made.normals()
+
+
+def _joined(pieces: list[Shape]) -> Shape:
+    starts = np.cumsum([0] + [len(piece.positions) for piece in pieces])
+    faces = np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)])
+    return Shape(
+        np.concatenate([piece.positions for piece in pieces]),
+        np.concatenate([piece.normals for piece in pieces]),
+        np.concatenate([piece.uvs for piece in pieces]),
+        faces,
+    )
+
+
+def _mesh(shape: Shape, material: str) -> Mesh:
+    return Mesh(
+        positions=shape.positions.astype(np.float32),
+        normals=surface.normalize(shape.normals).astype(np.float32),
+        uvs=shape.uvs.astype(np.float32),
+        faces=shape.faces.astype(np.uint32),
+        material=material,
+    )

@@ -1,0 +1,203 @@
+"""Stances: where every bone is when a figure walks, stands, reads its phone, waves or holds something."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from urban_street.human import data
+from urban_street.human.body import Body
+from urban_street.human.pose import Gait, between, fingers, plant, pose_body, turn, walk
+from urban_street.human.surface import Points, normalize
+from valerie.errors import UnknownName
+from valerie.scene.graph.model import POSES
+
+#: Instants of the walk that exist: a gait phase is rounded to the nearest one.
+GAIT_STEPS: Final = 16
+
+#: Share of the cycle after each heel strike during which both feet carry.
+_DOUBLE_SUPPORT: Final = 0.12
+#: Metres between the ground and a foot that swings through.
+_CLEARANCE: Final = 0.012
+
+Direction = tuple[float, float, float]
+#: By side ``l`` and ``r``: (V, 3) rest points of a sole and their (V, bones) weights.
+Soles = Mapping[str, tuple[Points, Points]]
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Where the right arm goes, as directions seen from the trunk (x right, y ahead, z up); the left arm mirrors x.
+
+    Attributes:
+        upper, fore: of upper arm and forearm.
+        hand: of the hand, from the wrist to the knuckles.
+        palm: that the palm faces.
+        grip: how much more the fingers are curled than at rest.
+    """
+
+    upper: Direction
+    fore: Direction
+    hand: Direction
+    palm: Direction
+    grip: float = 1.0
+
+
+_PHONE: Final = Reach((0.16, 0.30, -1.0), (-0.42, 0.62, 0.62), (-0.40, 0.50, 0.77), (-0.10, -0.80, 0.60), 1.6)
+_WAVE: Final = Reach((0.95, 0.10, -0.02), (0.22, 0.22, 1.0), (0.05, 0.10, 1.0), (-0.1, 1.0, 0.0), 0.25)
+_CANOPY: Final = Reach((0.20, 0.22, -1.0), (-0.18, 0.80, 0.58), (-0.22, 0.95, 0.25), (-1.0, -0.1, 0.0), 3.0)
+_LOAD: Final = Reach((0.20, 0.00, -1.0), (0.10, 0.10, -1.0), (0.02, 0.05, -1.0), (-1.0, 0.0, 0.0), 2.6)
+
+
+def gait_step(phase: float) -> int:
+    """The instant, 0…`GAIT_STEPS` − 1, that a gait phase of 0…1 is rounded to."""
+    return round(phase * GAIT_STEPS) % GAIT_STEPS
+
+
+def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[str, Rotation]:
+    """Rotations of all bones.
+
+    Args:
+        body: the shaped body.
+        gait: how it walks; its phase is the first instant.
+        pose: one of `valerie.scene.graph.model.POSES`.
+        step: how many `GAIT_STEPS`-ths of a cycle later.
+        held: what is carried; an umbrella takes the right hand, a shopping bag the left one.
+
+    Raises:
+        UnknownName: no such pose.
+    """
+    if pose not in POSES:
+        raise UnknownName("pose", pose, POSES)
+    if pose == "walking":
+        found = walk(body, gait if step == 0 else replace(gait, phase=(gait.phase + step / GAIT_STEPS) % 1.0))
+    else:
+        found = _stand(body, gait)
+    if pose == "phone":
+        found |= _reach(body, _PHONE, "r")
+        found |= {"neck_01": turn(x=-14.0), "head": turn(x=-16.0, z=-3.0)}
+    elif pose == "waving":
+        found |= _reach(body, _WAVE, "r")
+        found |= {"clavicle_r": turn(y=-12.0), "head": turn(z=-6.0)}
+    if held == "umbrella" and pose not in {"phone", "waving"}:
+        found |= _reach(body, _CANOPY, "r")
+    elif held == "umbrella":
+        found |= _reach(body, _CANOPY, "l")
+    elif held == "shopping-bag":
+        found |= _reach(body, _LOAD, "l")
+    return found
+
+
+def feet_on_ground(
+    body: Body, found: Mapping[str, Rotation], gait: Gait, pose: str, step: int, soles: Soles
+) -> dict[str, Rotation]:
+    """Bring to the ground what stands on it.
+
+    Both feet while both carry (standing, and the first eighth of each step, see `plant`); else the carrying foot is laid
+    flat until its heel rises, and the other one is lifted clear of the ground.
+
+    Args:
+        body, gait, pose, step: as for `rotations`, whose result is ``found``.
+        soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
+    """
+    if pose != "walking":
+        return _levelled(body, _levelled(body, found, "l", 1.0), "r", 1.0)
+    phase = (gait.phase + step / GAIT_STEPS) % 1.0
+    if phase % 0.5 < _DOUBLE_SUPPORT:
+        return plant(body, found, soles)
+    carrying, free = ("l", "r") if phase < 0.5 else ("r", "l")
+    flat = float(np.interp(phase % 0.5, [0.38, 0.48], [1.0, 0.0]))
+    return _lifted(body, _levelled(body, found, carrying, flat), carrying, free, soles)
+
+
+def _levelled(body: Body, found: Mapping[str, Rotation], side: str, share: float) -> dict[str, Rotation]:
+    """Turn a foot so that its sole, flat in the rest pose, is level again; ``share`` of the way."""
+    foot = data.rig().bones.index(f"foot_{side}")
+    ahead = pose_body(body, found).transforms[foot, :3, :3] @ np.array([0.0, 1.0, 0.0])
+    pitch = np.degrees(np.arcsin(ahead[2]))
+    return {**found, f"foot_{side}": found[f"foot_{side}"] * turn(x=-share * pitch)}
+
+
+def _lifted(body: Body, found: Mapping[str, Rotation], carrying: str, free: str, soles: Soles) -> dict[str, Rotation]:
+    """Bend the free knee until its foot is clear of the ground that the carrying one stands on."""
+
+    def height(rotations: Mapping[str, Rotation], side: str) -> float:
+        return float(pose_body(body, rotations).apply(*soles[side])[:, 2].min())
+
+    ground = height(found, carrying)
+    for degrees in range(0, 45, 3):
+        bent = {**found, f"calf_{free}": found[f"calf_{free}"] * turn(x=-float(degrees))}
+        if height(bent, free) > ground + _CLEARANCE:
+            break
+    return bent
+
+
+def umbrella_side(pose: str) -> str:
+    """The hand, ``l`` or ``r``, that holds an umbrella: the one that the pose does not use."""
+    return "l" if pose in {"phone", "waving"} else "r"
+
+
+def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:
+    """Upright with the weight on both legs, feet a hand apart."""
+    still = replace(
+        gait,
+        phase=0.25,
+        stride=0.0,
+        arm_swing_deg=0.0,
+        elbow_deg=14.0,
+        step_width_m=gait.step_width_m + 0.09,
+        lean_deg=1.0,
+    )
+    found = walk(body, still)
+    found |= {f"ball_{side}": Rotation.identity() for side in "lr"}
+    return found
+
+
+def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
+    mirror = np.array([1.0 if side == "r" else -1.0, 1.0, 1.0])
+
+    def towards(direction: Direction) -> Points:
+        return normalize(mirror * np.array(direction))
+
+    upper = normalize(body.tail(f"upperarm_{side}") - body.head(f"upperarm_{side}"))
+    fore = normalize(body.tail(f"lowerarm_{side}") - body.head(f"lowerarm_{side}"))
+    along, palm = hand_axes(body, side)
+    shoulder = between(upper, towards(reach.upper))
+    elbow = between(fore, shoulder.inv().apply(towards(reach.fore)))
+    wanted = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
+    # half of the wrist's twist belongs to the forearm: its two bones turn about each other
+    wrist = (shoulder * elbow).inv() * wanted
+    half = Rotation.from_rotvec(0.5 * _twist(wrist, fore) * fore)
+    elbow = elbow * half
+    found = {
+        f"upperarm_{side}": shoulder,
+        f"lowerarm_{side}": elbow,
+        f"hand_{side}": (shoulder * elbow).inv() * wanted,
+    }
+    return found | fingers(body, side, reach.grip)
+
+
+def hand_axes(body: Body, side: str) -> tuple[Points, Points]:
+    """(3,) from the wrist to the knuckles, and (3,) that the palm faces, in the rest pose; unit length, at right angles."""
+    hand = body.head(f"hand_{side}")
+    along = normalize(body.head(f"middle_01_{side}") - hand)
+    palm = np.cross(along, body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}"))
+    if (body.tail(f"thumb_03_{side}") - hand) @ palm < 0.0:
+        palm = -palm
+    return along, normalize(palm - (palm @ along) * along)
+
+
+def _frame(along: Points, palm: Points) -> Rotation:
+    across = normalize(np.cross(along, palm))
+    return Rotation.from_matrix(np.column_stack([along, np.cross(across, along), across]))
+
+
+def _twist(rotation: Rotation, axis: Points) -> float:
+    """Radians of a rotation about an axis (swing–twist decomposition)."""
+    x, y, z, w = rotation.as_quat()
+    angle = 2.0 * np.arctan2(np.array([x, y, z]) @ axis, w)
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,0 +1,113 @@
+"""Finishing of a settled garment: hems with a visible thickness, and collars.
+
+Both are drawn alike on the posed garment and on its pattern, so that texture coordinates follow from the pattern.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from urban_street.human import data, surface
+from urban_street.human.body import Body
+from urban_street.human.clothing import Cloth
+from urban_street.human.pose import Posed
+from urban_street.human.surface import Indices, Points
+
+#: Depth in metres to which the lining can be seen from outside.
+_LINING: Final = 0.022
+
+
+@dataclass(frozen=True, slots=True)
+class Collar:
+    """The profile of a collar.
+
+    Attributes:
+        rows: (metres up along the neck, metres outwards) of each ring above the neckline, from the seam on; a profile
+            that turns down again is a folded collar.
+        opening: how far the front stands lower, as a share of the height.
+        folded: the profile turns down outside, so that the cloth's inside is what one sees.
+    """
+
+    rows: tuple[tuple[float, float], ...]
+    opening: float = 0.0
+    folded: bool = False
+
+
+def add_hems(cloth: Cloth, thickness: float) -> Cloth:
+    """Turn every open edge inwards: a band as wide as the cloth is thick, then the lining."""
+    rings: list[tuple[Indices, Points, Points]] = []
+    for loop in surface.boundary_loops(cloth.faces):
+        posed = _lining(cloth.points, cloth.faces, loop, thickness)
+        pattern = _lining(cloth.rest, cloth.faces, loop, thickness)
+        rings.append((loop, posed, pattern))
+    for loop, posed, pattern in rings:
+        cloth = _with_rings(cloth, loop, posed, pattern, doubled=True)
+    return cloth
+
+
+def add_collar(cloth: Cloth, collar: Collar, body: Body, posed: Posed) -> Cloth:
+    """Sew a collar to the uppermost open edge, which is the neckline."""
+    loops = surface.boundary_loops(cloth.faces)
+    loop = max(loops, key=lambda ring: float(cloth.rest[ring, 2].mean()))
+    axis = surface.normalize(
+        0.3 * surface.normalize(body.head("head") - body.head("neck_01")) + np.array([0.0, 0.0, 1.0])
+    )
+    turn = posed.transforms[data.rig().bones.index("spine_03"), :3, :3]
+    return _with_rings(
+        cloth,
+        loop,
+        _collar_rings(cloth.points[loop], turn @ axis, turn @ np.array([0.0, 1.0, 0.0]), collar),
+        _collar_rings(cloth.rest[loop], axis, np.array([0.0, 1.0, 0.0]), collar),
+        doubled=False,
+        flipped=collar.folded,
+    )
+
+
+def _lining(points: Points, faces: Indices, loop: Indices, thickness: float) -> Points:
+    """(2, n, 3) rings: the inner edge of the hem, and the end of the lining."""
+    edge = points[loop]
+    normals = surface.vertex_normals(points, faces)[loop]
+    along = surface.normalize(np.roll(edge, -1, axis=0) - np.roll(edge, 1, axis=0))
+    inwards = surface.normalize(np.cross(normals, along))  # the surface lies left of its own sides
+    end = edge - (thickness + 0.001) * normals + _LINING * inwards
+    return np.stack([edge - thickness * normals, end])
+
+
+def _collar_rings(edge: Points, up: Points, front: Points, collar: Collar) -> Points:
+    centre = edge.mean(axis=0)
+    radial = edge - centre
+    radial = surface.normalize(radial - (radial @ up)[:, None] * up)
+    share = np.clip(radial @ surface.normalize(front), 0.0, 1.0) ** 4
+    height = 1.0 - collar.opening * share
+    return np.stack([edge + height[:, None] * rise * up + out * radial for rise, out in collar.rows])
+
+
+def _with_rings(
+    cloth: Cloth, loop: Indices, posed: Points, pattern: Points, *, doubled: bool, flipped: bool = False
+) -> Cloth:
+    """Append rings of vertices and the strips between them; ``doubled`` leaves the first edge sharp."""
+    doubled = doubled or flipped  # normals must not be averaged over faces that look opposite ways
+    rows = [cloth.points, *posed]
+    rest = [cloth.rest, *pattern]
+    count = len(cloth.points)
+    rings = [loop]
+    if doubled:
+        rows.insert(1, cloth.points[loop])
+        rest.insert(1, cloth.rest[loop])
+        rings = []
+    for _ in range(len(rows) - 1):
+        rings.append(np.arange(count, count + len(loop)))
+        count += len(loop)
+    strips = [surface.strip(a, b)[:, :: -1 if flipped else 1] for a, b in pairwise(rings)]
+    copies = len(rows) - 1
+    return Cloth(
+        points=np.concatenate(rows),
+        rest=np.concatenate(rest),
+        weights=np.concatenate([cloth.weights, *[cloth.weights[loop]] * copies]),
+        faces=np.concatenate([cloth.faces, *strips]),
+        regions=np.concatenate([cloth.regions, *[cloth.regions[loop]] * copies]),
+    )

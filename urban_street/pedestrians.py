@@ -1,0 +1,112 @@
+"""The pedestrians of a generated street: where they stand, as whom, what varies, and their nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from valerie.parameters.declaring import angle, choice, number
+from valerie.parameters.definitions import Affects, ParameterDefinition
+from valerie.scene.assets.attributes import ABSENT
+from valerie.scene.graph.model import CARRIED, POSES, Material, Node, Stance, Texture
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.graph.transforms import place
+
+#: What the persons can look like; the names are those of `human.figure` (known here without building anything).
+CHARACTERS: Final = (
+    "black-outfit",
+    "yellow-shirt",
+    "red-coat",
+    "grey-hoodie",
+    "blue-dress",
+    "white-tee",
+    "striped-boy",
+    "pink-girl",
+    "brown-hat",
+    "green-parka",
+    "navy-coat",
+    "orange-workwear",
+)
+#: Radius in metres that a pedestrian needs to stand; arms may reach over a bonnet.
+PERSON_RADIUS_M: Final = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class PersonPlace:
+    """Where a person stands by default (metres, degrees) and as whom."""
+
+    x: float
+    y: float
+    heading: float
+    character: str
+
+
+#: In the order in which a street gets them.
+PLACES: Final = (
+    PersonPlace(3.0, 20.0, 180.0, "yellow-shirt"),
+    PersonPlace(1.5, 24.0, 0.0, ABSENT),
+    PersonPlace(-1.9, 14.0, 180.0, ABSENT),
+    PersonPlace(6.9, 18.0, 0.0, ABSENT),
+    PersonPlace(2.2, 30.0, 270.0, ABSENT),
+    PersonPlace(-2.3, 27.0, 0.0, ABSENT),
+    PersonPlace(7.4, 31.0, 180.0, ABSENT),
+    PersonPlace(3.4, 12.0, 90.0, ABSENT),
+)
+
+
+def persons(count: int) -> dict[str, PersonPlace]:
+    """Names and places of the first ``count`` persons."""
+    return {f"person-{number}": spot for number, spot in enumerate(PLACES[:count], start=1)}
+
+
+def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefinition]:
+    """What can be varied of one person."""
+    path = f"{ROOT}.{name}"
+    yield number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
+    yield number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
+    yield angle(f"{path}.heading", person.heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
+    yield choice(
+        f"{path}.character", (*CHARACTERS, ABSENT), person.character, Affects.GEOMETRY, "who is seen, or nobody"
+    )
+    own = Stance()
+    yield choice(f"{path}.pose", POSES, own.pose, Affects.GEOMETRY, "what the person does")
+    yield number(
+        f"{path}.gait_phase", 0.0, 1.0, own.gait_phase, Affects.GEOMETRY, "",
+        "of a walk: share of the cycle after the character's first instant; the nearest 1/16 is shown",
+    )  # fmt: skip
+    yield choice(f"{path}.carries", CARRIED, own.carries, Affects.GEOMETRY, "own: what the character comes with")
+    for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
+        yield number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
+
+
+class Crowd:
+    """Nodes, materials and textures of persons; each person gets materials of its own, since each varies alone.
+
+    Bodies and textures are shared, and made when they are first looked at.
+    """
+
+    def __init__(self) -> None:
+        from urban_street.human import figure
+
+        self._figures = {name: figure(name) for name in CHARACTERS}
+        self.materials: dict[str, Material] = {}
+        self.textures: dict[str, Texture] = {}
+        for one in self._figures.values():
+            self.textures.update(one.textures)
+
+    def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
+        """The node of a person and one child per character, of which the chosen one is shown."""
+        path = f"{ROOT}.{name}"
+        shown = person.character != ABSENT
+        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=shown)
+        for character, one in self._figures.items():
+            for material in one.materials.values():
+                own = f"{name}/{material.name}"
+                self.materials[own] = replace(material, name=own)
+            figure = one.renamed(partial("{}/{}".format, name))
+            visible = shown and character == person.character
+            yield Node(f"{path}.{character}", np.eye(4), figure.meshes, visible=visible, figure=figure)

@@ -1,0 +1,185 @@
+"""From a layout to meshes, materials and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from urban_street.street import amenities, furniture, house_styles, road
+from urban_street.street.geometry import Bag, pose
+from urban_street.street.houses import build_house
+from urban_street.street.layout import HOUSE_STYLES
+from urban_street.street.materials import make_materials, make_textures
+from urban_street.street.plan import Lines, Placement, StreetLayout
+from urban_street.street.trees import SPECIES, Tree, TreeSettings, build_tree, from_afar, in_season
+from urban_street.vehicles.build import KINDS, build_vehicle, vehicle_seed
+from urban_street.vehicles.content import VehicleContent
+from valerie.errors import UnknownName
+from valerie.scene.graph.model import Light, Material, Matrix, Mesh, Texture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One node: an object with its shape, or a vehicle, or a part of one.
+
+    Attributes:
+        path: node path, e.g. ``scene.tree-3`` or ``scene.car-3.door-1``.
+        transform: (4, 4) to the parent's frame, for objects the world.
+        meshes: one per material; shared by identity between equal objects.
+        light: a lamp at the node's origin.
+    """
+
+    path: str
+    transform: Matrix
+    meshes: tuple[Mesh, ...]
+    light: Light | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreetContent:
+    """All objects of a street and what they are made of."""
+
+    parts: tuple[Part, ...]
+    materials: dict[str, Material]
+    textures: dict[str, Texture]
+
+
+def build_street(layout: StreetLayout) -> StreetContent:
+    """Give every placement of a layout its shape; a few CPU seconds. Equal layouts give equal bytes."""
+    workshop = _Workshop(layout)
+    parts: list[Part] = []
+    for placement in layout.placements:
+        if placement.kind in KINDS:
+            vehicle = workshop.vehicle(placement)
+            parts.append(Part(placement.path, _transform(placement), ()))
+            parts += (Part(f"{placement.path}.{p.name}", p.transform, p.meshes) for p in vehicle.parts)
+        else:
+            parts.append(Part(placement.path, _transform(placement), workshop.meshes(placement)))
+            if placement.kind == "lamp":
+                parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
+    used = {mesh.material for part in parts for mesh in part.meshes}
+    settings = layout.settings
+    reliefs = settings.variety == "mixed" or settings.surface == "paving"
+    made = make_materials(settings.seed, reliefs=reliefs) | workshop.materials
+    materials = {name: material for name, material in made.items() if name in used}
+    wanted = {texture for material in materials.values() for texture in material.textures}
+    painted = make_textures(settings) | workshop.textures
+    textures = {name: texture for name, texture in painted.items() if name in wanted}
+    return StreetContent(tuple(parts), materials, textures)
+
+
+def _transform(placement: Placement) -> Matrix:
+    matrix = pose(placement.x, placement.y, placement.z, placement.heading)
+    if placement.kind in _TREES:
+        matrix[:3, :3] *= placement.size[0]
+    return matrix
+
+
+class _Workshop:
+    """Builds what is unique and keeps what is shared."""
+
+    def __init__(self, layout: StreetLayout) -> None:
+        self._seed = layout.settings.seed
+        self._settings, self._lines = layout.settings, layout.lines
+        self._shared: dict[tuple[str, int], tuple[Mesh, ...]] = {}
+        self._vehicles: dict[tuple[str, int, bool], VehicleContent] = {}
+        self.materials: dict[str, Material] = {}
+        self.textures: dict[str, Texture] = {}
+
+    def vehicle(self, placement: Placement) -> VehicleContent:
+        """The vehicle of one placement; its materials and textures are noted."""
+        fine = _NEAR[0] < placement.y < _NEAR[1]
+        key = (placement.kind, placement.variant, fine)
+        if key not in self._vehicles:
+            built = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
+            self._vehicles[key] = built
+            self.materials |= built.materials
+            self.textures |= built.textures
+        return self._vehicles[key]
+
+    def meshes(self, placement: Placement) -> tuple[Mesh, ...]:
+        """The shape of one placement.
+
+        Raises:
+            UnknownName: no builder knows the placement's kind.
+        """
+        kind = placement.kind
+        if kind in house_styles.BUILDERS:
+            return house_styles.BUILDERS[kind](placement).meshes()
+        if kind in HOUSE_STYLES:
+            return build_house(placement).meshes()
+        if kind in _GROUND:
+            return _GROUND[kind](placement, self._lines).meshes()
+        if kind in _UNIQUE:
+            return _UNIQUE[kind](placement).meshes()
+        key = (kind, placement.variant)
+        if key not in self._shared:
+            self._shared[key] = self._build_shared(kind, placement.variant).meshes()
+        return self._shared[key]
+
+    def _build_shared(self, kind: str, variant: int) -> Bag:
+        if kind in _TREES:
+            rng = np.random.default_rng(np.random.SeedSequence([self._seed, variant, len(kind)]))
+            tree = _TREES[kind]
+            shape = in_season(tree.shape, self._settings.season, blossoms=tree.leaves == "leaves-cherry")
+            return build_tree(shape, rng, bark=tree.bark, leaves=tree.leaves or f"leaves-{variant}", twigs=tree.twigs)
+        if kind == "face":
+            return furniture.sign_face(variant)
+        try:
+            return _SHARED[kind]()
+        except KeyError:
+            known = (*HOUSE_STYLES, *_GROUND, *_UNIQUE, *KINDS, *_TREES, "face", *_SHARED)
+            raise UnknownName("kind of street object", kind, known) from None
+
+
+#: Where along the street cars are seen from near enough for all their details, metres.
+_NEAR = (-20.0, 34.0)
+
+
+def _with_far(near: dict[str, Tree]) -> dict[str, Tree]:
+    return near | {f"far-{kind}": replace(tree, shape=from_afar(tree.shape)) for kind, tree in near.items()}
+
+
+_TREES = _with_far(SPECIES) | {
+    "far-tree": Tree(TreeSettings(clusters=90, branches=20, leaves=30, leaf=0.20)),
+}
+
+_GROUND: dict[str, Callable[[Placement, Lines], Bag]] = {
+    "carriageway": road.build_carriageway,
+    "left": road.build_footway,
+    "right": road.build_footway,
+    "side-road": road.build_side_road,
+    "cross-footway": road.build_cross_footway,
+    "outskirts": lambda _, lines: road.build_outskirts(lines),
+}
+
+_UNIQUE: dict[str, Callable[[Placement], Bag]] = {
+    "garden": road.build_garden,
+    "hedge": furniture.hedge,
+    "cabinet": amenities.cabinet,
+    "guard-rail": amenities.guard_rail,
+    "planter": furniture.planter,
+    "railing": lambda placement: furniture.iron_railing(placement.size[0]),
+    "low": lambda placement: furniture.low_wall(placement.size[0]),
+    "bins": lambda placement: furniture.bins(placement.seed),
+    "cross-road": road.build_cross_road,
+    "side-footway": road.build_side_footway,
+}
+
+_SHARED: dict[str, Callable[[], Bag]] = {
+    "lamp": furniture.lamp_post,
+    "post": furniture.post,
+    "signal-post": lambda: furniture.post(3.4, 0.055),
+    "bollard": furniture.bollard,
+    "signal": furniture.signal,
+    "bench": amenities.bench,
+    "litter-bin": amenities.litter_bin,
+    "stand": amenities.bicycle_stand,
+    "shelter": amenities.shelter,
+    "stop-flag": amenities.stop_flag,
+    "column": amenities.advertising_column,
+    "pit": amenities.tree_pit,
+    "mast": amenities.mast,
+}

@@ -1,0 +1,460 @@
+"""Where things stand in a street: seeded rules, no shapes.
+
+People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
+stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+import shapely
+
+from urban_street.street import layout_mixed
+from urban_street.street.plan import (
+    CAMERA_CORRIDOR,
+    SIDE_HALF,
+    SIDE_LENGTH,
+    SIDE_ROAD_HALF,
+    GroundRegion,
+    Placement,
+    StreetLayout,
+    StreetSettings,
+    disc,
+    rectangle,
+    turned_rectangle,
+)
+from urban_street.street.planning import Plan
+from urban_street.vehicles.build import dimensions
+
+#: Styles of houses by the street's variety, and those of them that close a view.
+STYLES = {
+    "plain": ("brick", "classic", "plain", "gable", "shop"),
+    "mixed": ("brick", "classic", "plain", "gable", "shop", "mansard", "bay", "timber", "modern"),
+}
+_ENDS = {
+    "plain": ("brick", "classic", "plain", "shop"),
+    "mixed": ("brick", "classic", "plain", "shop", "mansard", "bay", "modern"),
+}
+HOUSE_STYLES = STYLES["mixed"]
+#: Styles of corner houses.
+_CORNERS = ("brick", "classic", "plain", "shop")
+#: Styles whose gables face the street: not for wide plots.
+_NARROW = {"gable", "timber"}
+HOUSE_DEPTH = 11.0
+#: Houses in a side street are less deep than the narrowest corner house is wide.
+_SIDE_DEPTH = 7.9
+#: What is parked and how often.
+_PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
+#: Seeds of a kind that differ: rims, plates, paint.
+CAR_MODELS = 6
+TREE_MODELS = 3
+_KERB_GAP = 0.2
+#: Up to here along the street people are varied: some bays stay free, so that most places are seen past the cars.
+WALK_STOP = 34.0
+#: Signs: left side?, about where, which face (`textures.things.sign_faces`).
+_SIGNS = (
+    (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
+    (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
+)  # fmt: skip
+
+
+def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
+    """The signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
+    for again in range(math.ceil(row_stop / 88.0)):
+        for left, y, face in _SIGNS:
+            if again == 0 or 96.0 < y + 88.0 * again < row_stop - 5.0:
+                yield left, y + 88.0 * again, face
+
+
+def layout_street(settings: StreetSettings) -> StreetLayout:
+    """Place everything in the street; a few milliseconds, no meshes.
+
+    Args:
+        settings: equal settings give equal layouts.
+    """
+    streams = np.random.SeedSequence(settings.seed).spawn(6)
+    houses, cars, trees, furniture, ends, cycles = (np.random.default_rng(stream) for stream in streams)
+    plan = Plan(settings)
+    lines = plan.lines
+    plan.add("road", "carriageway", 0.0, 0.0, seed=_seed(ends))
+    plan.add("sidewalk", "left", 0.0, 0.0)
+    plan.add("sidewalk", "right", 0.0, 0.0)
+    plan.add("terrain", "outskirts", 0.0, 0.0)
+    _place_houses(plan, houses)
+    if lines.side_y is not None:
+        _place_side_street(plan, lines.side_y, np.random.default_rng(np.random.SeedSequence([settings.seed, 7004])))
+    _place_ends(plan, ends)
+    _place_cars(plan, cars)
+    kerbside = _place_trees(plan, trees)
+    _place_furniture(plan, furniture, kerbside)
+    _place_large_vehicles(plan)
+    _place_cycles(plan, cycles)
+    if settings.variety == "mixed":
+        layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
+    left, right = round(lines.front(left=True), 4), round(lines.front(left=False), 4)
+    stop, height = lines.road_stop - 6.0, lines.kerb_height
+    ground = [
+        GroundRegion(rectangle(round(left - 8.4, 4), lines.road_start, lines.left_kerb, stop), height),
+        GroundRegion(rectangle(lines.right_kerb, lines.road_start, round(right + 8.4, 4), stop), height),
+    ]
+    for x0, x1 in ((round(left - 8.4, 4), lines.left_kerb), (lines.right_kerb, round(right + 8.4, 4))):
+        if lines.side_y is not None and lines.sides[0 if x0 < lines.left_kerb else 1]:
+            y = lines.side_y
+            ground.append(GroundRegion(rectangle(x0, y - SIDE_ROAD_HALF, x1, y + SIDE_ROAD_HALF), 0.0))
+    extent = (left - HOUSE_DEPTH, lines.road_start, right + HOUSE_DEPTH, lines.road_stop)
+    return StreetLayout(settings, tuple(plan.placements), tuple(plan.footprints), tuple(ground), extent)
+
+
+def _seed(rng: np.random.Generator) -> int:
+    return int(rng.integers(2**31))
+
+
+def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
+    """Two rows, without gaps but for side streets; neighbours differ in style, a few stand behind a front garden."""
+    for left in (True, False):
+        for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
+            _place_row(plan, rng, start, stop, left=left)
+
+
+def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
+    lines, styles = plan.lines, STYLES[plan.settings.variety]
+    previous, since_garden = "", 0
+    while y < stop - 0.1:
+        rest = stop - y
+        width = float(rng.uniform(9.0, 15.5))
+        if rest < width + 9.0:
+            width = rest if rest < 16.0 else 0.5 * rest
+        choices = [style for style in styles if style != previous and not (style in _NARROW and width > 12.5)]
+        # A corner: its side wall is a second front, and the side street's houses begin at its back.
+        before, behind = (lines.in_side_street(edge, SIDE_HALF + 0.1, left=left) for edge in (y + width, y))
+        if before or behind:
+            choices = [style for style in _CORNERS if style != previous]
+        style = str(rng.choice(choices))
+        setback = float(rng.choice([0.0, 0.0, 0.12, 0.3]))
+        garden = style in {"brick", "plain", "bay"} and since_garden > 1 and rng.random() < 0.6
+        since_garden = 0 if garden else since_garden + 1
+        if garden:
+            setback = 1.7
+        if before or behind:
+            garden, setback = False, lines.setback
+        elif lines.setback > 0.0:
+            garden, setback = lines.setback >= 1.5, lines.setback
+        front = lines.left_front - setback if left else lines.right_front + setback
+        heading, start = (0.5 * math.pi, y) if left else (-0.5 * math.pi, y + width)
+        bays, door = _bays(width, rng)
+        house = plan.add(
+            "building", style, front, start, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
+            size=(round(width, 3), HOUSE_DEPTH, bays, door, *((1.0 if before == left else -1.0,) if before or behind else ())),
+            variant=int(rng.choice([3, 3, 4, 4, 5])),
+        )  # fmt: skip
+        plan.block(house, turned_rectangle(front, start, heading, (0.0, 0.0), (width, HOUSE_DEPTH)))
+        if garden:
+            entrance = (door + 0.5) * width / bays
+            gate = y + entrance if left else y + width - entrance
+            _place_garden(plan, rng, left=left, y0=y, y1=y + width, gate=gate, depth=setback - 0.12)
+        previous = style
+        y += width
+
+
+def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
+    """A street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
+    lines = plan.lines
+    for left, there in zip((True, False), lines.sides, strict=True):
+        if not there:
+            continue
+        outward = -1.0 if left else 1.0
+        kerb, front = (lines.left_kerb, lines.front(left=True)) if left else (lines.right_kerb, lines.front(left=False))
+        end = front + outward * SIDE_LENGTH
+        x0, x1 = sorted((kerb, end))
+        plan.add("road", "side-road", x0, y, size=(x1 - x0, 2.0 * SIDE_ROAD_HALF))
+        for side in (-1.0, 1.0):
+            near, far = sorted((lines.left_front if left else lines.right_front, end))
+            middle, wide = y + side * 0.5 * (SIDE_HALF + SIDE_ROAD_HALF), SIDE_HALF - SIDE_ROAD_HALF
+            plan.add("sidewalk", "side-footway", near, middle, size=(far - near, wide, lines.kerb_height))
+            x, previous = front + outward * HOUSE_DEPTH, ""
+            for width in rng.dirichlet([40.0, 40.0, 40.0]) * (SIDE_LENGTH - HOUSE_DEPTH):
+                low, high = sorted((x, x + outward * float(width)))
+                # Fronts face the side street: those before it (smaller y) look to +y.
+                heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
+                style = str(rng.choice([s for s in _ENDS[plan.settings.variety] if s != previous]))
+                _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width), _SIDE_DEPTH)
+                previous, x = style, x + outward * float(width)
+        heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
+        _add_house(plan, rng, "classic", end, origin, heading, 22.0)
+
+
+def _add_house(
+    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float,
+    depth: float = HOUSE_DEPTH,
+) -> None:  # fmt: skip
+    """A house with its left end at (x, y), and its footprint."""
+    bays, door = _bays(width, rng)
+    house = plan.add(
+        "building", style, x, y, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
+        size=(round(width, 3), depth, bays, door), variant=int(rng.integers(4, 6)),
+    )  # fmt: skip
+    plan.block(house, turned_rectangle(x, y, heading, (0.0, 0.0), (width, depth)))
+
+
+def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
+    """Number of window axes of a front, and which of them has the door."""
+    bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
+    return bays, int(rng.integers(bays))
+
+
+def _place_garden(
+    plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
+) -> None:
+    """Grass and a hedge behind railings or a low wall on both sides of the way to the door."""
+    outward = -1.0 if left else 1.0
+    line = (plan.lines.left_front if left else plan.lines.right_front) + 0.12 * outward
+    kind = ("fence", "railing") if rng.random() < 0.6 else ("wall", "low")
+    for start, stop in ((y0, gate - 0.75), (gate + 0.75, y1)):
+        if stop - start < 1.0:
+            continue
+        inner = line + depth * outward
+        plan.add(
+            "terrain",
+            "garden",
+            min(line, inner),
+            start,
+            z=plan.lines.kerb_height,
+            size=(abs(inner - line), stop - start),
+        )
+        border = plan.add(*kind, line, start, z=plan.lines.kerb_height, size=(stop - start,))
+        plan.block(border, rectangle(line - 0.12, start, line + 0.12, stop))
+        x = line + 0.45 * outward
+        hedge = plan.add(
+            "vegetation",
+            "hedge",
+            x,
+            start + 0.2,
+            z=plan.lines.kerb_height,
+            seed=_seed(rng),
+            size=(0.6, stop - start - 0.4, 0.9),
+        )
+        plan.block(hedge, rectangle(x - 0.3, start + 0.2, x + 0.3, stop - 0.2))
+
+
+def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
+    """Cross streets at both ends with houses behind, so that no open horizon shows."""
+    lines = plan.lines
+    first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
+    middle = round(0.5 * (first + last), 4)
+    for y, heading, direction in ((lines.road_stop + 3.0, 0.0, 1.0), (lines.road_start - 3.0, math.pi, -1.0)):
+        plan.add("road", "cross-road", middle, y - 6.0 * direction, size=(90.0, 6.0))
+        plan.add("sidewalk", "cross-footway", middle, y - 1.5 * direction, size=(90.0, 3.0))
+        x, previous = first, ""
+        while x < last:
+            width = float(rng.uniform(11.0, 16.0))
+            style = str(rng.choice([s for s in _ENDS[plan.settings.variety] if s != previous]))
+            _add_house(plan, rng, style, x if direction > 0 else x + width, y, heading, width)
+            previous = style
+            x += width
+
+
+def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
+    """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
+    van_left = bool(rng.random() < 0.5)
+    for left in (True, False):
+        y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
+        parked = 0
+        while y < plan.lines.row_stop - 8.0:
+            kind = str(rng.choice(list(_PARKED), p=list(_PARKED.values())))
+            if left == van_left and parked == 1:
+                kind = "van"
+            length, width, _ = dimensions(kind)
+            crossing = next((c for c in plan.lines.crossings if y < c + 5.5 and y + length > c - 5.5), None)
+            if crossing is not None:
+                y = crossing + 5.6
+                continue
+            if plan.lines.in_side_street(y + 0.5 * length, SIDE_HALF + 0.5 * length, left=left):
+                y += 1.0
+                continue
+            inset = 0.5 * width + _KERB_GAP + float(rng.uniform(0.0, 0.07))
+            x = plan.lines.left_kerb + inset if left else plan.lines.right_kerb - inset
+            backwards = rng.random() < 0.18
+            car = plan.add(
+                "car", kind, x, y + 0.5 * length, seed=_seed(rng), variant=int(rng.integers(CAR_MODELS)),
+                heading=_whole(180.0 * backwards + float(rng.normal(0.0, 0.46))),
+            )  # fmt: skip
+            plan.block(
+                car,
+                turned_rectangle(car.x, car.y, car.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
+            )
+            parked += 1
+            y += length + _gap(rng, roomy=y < WALK_STOP)
+
+
+def _place_large_vehicles(plan: Plan) -> None:
+    """A delivery truck and a bus in the cross street at the far end."""
+    for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
+        length, width, _ = dimensions(kind)
+        placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
+        plan.block(
+            placed, turned_rectangle(x, y, placed.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+        )
+
+
+def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
+    """Motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
+    lines = plan.lines
+    zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
+    keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
+    for kind, tries, wanted in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
+        found = 0
+        length, width, _ = dimensions(kind)
+        for _ in range(tries):
+            left = bool(rng.random() < 0.5)
+            y = float(rng.uniform(8.0, lines.row_stop - 8.0))
+            if kind == "motorcycle":
+                x = lines.left_kerb + 1.1 if left else lines.right_kerb - 1.1
+                heading = (0.5 if left else -0.5) * math.pi + float(rng.uniform(-0.1, 0.1))
+            else:
+                x = lines.left_kerb - 0.55 if left else lines.right_kerb + 0.55
+                heading = float(rng.choice([0.0, math.pi])) + float(rng.normal(0.0, 0.06))
+            low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
+            polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
+            if (
+                found == wanted
+                or lines.in_side_street(y, SIDE_HALF, left=left)
+                or shapely.Polygon(polygon).buffer(0.35).intersects(keep_free)
+                or not plan.is_free(polygon, 0.35)
+            ):
+                continue
+            z = 0.0 if kind == "motorcycle" else lines.kerb_height
+            placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
+            plan.block(placed, polygon)
+            found += 1
+
+
+def _whole(degrees: float) -> float:
+    """Radians of a heading in thousandths of a degree, so that a declared default says it exactly."""
+    return math.radians(round(degrees % 360.0, 3))
+
+
+def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
+    """Metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
+    tight = rng.random() < (0.1 if roomy else 0.55)
+    return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
+
+
+def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
+    """Kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
+    others = ("plane", "birch", "hornbeam", "cherry")
+    if settings.variety == "plain":
+        yield from repeat("tree")
+    # A plane's crown needs room; birches and columns stand in narrow streets.
+    avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
+    while True:
+        yield avenue if rng.random() < 0.55 else str(rng.choice(others))
+
+
+def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
+    """Trees along both kerbs; returns (left side?, y) of each trunk."""
+    trunks = []
+    species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
+    for left in (True, False):
+        kinds = _species(plan.settings, species)
+        y = plan.lines.row_start + (4.0 if left else 8.5)
+        while y < plan.lines.row_stop - 3.0:
+            here = y + float(rng.uniform(-1.2, 1.2))
+            y += 10.2
+            if CAMERA_CORRIDOR[1] - 2.0 < here < CAMERA_CORRIDOR[3] + 0.5 or any(
+                abs(here - c) < 4.5 for c in plan.lines.crossings
+            ):
+                continue
+            if rng.random() < 0.08 or plan.lines.in_side_street(here, SIDE_HALF + 0.8, left=left):
+                continue
+            x = plan.lines.left_kerb - 0.62 if left else plan.lines.right_kerb + 0.62
+            tree = plan.add(
+                "vegetation", ("" if 0.0 < here < 42.0 else "far-") + next(kinds), x, here, z=plan.lines.kerb_height,
+                heading=float(rng.uniform(0.0, 2.0 * math.pi)), variant=int(rng.integers(TREE_MODELS)),
+                size=(float(rng.uniform(0.92, 1.1)),),
+            )  # fmt: skip
+            plan.block(tree, disc(x, here, 0.3 if tree.kind.endswith("plane") else 0.2))
+            trunks.append((left, here))
+    for x in (-9.0, -3.2, 3.4, 9.6, 16.0):  # beyond the cross street
+        tree = plan.add(
+            "vegetation", "far-tree", x + float(rng.uniform(-0.8, 0.8)), plan.lines.road_stop + 0.6, z=plan.lines.kerb_height,
+            heading=float(rng.uniform(0.0, 6.0)), variant=int(rng.integers(TREE_MODELS)),
+            size=(float(rng.uniform(1.0, 1.2)),),
+        )  # fmt: skip
+        plan.block(tree, disc(tree.x, tree.y, 0.2))
+    return trunks
+
+
+def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
+    """Lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    taken = list(trunks)
+
+    def free(y: float, *, left: bool) -> float:
+        """The nearest place along the kerb at least 1.6 m from what stands there already."""
+        for step in range(60):
+            candidate = y + 0.25 * step
+            if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):
+                continue
+            if all(side != left or abs(candidate - other) > 1.6 for side, other in taken):
+                taken.append((left, candidate))
+                return candidate
+        return y
+
+    def kerbside(
+        object_class: str, kind: str, y: float, radius: float, *, left: bool, inset: float = 0.42, **more: Any
+    ) -> Placement:
+        x = plan.lines.left_kerb - inset if left else plan.lines.right_kerb + inset
+        heading = 0.0 if left else math.pi
+        placed = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
+        plan.block(placed, disc(x, y, radius))
+        return placed
+
+    for left in (True, False):
+        y = 12.0 if left else 24.5
+        for k in range(-1, math.floor((plan.lines.row_stop - 4.0 - y) / 25.0) + 1):
+            place = free(y + 25.0 * k + float(rng.uniform(-1.5, 1.5)), left=left)
+            if not CAMERA_CORRIDOR[1] - 2.0 < place < CAMERA_CORRIDOR[3]:
+                kerbside("pole", "lamp", place, 0.09, left=left)
+    for left, y, face in _signs(plan.lines.row_stop):
+        place = free(y + float(rng.uniform(-0.5, 1.5)), left=left)
+        post = kerbside("pole", "post", place, 0.05, left=left, inset=0.36)
+        plan.add("traffic-sign", "face", post.x, post.y - 0.045, z=plan.lines.kerb_height, variant=face)
+    for crossing in plan.lines.crossings:
+        for left in (True, False):
+            for offset in (-5.0, -3.7, 3.0):
+                kerbside("pole", "bollard", crossing + offset, 0.08, left=left, inset=0.3)
+    for left in (True, False):
+        for crossing in plan.lines.crossings[1:]:
+            light = kerbside("pole", "signal-post", crossing - 2.6, 0.07, left=left, inset=0.4)
+            plan.add("traffic-light", "signal", light.x, light.y - 0.06, z=plan.lines.kerb_height)
+        _place_along_walls(plan, rng, left=left)
+
+
+def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
+    """Bins and planters, clear of house doors and of each other."""
+    front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
+    taken = []
+    for house in plan.placements:
+        if house.object_class == "building" and house.heading == heading:
+            width, _, bays, door = house.size[:4]
+            taken.append(house.y + math.copysign((door + 0.5) * width / bays, heading))
+    x = front + 0.42 if left else front - 0.42
+    for y in rng.uniform(6.0, plan.lines.row_stop - 15.0, round(plan.settings.length_m / 22.0)):
+        if any(abs(y - other) < 2.0 for other in taken) or plan.lines.in_side_street(
+            float(y), SIDE_HALF + 1.0, left=left
+        ):
+            continue
+        taken.append(float(y))
+        if rng.random() < 0.5:
+            size = (0.5, 1.1)
+            planter = plan.add(
+                "vegetation", "planter", x, float(y) - 0.55, z=plan.lines.kerb_height, seed=_seed(rng), size=size
+            )
+            plan.block(planter, rectangle(x - 0.25, planter.y, x + 0.25, planter.y + 1.1))
+        else:
+            bins = plan.add("static", "bins", x, float(y), z=plan.lines.kerb_height, heading=heading, seed=_seed(rng))
+            plan.block(bins, rectangle(x - 0.36, bins.y - 0.65, x + 0.36, bins.y + 0.65))

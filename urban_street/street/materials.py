@@ -1,0 +1,250 @@
+"""Every material and texture of a street, some of them chosen by its seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from urban_street.street.houses import DOOR_COLORS, RENDER_COLORS, ROOF_COLORS
+from urban_street.street.plan import Season, StreetSettings, lines_of
+from urban_street.street.textures import ground, things, walls
+from valerie.scene.graph.deferred import DeferredTexture, deferred_textures
+from valerie.scene.graph.model import Material, Texture
+
+Color = tuple[float, float, float]
+
+#: Linear reflectances.
+_RENDERS: tuple[Color, ...] = (
+    (0.68, 0.58, 0.40), (0.72, 0.66, 0.55), (0.60, 0.42, 0.28), (0.50, 0.54, 0.50), (0.70, 0.50, 0.40),
+    (0.42, 0.48, 0.54), (0.75, 0.73, 0.68), (0.66, 0.60, 0.30), (0.46, 0.52, 0.38), (0.56, 0.30, 0.22),
+    (0.55, 0.53, 0.50), (0.62, 0.47, 0.45),
+)  # fmt: skip
+_DOORS: tuple[Color, ...] = (
+    (0.03, 0.07, 0.045), (0.09, 0.04, 0.02), (0.02, 0.035, 0.08), (0.16, 0.02, 0.02), (0.05, 0.05, 0.055),
+    (0.22, 0.20, 0.17),
+)  # fmt: skip
+_ROOFS: tuple[Color, ...] = ((0.36, 0.13, 0.075), (0.13, 0.13, 0.14), (0.24, 0.12, 0.085), (0.10, 0.09, 0.085))
+_LEAVES: tuple[Color, ...] = (
+    (0.082, 0.185, 0.028), (0.115, 0.205, 0.032), (0.062, 0.150, 0.034), (0.150, 0.200, 0.030),
+)  # fmt: skip
+#: Materials of carriageways; each has a texture of the same name.
+_SURFACES = ("asphalt-0", "asphalt-1", "asphalt-crossing", "asphalt-side")
+_BINS: tuple[Color, ...] = ((0.03, 0.033, 0.036), (0.02, 0.06, 0.16), (0.30, 0.22, 0.02))
+_AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0.06, 0.22))
+
+
+def make_textures(settings: StreetSettings) -> dict[str, Texture]:
+    """All textures, each made when it is first looked at; equal settings give equal pixels."""
+    streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
+    textures = _carriageways(settings, [next(streams) for _ in range(4)])
+    textures |= _one("turf", partial(ground.turf, next(streams)))
+    for names, make in (
+        (("paving", "paving-normal", "paving-roughness"), ground.paving),
+        (("brick-red", "brick-buff", "brick-normal", "brick-roughness"), walls.brick),
+        (("render", "render-normal", "render-roughness"), walls.render),
+        (("ashlar", "ashlar-normal"), walls.ashlar),
+        (("roof", "roof-normal"), walls.roof_tiles),
+    ):
+        textures |= deferred_textures(names, partial(make, next(streams)))
+    for name, make_one in (
+        ("interiors", walls.interiors), ("boards", walls.boards), ("bark", things.bark), ("hedge", things.hedge),
+        ("granite", walls.granite),
+    ):  # fmt: skip
+        textures |= _one(name, partial(make_one, next(streams)))
+    textures |= _one("signs", things.sign_faces)
+    rng = next(streams)
+    hues = [leaf_color(_LEAVES[pick], settings.season) for pick in rng.permutation(len(_LEAVES))[:3]]
+    textures |= deferred_textures(
+        [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
+    )
+    if settings.variety == "mixed":
+        textures |= _mixed(settings)
+    return textures
+
+
+def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
+    return {name: DeferredTexture(name, make)}
+
+
+def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generator]) -> dict[str, Texture]:
+    """Colour, normals and roughness of asphalt or, where the settings ask for them, of setts; of a side street too.
+
+    Args:
+        settings: of the street.
+        streams: for three surfaces of asphalt, and for the normals that they share in a plain street.
+    """
+    lines = lines_of(settings)
+    own = [np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4)]
+    names = [name for name in _SURFACES if name != "asphalt-side" or lines.side_y is not None]
+
+    def surface(
+        make: Callable[..., Sequence[ground.Image]], rng: np.random.Generator, name: str
+    ) -> Sequence[ground.Image]:
+        if name == "asphalt-side":
+            return make(rng, zebra=False, lane=())
+        return make(rng, zebra=name == "asphalt-crossing", lane=lines.lanes, width=lines.width)
+
+    textures: dict[str, Texture] = {}
+    if settings.surface == "paving":
+        for rng, name in zip(own, names, strict=False):
+            images = (name, f"{name}-normal", f"{name}-roughness")
+            textures |= deferred_textures(images, partial(surface, ground.setts, rng, name))
+        return textures
+    for rng, name in zip((*streams[:3], own[0]), names, strict=False):
+        textures |= deferred_textures((name, f"{name}-roughness"), partial(surface, ground.asphalt, rng, name))
+    if settings.variety == "plain":
+        return textures | _one("asphalt-normal", partial(ground.asphalt_normals, streams[3]))
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7008]))
+    return textures | deferred_textures(
+        [f"{name}-normal" for name in names],
+        lambda: [ground.relief(textures[name].image, rng, lines.width) for name in names],
+    )
+
+
+#: Linear colours of leaves in summer, in autumn, and (the cherry) in blossom.
+_SPECIES_LEAVES: dict[str, tuple[Color, Color]] = {
+    "plane": ((0.105, 0.185, 0.034), (0.30, 0.19, 0.035)),
+    "birch": ((0.130, 0.215, 0.045), (0.46, 0.34, 0.035)),
+    "hornbeam": ((0.070, 0.150, 0.030), (0.33, 0.20, 0.04)),
+    "cherry": ((0.075, 0.135, 0.040), (0.36, 0.085, 0.03)),
+}
+_BLOSSOM: Color = (0.72, 0.42, 0.46)
+
+
+def _mixed(settings: StreetSettings) -> dict[str, Texture]:
+    """Leaves and bark of more species, posters."""
+    rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
+    barks = ("plane", "birch", "cherry")
+
+    def make() -> list[ground.Image]:
+        images = [things.bark_of(rng, kind) for kind in barks]
+        for kind, (summer, autumn) in _SPECIES_LEAVES.items():
+            color = autumn if settings.season == "autumn" else leaf_color(summer, settings.season)
+            if settings.season == "spring" and kind == "cherry":
+                color = _BLOSSOM
+            images.append(things.leaves(rng, color))
+        return [*images, things.posters(rng)]
+
+    names = [*(f"bark-{kind}" for kind in barks), *(f"leaves-{kind}" for kind in _SPECIES_LEAVES), "posters"]
+    return deferred_textures(names, make)
+
+
+#: What a season makes of a leaf's linear colour: factors of red, green and blue.
+_SEASONS: dict[Season, Color] = {
+    "spring": (1.35, 1.25, 1.05), "summer": (1.0, 1.0, 1.0), "autumn": (3.4, 1.05, 0.75), "winter": (1.6, 0.8, 0.9),
+}  # fmt: skip
+
+
+def leaf_color(summer: Color, season: Season) -> Color:
+    """The linear colour of leaves that are ``summer`` in summer."""
+    red, green, blue = (value * factor for value, factor in zip(summer, _SEASONS[season], strict=True))
+    return red, green, blue
+
+
+def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
+    """All materials; the seed chooses the colours of render, doors and roofs.
+
+    Args:
+        seed: of the street.
+        reliefs: each picture of a carriageway has normals of its own.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
+    materials = [
+        *_ground(reliefs=reliefs),
+        *_walls(rng),
+        Material("tyre", (0.022, 0.022, 0.023), roughness=0.85),
+        Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
+        *(_leaf(k) for k in range(3)),
+        *(Material(f"bark-{k}", (1.0, 1.0, 1.0), f"bark-{k}", roughness=0.9) for k in ("plane", "birch", "cherry")),
+        *(_leaf(kind) for kind in _SPECIES_LEAVES),
+        Material("slats", (0.34, 0.19, 0.09), "boards", roughness=0.6),
+        Material("cabinet", (0.19, 0.21, 0.20), metallic=0.1, roughness=0.55),
+        Material("poster", (1.0, 1.0, 1.0), "posters", roughness=0.4),
+        Material("stop-green", (0.01, 0.17, 0.06), roughness=0.5),
+        Material("stop-yellow", (0.75, 0.52, 0.02), roughness=0.5),
+        Material("hedge", (1.0, 1.0, 1.0), "hedge", roughness=0.9),
+        Material("steel", (0.26, 0.27, 0.28), metallic=0.6, roughness=0.55),
+        Material("iron", (0.022, 0.025, 0.024), metallic=0.3, roughness=0.5),
+        Material("zinc", (0.30, 0.31, 0.32), metallic=0.4, roughness=0.6),
+        Material("metal", (0.55, 0.50, 0.36), metallic=0.9, roughness=0.35),
+        Material("lens", (0.70, 0.70, 0.68), roughness=0.3),
+        Material("lantern", (0.70, 0.70, 0.68), roughness=0.3),
+        Material("sign-face", (1.0, 1.0, 1.0), "signs", roughness=0.45),
+        Material("sign-board", (1.0, 1.0, 1.0), "signs", roughness=0.6),
+        Material("signal-red", (0.5, 0.02, 0.01), roughness=0.25, emissive=(0.9, 0.03, 0.015)),
+        Material("signal-off", (0.03, 0.035, 0.03), roughness=0.25),
+        Material("visor", (0.02, 0.02, 0.02), roughness=0.7, double_sided=True),
+        Material("planter", (0.16, 0.10, 0.06), "boards", roughness=0.85),
+        *(Material(f"bin-{k}", color, roughness=0.6) for k, color in enumerate(_BINS)),
+        *(Material(f"awning-{k}", color, roughness=0.9, double_sided=True) for k, color in enumerate(_AWNINGS)),
+        Material("awning-white", (0.72, 0.70, 0.64), roughness=0.9, double_sided=True),
+    ]  # fmt: skip
+    return {material.name: material for material in materials}
+
+
+def _leaf(k: int | str) -> Material:
+    return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
+
+
+def _ground(*, reliefs: bool) -> list[Material]:
+    white = (1.0, 1.0, 1.0)
+    return [
+        *(
+            Material(
+                name,
+                white,
+                name,
+                f"{name}-normal" if reliefs else "asphalt-normal",
+                f"{name}-roughness",
+                metallic=1.0,
+                roughness=1.0,
+            )
+            for name in _SURFACES
+        ),
+        Material("road-paint", (0.55, 0.54, 0.51), roughness=0.7),
+        Material("paving", white, "paving", "paving-normal", "paving-roughness", roughness=1.0),
+        Material("kerb", (0.36, 0.35, 0.33), "granite", roughness=0.8),
+        Material("joint", (0.06, 0.057, 0.05), roughness=0.95),
+        Material("turf", white, "turf", roughness=0.95),
+    ]
+
+
+def _walls(rng: np.random.Generator) -> list[Material]:
+    renders = rng.permutation(len(_RENDERS))[:RENDER_COLORS]
+    doors = rng.permutation(len(_DOORS))[:DOOR_COLORS]
+    roofs = rng.permutation(len(_ROOFS))[:ROOF_COLORS]
+    white = (1.0, 1.0, 1.0)
+    brick_red, brick_buff = _shifted((0.82, 0.82, 0.82), rng), _shifted((0.8, 0.8, 0.8), rng)
+    stone = _shifted((0.52, 0.48, 0.42), rng)
+    return [
+        Material("brick-red", brick_red, "brick-red", "brick-normal", "brick-roughness", roughness=1.0),
+        Material("brick-buff", brick_buff, "brick-buff", "brick-normal", "brick-roughness", roughness=1.0),
+        *(
+            Material(f"render-{k}", _shifted(_RENDERS[pick], rng), "render", "render-normal", "render-roughness", roughness=1.0)
+            for k, pick in enumerate(renders)
+        ),
+        Material("render-side", (0.44, 0.41, 0.36), "render", "render-normal", "render-roughness", roughness=1.0),
+        Material("stucco", (0.74, 0.71, 0.64), "render", roughness=0.85),
+        Material("stone", stone, "granite", roughness=0.85),
+        Material("timber", (0.10, 0.060, 0.036), "boards", roughness=0.85),
+        Material("concrete", (0.50, 0.49, 0.47), "granite", roughness=0.88),
+        Material("slate", (0.15, 0.16, 0.18), "roof", "roof-normal", roughness=0.6),
+        Material("zinc-roof", (0.36, 0.38, 0.41), "boards", metallic=0.25, roughness=0.5),
+        Material("ashlar", (0.72, 0.66, 0.56), "ashlar", "ashlar-normal", roughness=0.88),
+        *(
+            Material(f"roof-{k}", _shifted(_ROOFS[pick], rng), "roof", "roof-normal", roughness=0.85)
+            for k, pick in enumerate(roofs)
+        ),
+        *(Material(f"door-{k}", _DOORS[pick], "boards", roughness=0.4) for k, pick in enumerate(doors)),
+        Material("frame-white", (0.74, 0.74, 0.72), roughness=0.45),
+        Material("frame-dark", (0.035, 0.037, 0.04), roughness=0.5),
+        Material("window-glass", white, "interiors", roughness=0.06, specular=1.6),
+    ]  # fmt: skip
+
+
+def _shifted(color: Color, rng: np.random.Generator) -> Color:
+    """A little brighter or darker, warmer or colder."""
+    red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 1.0)
+    return float(red), float(green), float(blue)

@@ -1,0 +1,358 @@
+"""Asphalt with its history, and the paving of the footways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from urban_street.street.noise import (
+    Field,
+    band_noise,
+    hashed,
+    normal_map,
+    roughness_map,
+    smoothstep,
+    srgb8,
+    stretched_noise,
+    toward,
+)
+
+Image = NDArray[np.uint8]
+
+#: Metres that one road texture covers, across and along.
+ROAD_TILE = (6.6, 13.2)
+#: Metres that the paving texture covers, across (house to kerb) and along.
+PAVING_TILE = (2.6, 3.2)
+_SIZE = 1024
+#: Roughness of asphalt that is old, polished by tyres, fresh; of what lies on it or in it; of iron and its dirty parts.
+_OLD, _POLISHED, _FRESH = 0.92, 0.76, 0.82
+_OILY, _BITUMEN, _PAINT, _JOINT = 0.68, 0.62, 0.74, 0.96
+_IRON, _DIRT = 0.50, 0.92
+#: How metallic worn iron is: partly rust.
+_BARE = 0.6
+
+
+def _road_axes(width: float) -> tuple[Field, Field]:
+    """Metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
+    centre = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)
+    across: Field = (centre * np.float32(width))[None]
+    along: Field = (centre * np.float32(ROAD_TILE[1]))[:, None]
+    return across, along
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layer:
+    """What a road is made of at each pixel.
+
+    Attributes:
+        color: (H, W, 3) linear reflectance.
+        roughness, metallic: (H, W), in [0, 1].
+    """
+
+    color: Field
+    roughness: Field
+    metallic: Field
+
+    def images(self) -> tuple[Image, Image]:
+        """Colour and roughness map."""
+        return srgb8(self.color), roughness_map(self.roughness, self.metallic)
+
+
+def asphalt(
+    rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
+) -> tuple[Image, Image]:
+    """Colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway, edges and markings included.
+
+    It is ``width`` × `ROAD_TILE`[1] metres. Tyres polish two bands of a lane; oil, the bitumen of repairs and seams, and
+    markings are smoother than old asphalt, cracks rougher; lids are of worn iron.
+
+    Rows run along the street; first and last row meet, so pieces join in any order.
+
+    Args:
+        rng: source of everything.
+        zebra: paint a crossing in the middle and no lane marks beside it.
+        lane: where the edges of the driving lanes are, metres from the left kerb, one more than there are lanes;
+            empty for a road without lanes or markings.
+        width: metres from kerb to kerb.
+    """
+    shape = (_SIZE, _SIZE)
+    across, along = _road_axes(width)
+    ends = smoothstep(0.0, 0.8, along) * smoothstep(0.0, 0.8, ROAD_TILE[1] - along)  # pieces must meet: no patch there
+    albedo = np.full(shape, 0.115, np.float32)
+    albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
+    grain = band_noise(shape, rng, longest=6, slope=0.0)
+    albedo *= 1.0 + 0.13 * grain + 0.05 * np.maximum(band_noise(shape, rng, longest=4, slope=0.0) - 1.2, 0.0) * 3.0
+    roughness = (_OLD + 0.025 * grain).astype(np.float32)
+
+    middles = [0.5 * (a + b) for a, b in pairwise(lane)] or [0.5 * width]
+    for middle in middles:  # tyres polish two bands; oil drips between them
+        for offset in (-0.72, 0.72):
+            track = np.exp(-(((across - middle - offset) / 0.28) ** 2))
+            albedo *= 1.0 - 0.13 * track
+            roughness = toward(roughness, _POLISHED, 0.9 * track)
+        oil = np.exp(-(((across - middle) / 0.22) ** 2))
+        albedo *= 1.0 - 0.10 * oil
+        roughness = toward(roughness, _OILY, 0.25 * oil)
+    for centre in (0.5 * lane[0], 0.5 * (lane[-1] + width)) if lane else ():
+        drips = smoothstep(0.6, 2.2, band_noise(shape, rng, longest=90, shortest=8)) * ends
+        bay = np.exp(-(((across - centre) / 0.7) ** 2))
+        albedo *= 1.0 - 0.35 * drips * bay
+        roughness = toward(roughness, _OILY, drips * bay)
+    albedo, roughness = _patches(albedo, roughness, rng, grain, width)
+    cracks = _cracks(rng, width)
+    albedo *= 1.0 - 0.6 * cracks * ends
+    roughness = toward(roughness, 1.0, cracks * ends)
+    # The old longitudinal seam between two lanes of the paver.
+    wander = middles[-1] + 1.5 + 0.02 * np.sin(along * 2.0 * np.pi * 3.0 / ROAD_TILE[1])
+    seam = np.exp(-(((across - wander) / 0.012) ** 2))
+    albedo *= 1.0 - 0.35 * seam
+    roughness = toward(roughness, _BITUMEN, seam)
+
+    color: Field = albedo[..., None] * np.array([1.0, 0.985, 0.955], np.float32)
+    road = _Layer(color, roughness, np.zeros(shape, np.float32))
+    road = _gutters(road, rng, across, along, width)
+    road = _ironwork(road, rng, across, along, width)
+    return _painted(road, rng, grain, _paint(across, along, lane, width, zebra=zebra)).images()
+
+
+def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field) -> _Layer:
+    """White markings, worn by traffic."""
+    worn = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
+    wear = smoothstep(-1.65, -0.25, worn)
+    cover = paint * (0.25 + 0.63 * wear)
+    white = np.array([0.60, 0.59, 0.56], np.float32) * (1.0 + 0.05 * grain[..., None])
+    painted: Field = road.color * (1.0 - cover[..., None]) + white * cover[..., None]
+    return _Layer(painted, toward(road.roughness, _PAINT, cover), road.metallic)
+
+
+def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *, zebra: bool) -> Field:
+    """(H, W) 0…1 where markings are."""
+    if zebra:
+        return _zebra_paint(across, along, width)
+    return _lane_paint(across, along, lane) if lane else np.zeros((_SIZE, _SIZE), np.float32)
+
+
+def setts(
+    rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
+) -> tuple[Image, Image, Image]:
+    """Colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts; arguments as for `asphalt`."""
+    shape = (_SIZE, _SIZE)
+    across, along = _road_axes(width)
+    columns, rows = round(width / 0.16), 120  # 11 cm courses in 13.2 m
+    wobble = band_noise(shape, rng, longest=50, shortest=14)
+    v = along / (ROAD_TILE[1] / rows) + 0.10 * band_noise(shape, rng, longest=50, shortest=14)
+    course = np.floor(v).astype(np.int64)
+    u = across / (width / columns) + 0.5 * (course % 2) + 0.3 * hashed(course % rows, 11) + 0.10 * wobble
+    stone = np.floor(u).astype(np.int64) * 977 + course % rows
+    joint = 0.12 * np.minimum(0.5 - np.abs(u - np.floor(u) - 0.5), 0.5 - np.abs(v - course - 0.5))
+    grain = band_noise(shape, rng, longest=6, slope=0.2)
+    cloud = band_noise(shape, rng, longest=500, shortest=40)
+    inside = smoothstep(0.004, 0.016, joint)
+    tone = (0.10 + 0.13 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.08 * grain + 0.07 * cloud)
+    roughness = (0.80 + 0.03 * grain).astype(np.float32)
+    for middle in (0.5 * (a + b) for a, b in pairwise(lane)):  # wheels polish the stones' heads
+        for offset in (-0.72, 0.72):
+            track = np.exp(-(((across - middle - offset) / 0.30) ** 2))
+            tone = tone * (1.0 + 0.16 * track)
+            roughness = toward(roughness, 0.5, 0.9 * track)
+    tone = tone * (0.30 + 0.70 * inside)
+    warm = hashed(stone, int(rng.integers(2**31)))[..., None]
+    color = tone[..., None] * (np.array([1.0, 0.98, 0.96]) * (1.0 - warm) + np.array([1.06, 0.96, 0.86]) * warm)
+    roughness = toward(roughness, _JOINT, 1.0 - inside)
+    layer = _Layer(color.astype(np.float32), roughness, np.zeros(shape, np.float32))
+    layer = _gutters(layer, rng, across, along, width)
+    layer = _ironwork(layer, rng, across, along, width)
+    layer = _painted(layer, rng, grain, _paint(across, along, lane, width, zebra=zebra))
+    height = 0.009 * smoothstep(0.0, 0.03, joint) + 0.0004 * grain
+    picture, rough = layer.images()
+    return picture, normal_map(height, (width / _SIZE, ROAD_TILE[1] / _SIZE)), rough
+
+
+def _patches(
+    albedo: Field, roughness: Field, rng: np.random.Generator, grain: Field, road: float
+) -> tuple[Field, Field]:
+    """Rectangles cut open and filled again, with a tarred seam around each."""
+    across, along = _road_axes(road)
+    for _ in range(int(rng.integers(2, 5))):
+        width, length = rng.uniform(0.7, 2.2), rng.uniform(0.9, 3.6)
+        x, y = rng.uniform(0.6, road - width - 0.6), rng.uniform(0.8, ROAD_TILE[1] - length - 0.8)
+        inside = np.minimum(np.minimum(across - x, x + width - across), np.minimum(along - y, y + length - along))
+        fill = smoothstep(0.0, 0.02, inside)
+        tone = rng.choice([0.68, 0.78, 1.16])
+        albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
+        seam = np.exp(-((inside / 0.02) ** 2))
+        albedo *= 1.0 - 0.5 * seam
+        # What is darker than the road is fresh, and still covered with its binder.
+        roughness = toward(toward(roughness, _FRESH if tone < 1.0 else _OLD, fill), _BITUMEN, seam)
+    return albedo, roughness
+
+
+def _cracks(rng: np.random.Generator, width: float) -> Field:
+    """(H, W) 0…1: wandering cracks, now and then forking."""
+    mark = np.zeros((_SIZE, _SIZE), np.float32)
+    for _ in range(9):
+        steps = int(rng.integers(150, 700))
+        heading = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(rng.normal(0.0, 0.12, steps))
+        x = rng.uniform(0, _SIZE) + np.cumsum(np.cos(heading)) + rng.normal(0.0, 0.4, steps)
+        y = rng.uniform(0, _SIZE) + np.cumsum(np.sin(heading)) * width / ROAD_TILE[1]
+        depth = np.sin(np.linspace(0.0, np.pi, steps)) * rng.uniform(0.5, 1.0)
+        np.maximum.at(mark, (y.astype(np.int64) % _SIZE, x.astype(np.int64) % _SIZE), depth.astype(np.float32))
+    softened: Field = np.clip(gaussian_filter(mark, (0.45, 0.8), mode="wrap") * 2.6, 0.0, 1.0)
+    return softened
+
+
+def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
+    """Two rows of setts along each kerb, and the dirt that collects there."""
+    color, roughness = layer.color, layer.roughness
+    for edge in (across, width - across):
+        row = np.floor(edge / 0.16)
+        position = along / 0.165 + 0.5 * row  # 80 setts in 13.2 m
+        stone = np.floor(position).astype(np.int64) % 80 * 7 + row.astype(np.int64)
+        joint = np.minimum(
+            np.abs(position - np.round(position)) * 0.165, np.abs(edge / 0.16 - np.round(edge / 0.16)) * 0.16
+        )
+        head = smoothstep(0.004, 0.02, joint)
+        tone = (0.13 + 0.12 * hashed(stone, int(rng.integers(2**31)))) * (0.35 + 0.65 * head)
+        inside = (edge < 0.32)[..., None]
+        stone_color = tone[..., None] * np.array([1.0, 0.97, 0.93], np.float32)
+        color = np.where(inside, stone_color * (0.8 + 0.35 * color / 0.115), color)
+        dirt = np.exp(-((edge / 0.10) ** 2))
+        color = color * (1.0 - 0.35 * dirt)[..., None]
+        roughness = np.where(inside[..., 0], toward(np.full_like(head, _JOINT), 0.78, head), roughness)
+        roughness = toward(roughness, 1.0, dirt)
+    return _Layer(color, roughness, layer.metallic)
+
+
+def _ironwork(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
+    """A manhole in the lane and gullies in the gutters: worn iron, dirty where it lies low."""
+    color, roughness, metallic = layer.color, layer.roughness, layer.metallic
+    iron = np.array([0.075, 0.07, 0.066], np.float32)
+    x, y = width * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
+    radius = np.hypot(across - x, along - y)
+    studs = 0.75 + 0.5 * ((np.floor(across / 0.045) + np.floor(along / 0.045)) % 2)
+    lid = np.where(radius < 0.27, studs, np.where(radius < 0.30, 0.35, 1.3))
+    inside = radius < 0.36
+    color = np.where(inside[..., None], iron * lid[..., None], color)
+    high = lid > 1.0
+    roughness = np.where(inside, np.where(high, _IRON, _DIRT), roughness)
+    metallic = np.where(inside & high, _BARE, metallic)
+    color = color * (1.0 - 0.45 * np.exp(-(((radius - 0.37) / 0.025) ** 2)))[..., None]
+    for edge in (across, width - across):
+        y = rng.uniform(1.5, ROAD_TILE[1] - 1.5)
+        inside = (np.abs(edge - 0.19) < 0.17) & (np.abs(along - y) < 0.25)
+        slots = np.where(np.abs(((along - y) / 0.07) % 1.0 - 0.5) < 0.26, 0.18, 1.2)
+        color = np.where(inside[..., None], iron * slots[..., None], color)
+        high = slots > 1.0
+        roughness = np.where(inside, np.where(high, _IRON, _DIRT), roughness)
+        metallic = np.where(inside & high, _BARE, metallic)
+    return _Layer(color, roughness.astype(np.float32), metallic.astype(np.float32))
+
+
+def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field:
+    return smoothstep(-softness, softness, edge_distance)
+
+
+def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
+    """Broken lines between lanes and parking bays, two dashes to a piece, and the bays' cross marks."""
+    dash = _soft(1.15 - np.abs((along % 6.6) - 3.3))
+    paint = np.zeros((_SIZE, _SIZE), np.float32)
+    for x in lane:
+        paint = np.maximum(paint, _soft(0.06 - np.abs(across - x)) * dash)
+    bays = _soft(0.05 - np.abs((along % 6.6) - 6.0))
+    for low, high in ((lane[0] - 0.55, lane[0] + 0.06), (lane[-1] - 0.06, lane[-1] + 0.55)):
+        paint = np.maximum(paint, bays * _soft(np.minimum(across - low, high - across)))
+    return paint
+
+
+def _zebra_paint(across: Field, along: Field, width: float) -> Field:
+    """Bars of half a metre, four metres long, seven on the narrowest road."""
+    bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
+    bars = bars * _soft(np.minimum(across - 0.33, width - 0.33 - across))
+    return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
+
+
+def asphalt_normals(rng: np.random.Generator) -> Image:
+    """(1024, 1024, 3) normals of coarse aggregate; the same mapping as `asphalt`."""
+    shape = (_SIZE, _SIZE)
+    height = 0.0005 * band_noise(shape, rng, longest=8, slope=0.3) + 0.0015 * band_noise(
+        shape, rng, longest=200, shortest=40
+    )
+    return normal_map(height, (ROAD_TILE[0] / _SIZE, ROAD_TILE[1] / _SIZE))
+
+
+def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:
+    """(1024, 1024, 3) normals that belong to one road picture.
+
+    They hold the aggregate, and grooves where the picture has cracks, seams, joints and the edges of lids: what is much
+    darker than its surroundings within a hand's breadth lies lower, by up to 5 mm; markings lie a little higher.
+
+    Args:
+        color: as `asphalt` makes it.
+        rng: the aggregate.
+        width: metres from kerb to kerb.
+    """
+    shape = (_SIZE, _SIZE)
+    tone = gaussian_filter(color.astype(np.float32).mean(axis=-1) / 255.0, 1.0, mode="wrap")
+    around = gaussian_filter(tone, 9.0, mode="wrap")
+    groove = smoothstep(0.06, 0.30, (around - tone) / np.maximum(around, 0.05))
+    paint = smoothstep(0.52, 0.62, tone)
+    height = 0.0006 * band_noise(shape, rng, longest=8, slope=0.3)
+    height = height + 0.0015 * band_noise(shape, rng, longest=200, shortest=40) - 0.005 * groove + 0.002 * paint
+    return normal_map(height.astype(np.float32), (width / _SIZE, ROAD_TILE[1] / _SIZE))
+
+
+def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
+    """Colour, normals (1024²) and roughness (512²) of a footway: granite slabs in the middle, small setts on both sides."""
+    shape = (_SIZE, _SIZE)
+    centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
+    across, along = (centre * PAVING_TILE[0])[None], (centre * PAVING_TILE[1])[:, None]
+    wobble = band_noise(shape, rng, longest=60, shortest=12)
+    slab = np.abs(across - 1.3) < 0.8
+    # Slabs 0.8 m wide in two staggered rows, four to a tile.
+    row = np.floor((across - 0.5) / 0.8)
+    position = along / 0.8 + 0.5 * row
+    number = np.floor(position).astype(np.int64) % 4 * 5 + row.astype(np.int64)
+    slab_joint = np.minimum(
+        np.abs(position - np.round(position)) * 0.8, np.abs((across - 0.5) / 0.8 - np.round((across - 0.5) / 0.8)) * 0.8
+    )
+    # Setts of 6.4 cm (50 in 3.2 m), uneven by noise.
+    u, v = across / 0.062 + 0.16 * wobble, along / 0.064 + 0.16 * band_noise(shape, rng, longest=60, shortest=12)
+    u = u + 0.5 * (np.floor(v) % 2)
+    sett_joint = 0.063 * np.minimum(0.5 - np.abs(u - np.floor(u) - 0.5), 0.5 - np.abs(v - np.floor(v) - 0.5))
+    stone = np.floor(u).astype(np.int64) * 977 + np.floor(v).astype(np.int64) % 50
+
+    fine = band_noise(shape, rng, longest=5, slope=0.2)
+    cloud = band_noise(shape, rng, longest=400, shortest=30)
+    slab_tone = (0.29 + 0.07 * hashed(number, int(rng.integers(2**31)))) * (1.0 + 0.05 * fine + 0.05 * cloud)
+    slab_head, sett_head = smoothstep(0.002, 0.010, slab_joint), smoothstep(0.002, 0.012, sett_joint)
+    slab_tone = slab_tone * (0.4 + 0.6 * slab_head)
+    sett_tone = (0.15 + 0.14 * hashed(stone, int(rng.integers(2**31)))) * (1.0 + 0.06 * fine + 0.08 * cloud)
+    sett_tone = sett_tone * (0.38 + 0.62 * sett_head)
+    tone = np.where(slab, slab_tone, sett_tone)
+    tone *= 1.0 - 0.35 * np.exp(-((across / 0.09) ** 2))  # damp and dirt at the foot of the wall
+    spots = smoothstep(1.9, 2.3, band_noise(shape, rng, longest=30, shortest=8))
+    tone *= 1.0 - 0.4 * spots
+    # Feet polish the slabs, most in their middle.
+    worn = toward(np.full(shape, 0.87, np.float32), 0.79, np.exp(-(((across - 1.3) / 0.5) ** 2)))
+    stones = np.where(slab, worn + 0.04 * (hashed(number, 5) - 0.5), 0.83) + 0.02 * fine + 0.03 * cloud
+    roughness = toward(np.full(shape, _JOINT, np.float32), stones, np.where(slab, slab_head, sett_head))
+    roughness = toward(roughness, 0.6, spots)
+    height = np.where(slab, 0.004 * smoothstep(0.0, 0.008, slab_joint), 0.007 * smoothstep(0.0, 0.02, sett_joint))
+    height = height + 0.0003 * fine
+    color = tone[..., None] * np.where(slab[..., None], [1.0, 0.975, 0.93], [1.0, 0.98, 0.95])
+    normals = normal_map(height, (PAVING_TILE[0] / _SIZE, PAVING_TILE[1] / _SIZE))
+    return srgb8(color), normals, roughness_map(roughness)
+
+
+def turf(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: short grass, 2 m."""
+    shape = (256, 256)
+    blades = stretched_noise(shape, rng, rows=7, columns=3, slope=0.2)
+    patches = band_noise(shape, rng, longest=200, shortest=20)
+    tone = 0.11 * (1.0 + 0.35 * blades + 0.15 * patches)
+    dry = smoothstep(0.5, 2.0, patches)[..., None]
+    return srgb8(tone[..., None] * (np.array([0.75, 1.0, 0.28]) * (1.0 - dry) + np.array([1.15, 1.05, 0.5]) * dry))

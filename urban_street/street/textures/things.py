@@ -1,0 +1,168 @@
+"""Textures of what stands in the street: bark, leaves, sign faces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from urban_street.street.noise import band_noise, hashed, smoothstep, srgb8, stretched_noise
+
+Image = NDArray[np.uint8]
+
+#: The sign atlas has this many cells along each edge.
+SIGN_CELLS = 4
+
+
+def bark(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: furrowed grey-brown bark, 0.5 m around and 1 m along."""
+    furrows = stretched_noise((256, 256), rng, rows=110, columns=18, slope=0.4)
+    blotch = band_noise((256, 256), rng, longest=150, shortest=12)
+    tone = 0.115 * (1.0 + 0.34 * furrows + 0.15 * blotch)
+    lichen = smoothstep(1.0, 2.2, blotch)[..., None]
+    return srgb8(tone[..., None] * (np.array([1.0, 0.83, 0.66]) * (1.0 - lichen) + np.array([1.0, 1.1, 0.7]) * lichen))
+
+
+def bark_of(rng: np.random.Generator, kind: str) -> Image:
+    """(256, 256, 3) sRGB bark, 0.5 m around and 1 m along.
+
+    ``birch`` is white with dark bands, ``plane`` flakes in patches of olive and cream, ``cherry`` is dark and banded.
+    """
+    rings = stretched_noise((256, 256), rng, rows=10, columns=90, slope=0.3)
+    patches = band_noise((256, 256), rng, longest=110, shortest=14)
+    grain = band_noise((256, 256), rng, longest=8, slope=0.3)[..., None]
+    if kind == "birch":
+        dark = np.maximum(smoothstep(1.1, 1.7, rings), 0.9 * smoothstep(1.5, 2.1, patches))[..., None]
+        color = np.array([0.56, 0.53, 0.48]) * (1.0 - dark) + np.array([0.05, 0.045, 0.04]) * dark
+    elif kind == "plane":
+        fresh = smoothstep(0.25, 0.4, patches)[..., None]
+        old = smoothstep(-0.5, -0.65, patches)[..., None]
+        color = np.array([0.20, 0.18, 0.12]) * (1.0 - fresh) + np.array([0.42, 0.39, 0.27]) * fresh
+        color = color * (1.0 - old) + np.array([0.11, 0.095, 0.075]) * old
+    else:
+        band = smoothstep(0.9, 1.5, rings)[..., None]
+        color = np.array([0.085, 0.052, 0.042]) * (1.0 - band) + np.array([0.16, 0.11, 0.085]) * band
+    return srgb8(color * (1.0 + 0.08 * grain))
+
+
+def posters(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: four posters: a coloured ground, a large shape, lines of dark marks that stand for text."""
+    picture = np.zeros((256, 256, 3), np.float32)
+    y, x = (np.mgrid[0:128, 0:128] + 0.5) / 128.0
+    grounds = ((0.50, 0.48, 0.43), (0.05, 0.08, 0.14), (0.24, 0.07, 0.05), (0.34, 0.36, 0.33))
+    for k, paper in enumerate(grounds):
+        sheet = np.broadcast_to(np.array(paper), (128, 128, 3)) * (1.1 - 0.3 * y[..., None])
+        middle = rng.uniform(0.3, 0.7, 2)
+        shape = smoothstep(0.02, -0.02, np.hypot(x - middle[0], 1.2 * (y - 0.4)) - rng.uniform(0.14, 0.26))[..., None]
+        sheet = sheet * (1.0 - shape) + np.array(grounds[(k + 1) % 4]) * shape
+        ink = np.array([0.02, 0.02, 0.02]) if k % 3 == 0 else np.array([0.7, 0.68, 0.62])
+        for line in np.arange(0.68, 0.94, 0.06):
+            row = (np.abs(y - line) < 0.016) & (x > 0.12) & (x < rng.uniform(0.5, 0.9))
+            marks = row & (hashed((x * 40).astype(np.int64), int(rng.integers(2**31))) < 0.75)
+            sheet = np.where(marks[..., None], ink, sheet)
+        edge = np.minimum(np.minimum(x, 1.0 - x), np.minimum(y, 1.0 - y)) < 0.015
+        row0, column0 = divmod(k, 2)
+        picture[row0 * 128 : row0 * 128 + 128, column0 * 128 : column0 * 128 + 128] = np.where(
+            edge[..., None], 0.5, sheet
+        )
+    return srgb8(picture)
+
+
+def leaves(rng: np.random.Generator, hue: tuple[float, float, float]) -> Image:
+    """(256, 256, 3) sRGB: a palette of 16 × 16 greens around the linear colour ``hue``, darker rows first."""
+    cell = np.arange(256) // 16
+    number = cell[:, None] * 16 + cell[None]
+    bright = (0.55 + 0.6 * hashed(number, int(rng.integers(2**31)))) * (0.6 + 0.6 * cell[:, None] / 15.0)
+    warm = 0.75 + 0.6 * hashed(number, int(rng.integers(2**31)))
+    color = np.stack([hue[0] * bright * warm, hue[1] * bright, hue[2] * bright / warm], -1)
+    return srgb8(color)
+
+
+def _disc(x: NDArray[np.floating], y: NDArray[np.floating], radius: float) -> NDArray[np.floating]:
+    return smoothstep(radius + 0.02, radius - 0.02, np.hypot(x, y))
+
+
+def sign_faces() -> Image:
+    """(512, 512, 3) sRGB atlas of sign faces, cells row by row, then eight shop boards.
+
+    The faces: no entry, speed limit, no stopping, warning, crossing, parking, one way, yield.
+    """
+    cell = 512 // SIGN_CELLS
+    y, x = (np.mgrid[0:cell, 0:cell] + 0.5) / (cell / 2) - 1.0
+    red, white, blue, black = (0.55, 0.015, 0.02), (0.78, 0.78, 0.76), (0.01, 0.08, 0.42), (0.02, 0.02, 0.02)
+
+    def over(
+        base: NDArray[np.floating], mask: NDArray[np.floating], color: tuple[float, float, float]
+    ) -> NDArray[np.floating]:
+        return np.asarray(base * (1.0 - mask[..., None]) + np.array(color) * mask[..., None])
+
+    def plain(color: tuple[float, float, float]) -> NDArray[np.floating]:
+        return np.broadcast_to(np.array(color), (cell, cell, 3)).astype(np.float64)
+
+    def box(x0: float, y0: float, x1: float, y1: float) -> NDArray[np.floating]:
+        inside = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
+        return smoothstep(-0.02, 0.02, inside)
+
+    def triangle(scale: float) -> NDArray[np.floating]:
+        edge = np.minimum(
+            0.56 * scale - y, np.minimum(0.5 * y + 0.56 * scale - 0.866 * x, 0.5 * y + 0.56 * scale + 0.866 * x)
+        )
+        return smoothstep(-0.02, 0.02, edge)
+
+    thirty = np.maximum.reduce(
+        [
+            box(-0.45, -0.35, -0.1, -0.23),
+            box(-0.4, -0.06, -0.1, 0.06),
+            box(-0.45, 0.23, -0.1, 0.35),
+            box(-0.22, -0.35, -0.08, 0.35),
+        ]
+    )
+    zero = np.maximum(box(0.08, -0.35, 0.45, 0.35) - box(0.21, -0.22, 0.32, 0.22), 0.0)
+    stripe = smoothstep(0.09, 0.05, np.abs(x - y))
+    walker = np.maximum.reduce(
+        [
+            _disc(x - 0.02, y + 0.42, 0.11),
+            box(-0.1, -0.3, 0.12, 0.1),
+            box(-0.2, 0.05, -0.05, 0.5),
+            box(0.05, 0.05, 0.2, 0.5),
+        ]
+    )
+    letter = np.maximum(
+        box(-0.35, -0.6, -0.12, 0.62), _disc(x - 0.05, y + 0.25, 0.36) - _disc(x - 0.05, y + 0.25, 0.15)
+    )
+    arrow = np.maximum(
+        box(-0.14, -0.2, 0.14, 0.7), smoothstep(-0.02, 0.02, np.minimum(-0.15 - y, y + 0.75 - 1.3 * np.abs(x)))
+    )
+    faces = [
+        over(plain(red), box(-0.72, -0.16, 0.72, 0.16), white),
+        over(over(plain(red), _disc(x, y, 0.74), white), np.maximum(thirty, zero), black),
+        over(over(plain(red), _disc(x, y, 0.78), blue), stripe, red),
+        over(over(plain(red), triangle(0.62), white), box(-0.06, -0.25, 0.06, 0.25), black),
+        over(over(plain(blue), triangle(1.0), white), walker * triangle(0.9), black),
+        over(plain(blue), letter, white),
+        over(plain(blue), arrow, white),
+        over(plain(red), smoothstep(-0.02, 0.02, np.minimum(y + 0.35, 0.5 - 0.9 * np.abs(x) - 0.5 * y)), white),
+    ]
+    boards = ((0.02, 0.10, 0.06), (0.30, 0.03, 0.03), (0.03, 0.05, 0.14), (0.45, 0.33, 0.08))
+    rng = np.random.default_rng(19)
+    for k in range(8):
+        face = plain(boards[k % 4])
+        left = -0.75
+        while left < 0.7:
+            wide = rng.uniform(0.05, 0.13)
+            if rng.random() < 0.8:
+                face = over(
+                    face, box(left, -0.32 if rng.random() < 0.3 else -0.12, left + 0.4 * wide, 0.3), (0.8, 0.76, 0.62)
+                )
+                face = over(face, box(left, rng.choice([-0.12, 0.08, 0.2]), left + wide, 0.3) * 0.9, (0.8, 0.76, 0.62))
+            left += wide + 0.05
+        faces.append(face)
+    picture = np.concatenate([np.concatenate(faces[row * 4 : row * 4 + 4], axis=1) for row in range(4)])
+    return srgb8(gaussian_filter(picture, (0.6, 0.6, 0.0)))
+
+
+def hedge(rng: np.random.Generator) -> Image:
+    """(256, 256, 3) sRGB: clipped foliage with dark gaps, 1 m."""
+    noise = band_noise((256, 256), rng, longest=14, shortest=3, slope=0.3)
+    tone = 0.10 * np.clip(1.0 + 0.55 * noise, 0.12, 2.2)
+    return srgb8(tone[..., None] * np.array([0.62, 1.0, 0.28]))

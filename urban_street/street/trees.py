@@ -1,0 +1,250 @@
+"""Street trees: a trunk that forks, limbs, branches and twigs, and thousands of small leaves in clusters.
+
+The crown is planned first (clusters of leaves in an egg of uneven lobes), then wood is grown to reach every cluster, so
+crowns look full from any side and no leaf floats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from urban_street.street.geometry import Bag, Floats, Surface, tubes, unit
+from urban_street.street.plan import Season
+
+_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+@dataclass(frozen=True, slots=True)
+class TreeSettings:
+    """Shape of one tree; lengths in metres.
+
+    Attributes:
+        height: of the crown's top above the foot.
+        fork: height at which the trunk divides; the crown begins a little above.
+        radius: of the crown.
+        trunk: radius of the trunk at its foot.
+        clusters, leaves, branches: number of clusters, of leaves in each, of branches that carry them.
+        leaf: length of a leaf.
+        taper: how much narrower the crown's top is than its bottom, as a part of the radius.
+        under: flatness of the crown's underside (1 is round).
+        rise: how far branches bend upwards (drooping where negative), as a part of their length.
+    """
+
+    height: float = 8.2
+    fork: float = 2.7
+    radius: float = 2.35
+    trunk: float = 0.15
+    clusters: int = 230
+    branches: int = 34
+    leaves: int = 30
+    leaf: float = 0.125
+    taper: float = 0.28
+    under: float = 0.86
+    rise: float = 0.10
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A species: its shape and what it is made of.
+
+    Attributes:
+        shape: in summer.
+        bark, twigs, leaves: materials; without their own, twigs are as the trunk and leaves one of the shared kinds.
+    """
+
+    shape: TreeSettings
+    bark: str = "bark"
+    twigs: str = ""
+    leaves: str = ""
+
+
+#: Lime, plane, birch, hornbeam trained as a column, ornamental cherry.
+SPECIES = {
+    "tree": Tree(TreeSettings()),
+    "plane": Tree(
+        TreeSettings(
+            height=10.5, fork=3.1, radius=3.1, trunk=0.21, clusters=310, branches=44, leaves=34, leaf=0.17, taper=0.12, under=0.66
+        ),
+        bark="bark-plane",
+        leaves="leaves-plane",
+    ),
+    "birch": Tree(
+        TreeSettings(
+            height=9.8, fork=2.6, radius=1.75, trunk=0.095, clusters=260, branches=44, leaves=30, leaf=0.11,
+            taper=0.42, under=1.0, rise=-0.16,
+        ),
+        bark="bark-birch",
+        twigs="bark-cherry",
+        leaves="leaves-birch",
+    ),
+    "hornbeam": Tree(
+        TreeSettings(
+            height=8.6, fork=1.9, radius=1.25, trunk=0.12, clusters=220, branches=32, leaves=34, leaf=0.12, taper=0.30, under=1.0,
+            rise=0.22,
+        ),
+        leaves="leaves-hornbeam",
+    ),
+    "cherry": Tree(
+        TreeSettings(
+            height=5.6, fork=1.75, radius=2.1, trunk=0.12, clusters=190, branches=30, leaves=34, leaf=0.12, taper=0.05, under=0.7
+        ),
+        bark="bark-cherry",
+        leaves="leaves-cherry",
+    ),
+}  # fmt: skip
+
+
+def from_afar(shape: TreeSettings) -> TreeSettings:
+    """The same tree with fewer and larger leaves."""
+    return replace(
+        shape, clusters=round(0.4 * shape.clusters), branches=round(0.6 * shape.branches), leaf=1.6 * shape.leaf
+    )
+
+
+def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) -> TreeSettings:
+    """The tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
+
+    Args:
+        shape: in summer.
+        season: which.
+        blossoms: whether spring covers the tree densely.
+    """
+    if season == "spring" and not blossoms:
+        return replace(shape, leaves=round(0.8 * shape.leaves), leaf=0.82 * shape.leaf)
+    if season == "autumn":
+        return replace(shape, leaves=round(0.62 * shape.leaves))
+    return replace(shape, leaves=0) if season == "winter" else shape
+
+
+def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str, twigs: str = "") -> Bag:
+    """One tree with its foot at the origin.
+
+    Args:
+        settings: size and density.
+        rng: its own source of chance.
+        bark: material of the wood.
+        leaves: material of the leaves.
+        twigs: material of branches and twigs, if another.
+    """
+    bag = Bag()
+    clusters = _crown(settings, rng)
+    fork = np.array([*rng.normal(0.0, 0.06, 2), settings.fork])
+    limb_count = int(rng.integers(5, 7))
+    limbs = _limbs(settings, fork, limb_count, rng)
+    branches = _branches(settings, limbs, clusters, rng)
+    fine = _reach(branches, clusters, rng, sag=0.12)[:, [0, 2, 3]]
+    trunk = _bezier(np.zeros((1, 3)), np.array([[*(fork[:2] * 1.5), 0.5 * settings.fork]]), fork[None], 7)
+    flare = np.array([1.45, 1.08, 1.0, 0.95, 0.9, 0.88, 0.86]) * settings.trunk
+    wood = (0.5, 1.0)
+    bag.add(
+        bark,
+        tubes(trunk, flare[None], 10, tile=wood),
+        tubes(limbs, np.linspace(0.62, 0.2, limbs.shape[1])[None] * settings.trunk, 7, tile=wood),
+    )
+    bag.add(
+        twigs or bark,
+        tubes(branches, np.linspace(0.24, 0.08, branches.shape[1])[None] * settings.trunk, 4, tile=wood),
+        tubes(fine, np.linspace(0.075, 0.02, fine.shape[1])[None] * settings.trunk, 3, tile=wood),
+    )
+    bag.add(leaves, _leaves(settings, clusters, rng))
+    return bag
+
+
+def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
+    """(clusters, 3) centres: most near the surface of an egg whose radius swells and shrinks with direction."""
+    count = settings.clusters
+    index = np.arange(count) + 0.5
+    polar = np.arccos(1.0 - 2.0 * index / count)
+    azimuth = index * _GOLDEN_ANGLE + rng.uniform(0.0, 2.0 * np.pi)
+    direction = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
+    direction = unit(direction + rng.normal(0.0, 0.10, (count, 3)))
+    lobes = unit(rng.normal(size=(9, 3)))
+    bulge = 0.80 + 0.30 * np.max((direction @ lobes.T) ** 5, axis=1)
+    depth = rng.uniform(0.22, 1.0, count) ** 0.42
+    bottom = settings.fork + 0.15
+    half = 0.5 * (settings.height - bottom)
+    scale = np.array([settings.radius, settings.radius, half])
+    centres = direction * (bulge * depth)[:, None] * scale
+    # An egg: broadest below the middle, flatter underneath.
+    lift = centres[:, 2] / half
+    centres[:, :2] *= (1.05 - settings.taper * lift)[:, None]
+    centres[:, 2] = np.where(lift < 0.0, centres[:, 2] * settings.under, centres[:, 2])
+    return np.asarray(centres + np.array([0.0, 0.0, bottom + half]))
+
+
+def _bezier(start: Floats, control: Floats, end: Floats, steps: int) -> Floats:
+    """(N, steps, 3) points on quadratic curves."""
+    t = np.linspace(0.0, 1.0, steps)[None, :, None]
+    curve: Floats = (1 - t) ** 2 * start[:, None] + 2 * t * (1 - t) * control[:, None] + t**2 * end[:, None]
+    return curve
+
+
+def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """(count, steps, 3): one leader up the middle, the others spreading and rising."""
+    angle = np.arange(count) * 2.0 * np.pi / (count - 1) + rng.normal(0.0, 0.25, count)
+    spread = rng.uniform(0.42, 0.62, count) * settings.radius
+    top = settings.fork + rng.uniform(0.5, 0.72, count) * (settings.height - settings.fork)
+    spread[0], top[0] = 0.12 * settings.radius, settings.height - 1.0
+    end = np.stack([np.cos(angle) * spread, np.sin(angle) * spread, top], -1)
+    start = np.broadcast_to(fork, end.shape) - np.array([0.0, 0.0, 0.12])
+    control = start + (end - start) * np.array([0.62, 0.62, 0.36])
+    return _bezier(start, control, end, 6)
+
+
+def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
+    """(branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
+    chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
+    centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
+    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
+
+
+def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
+    """(N, 4, 3): curves from the nearest point in the outer part of the given wood to each target."""
+    outer = wood[:, wood.shape[1] // 3 :].reshape(-1, 3)
+    # Wood grows up and out: starting points above the target count as farther away.
+    difference = targets[:, None] - outer[None]
+    cost = np.linalg.norm(difference, axis=-1) + 0.6 * np.maximum(-difference[..., 2], 0.0)
+    start = outer[np.argmin(cost, axis=1)]
+    length = np.linalg.norm(targets - start, axis=1, keepdims=True)
+    control = 0.5 * (start + targets) + rng.normal(0.0, 0.06, start.shape) * length
+    control[:, 2] += sag * length[:, 0]
+    return _bezier(start, control, targets, 4)
+
+
+def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
+    """One pointed triangle per leaf; normals lean towards the crown's outside, which shades like a mass of leaves."""
+    count = settings.leaves * len(clusters)
+    spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
+    centre = np.repeat(clusters, settings.leaves, axis=0)
+    place = centre + np.clip(rng.normal(0.0, 1.0, (count, 3)), -1.9, 1.9) * np.array([spread, spread, 0.72 * spread])
+    middle = clusters.mean(axis=0)
+    outward = unit(place - middle)
+    facing = unit(rng.normal(size=(count, 3)) + np.array([0.0, 0.0, 0.55]) + 0.35 * outward)
+    along = unit(np.cross(facing, rng.normal(size=(count, 3))) + np.array([0.0, 0.0, -0.25]))
+    across = unit(np.cross(facing, along))
+    size = settings.leaf * rng.uniform(0.7, 1.3, (count, 1))
+    tip, left, right = (
+        along * 0.6 * size,
+        (-0.45 * along + 0.42 * across) * size,
+        (-0.45 * along - 0.42 * across) * size,
+    )
+    corners = place[:, None] + np.stack([tip, left, right], 1)
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    turned = np.sum(face * facing, axis=1) < 0.0
+    corners[turned] = corners[turned][:, ::-1]
+    shading = unit(facing + 0.9 * outward + np.array([0.0, 0.0, 0.25]))
+    # Leaves inside the crown stay in the dark half of the palette.
+    inside = np.linalg.norm(
+        (place - middle) / np.array([settings.radius, settings.radius, 0.45 * settings.height]), axis=1
+    )
+    column = np.floor(rng.uniform(0.0, 16.0, count))
+    row = np.floor(np.clip(inside * 11.0 + rng.uniform(0.0, 5.0, count), 0.0, 15.0))
+    uvs = (np.stack([column, row], -1) + 0.5) / 16.0
+    return Surface(
+        corners.reshape(-1, 3),
+        np.repeat(shading, 3, axis=0),
+        np.repeat(uvs, 3, axis=0),
+        np.arange(3 * count).reshape(-1, 3),
+    )

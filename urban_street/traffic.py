@@ -1,0 +1,65 @@
+"""Vehicles in traffic as nodes of a scene: which of several cars is seen, who rides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from urban_street.traffic_places import DEFAULT_PAINT, TrafficPlace, class_of
+from urban_street.vehicles.build import build_vehicle
+from urban_street.vehicles.content import VehicleContent
+from urban_street.vehicles.lamps import GLOWING, vehicle_lamps
+from urban_street.vehicles.rider import build_rider
+from valerie.scene.graph.model import Material, Mesh, Node, Texture
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.graph.paints import is_paint
+from valerie.scene.graph.transforms import place
+
+
+class Traffic:
+    """Nodes, materials and textures of vehicles in traffic; each has paint of its own, since each varies alone."""
+
+    def __init__(self) -> None:
+        self.materials: dict[str, Material] = {}
+        self.textures: dict[str, Texture] = {}
+        self._riders: dict[str, VehicleContent] = {}
+
+    def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
+        """The node of a vehicle and what is below it: one of several kinds, or its parts and its rider, a class of his own."""
+        path = f"{ROOT}.{name}"
+        yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=shown)
+        for number, kind in enumerate(at.kinds):
+            yield Node(f"{path}.{kind}", np.eye(4), visible=False)
+            yield from self._vehicle(f"{path}.{kind}", name, build_vehicle(kind, at.seed + number, DEFAULT_PAINT))
+        if not at.kinds:
+            mount = class_of(name)
+            yield from self._vehicle(path, name, build_vehicle(mount, at.seed, DEFAULT_PAINT))
+            if at.rider:
+                if mount not in self._riders:
+                    self._riders[mount] = build_rider(mount)
+                yield from self._parts(path, name, self._riders[mount], only=at.rider)
+
+    def _vehicle(self, path: str, owner: str, content: VehicleContent) -> Iterator[Node]:
+        yield from self._parts(path, owner, content)
+        for lamp in vehicle_lamps(content, lambda material: _own_name(material, owner)):
+            yield Node(f"{path}.{lamp.name}", lamp.transform, light=lamp.light)
+
+    def _parts(self, path: str, owner: str, content: VehicleContent, *, only: str = "") -> Iterator[Node]:
+        self.textures |= content.textures
+        for material in content.materials.values():
+            named = _own_name(material.name, owner)
+            self.materials[named] = replace(material, name=named)
+        for part in content.parts:
+            meshes = tuple(_owned(mesh, owner) for mesh in part.meshes)
+            yield Node(f"{path}.{only or part.name}", part.transform, meshes, joints=part.joints)
+
+
+def _own_name(material: str, owner: str) -> str:
+    """Paint varies, and lenses glow, of each vehicle alone."""
+    return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
+
+
+def _owned(mesh: Mesh, owner: str) -> Mesh:
+    return replace(mesh, material=_own_name(mesh.material, owner))

@@ -1,0 +1,141 @@
+"""The vehicles in traffic of a generated street: which there are, where they are by default, what varies, which ground they take.
+
+All are hidden by default, and then cost nothing. Shown at their default places, none is in anything's or anybody's way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import shapely
+
+from urban_street.pedestrians import PERSON_RADIUS_M, PLACES
+from urban_street.street.plan import Polygon, StreetLayout, turned_rectangle
+from urban_street.vehicles.build import dimensions
+from valerie.parameters.declaring import angle, choice, number, switch
+from valerie.parameters.definitions import Affects, ParameterDefinition
+from valerie.scene.assets.attributes import ABSENT
+from valerie.scene.assets.manifest import Footprint
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.graph.paints import PAINTS
+
+#: Paint of vehicles in traffic before any parameter.
+DEFAULT_PAINT: Final = "blue"
+#: Bodies of a car in traffic.
+CAR_KINDS: Final = ("hatchback", "sedan", "estate", "suv", "van")
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficPlace:
+    """Where a vehicle in traffic is by default (metres, degrees), and what it can be.
+
+    Attributes:
+        kinds: of a car, of which one or none is shown; empty for a vehicle of which there is one kind.
+        rider: name of the node of its rider, if it has one.
+        seed: of its rims and number plate.
+    """
+
+    x: float
+    y: float
+    heading: float
+    kinds: tuple[str, ...] = ()
+    rider: str = ""
+    seed: int = 0
+
+
+#: Vehicles whose places are the same in every street.
+_FIXED: Final = {
+    "car-101": TrafficPlace(2.5, 40.0, 180.0, CAR_KINDS),
+    "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
+}
+#: Vehicles that take the first free place of their lane from the given one on.
+_FITTED: Final = {
+    "car-102": TrafficPlace(2.5, 47.0, 180.0, CAR_KINDS, seed=10),
+    "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
+    "truck-101": TrafficPlace(2.5, 60.0, 180.0),
+    "bus-101": TrafficPlace(2.5, 60.0, 0.0),
+}
+#: Vehicles that streets had no parameters for at first (`Manifest.added`).
+ADDED: Final = tuple(f"{ROOT}.{name}" for name in _FITTED)
+#: A cyclist who waits far down the street: he belongs to the background, and shares his shape with the moving one.
+WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
+
+#: Along the street, metres: between which places vehicles may be, the room before the far end, and the step of the search.
+_ALONG: Final = (-30.0, 112.0)
+_END_M: Final = 12.0
+_STEP_M: Final = 0.5
+#: Metres between a vehicle's default place and anything else.
+_ROOM_M: Final = 0.05
+
+
+def class_of(name: str) -> str:
+    """The class that a node's name states: ``truck`` of ``truck-101``."""
+    return name.rpartition("-")[0]
+
+
+def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
+    """The vehicles in traffic by name, each where there is room for it."""
+    places = dict(_FIXED)
+    taken = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
+    taken += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
+    taken += [shapely.Polygon(outline) for name, at in (*places.items(), WAITING) for outline in outlines(name, at)]
+    for name, wish in _FITTED.items():
+        places[name] = _fitted(name, wish, layout, shapely.STRtree(taken))
+        taken += [shapely.Polygon(outline) for outline in outlines(name, places[name])]
+    return places
+
+
+def outlines(name: str, at: TrafficPlace) -> list[Polygon]:
+    """The ground that each kind of a vehicle takes, metres."""
+    found = []
+    for kind in at.kinds or (class_of(name),):
+        length, width, _ = dimensions(kind)
+        low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
+        found.append(turned_rectangle(at.x, at.y, math.radians(at.heading), low, high))
+    return found
+
+
+def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]:
+    """Outlines of the vehicles in traffic, and of the cyclist who waits."""
+    for name, at in (*places.items(), WAITING):
+        for kind, polygon in zip(at.kinds or (class_of(name),), outlines(name, at), strict=True):
+            path = f"{ROOT}.{name}.{kind}" if at.kinds else f"{ROOT}.{name}"
+            height = max(dimensions(kind)[2], 1.8)
+            yield Footprint(path=path, polygon=polygon, reason=f"inside {name}", height_m=height)
+
+
+def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[ParameterDefinition]:
+    """What can be varied of them."""
+    for name, at in places.items():
+        path = f"{ROOT}.{name}"
+        if at.kinds:
+            yield choice(f"{path}.kind", (*at.kinds, ABSENT), ABSENT, Affects.GEOMETRY, "which car, or none")
+        else:
+            yield switch(f"{path}.visible", False, Affects.GEOMETRY, "whether it is there")
+        yield from place_parameters(path, at.x, at.y, at.heading)
+        yield choice(f"{path}.colour", tuple(PAINTS), DEFAULT_PAINT, Affects.MATERIAL, "of the paint")
+
+
+def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
+    """Position and heading of a vehicle, anywhere in the street."""
+    yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
+    yield number(f"{path}.pos.y", *_ALONG, y, Affects.GEOMETRY, "m", "along the street")
+    yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
+
+
+def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
+    """The wished place or the first beyond it with room for every kind; else the first before it.
+
+    Behind the cameras the carriageway is free in every street, so there is one.
+    """
+    ahead = round((min(_ALONG[1], layout.extent[3] - _END_M) - wish.y) / _STEP_M)
+    behind = round((wish.y - _ALONG[0]) / _STEP_M)
+    for step in (*range(ahead), *(-k for k in range(1, behind))):
+        place = replace(wish, y=wish.y + _STEP_M * step)
+        room = shapely.MultiPolygon([shapely.Polygon(outline) for outline in outlines(name, place)]).buffer(_ROOM_M)
+        if not len(taken.query(room, predicate="intersects")):
+            return place
+    raise AssertionError(f"no room for {name}")

@@ -1,0 +1,99 @@
+"""The houses of a generated street that can be moved, turned and resized within limits, and the ways that they leave free.
+
+They belong to the background. Houses stand side by side, so most of what varies needs room first: a smaller house, or one farther
+back. What is in the way of what is decided by outlines (`valerie.scene.legality.moving`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from urban_street.street.plan import (
+    SIDE_HALF,
+    SIDE_LENGTH,
+    Placement,
+    StreetLayout,
+    rectangle,
+)
+from valerie.parameters.declaring import angle, number
+from valerie.parameters.definitions import Affects, ParameterDefinition
+from valerie.scene.assets.manifest import Footprint
+
+#: How many houses of each side have parameters: those nearest to where people are varied.
+_EACH_SIDE: Final = 3
+_PEOPLE_Y: Final = 18.0
+#: Metres forward and back, metres to both sides, degrees to both sides, smallest and largest size.
+_FORWARD_M, _BACK_M, _ALONG_M, _TURN_DEG = 1.0, 3.0, 2.0, 6.0
+_SIZES: Final = (0.85, 1.1)
+
+
+def varied_houses(layout: StreetLayout) -> list[Placement]:
+    """The houses with parameters, the left ones first, each side by path."""
+    found: list[Placement] = []
+    for heading in (0.5 * math.pi, -0.5 * math.pi):
+        # Rows along the street: a side street's houses face it, and that across its end stands far from its front.
+        fronts = layout.lines.front(left=heading > 0.0)
+        row = [
+            house
+            for house in layout.placements
+            if house.object_class == "building" and house.heading == heading and abs(house.x - fronts) < 5.0
+        ]
+        nearest = sorted(row, key=lambda house: (abs(_middle(house) - _PEOPLE_Y), house.path))[:_EACH_SIDE]
+        found += sorted(nearest, key=layout.placements.index)
+    return found
+
+
+def house_parameters(house: Placement) -> Iterator[ParameterDefinition]:
+    """Limited position, orientation and size (the paper's table 1); the default is the house as it was planned.
+
+    It is turned and resized about the left end of its front, seen from the street, on the ground.
+    """
+    back = -_BACK_M if house.heading > 0.0 else -_FORWARD_M, _FORWARD_M if house.heading > 0.0 else _BACK_M
+    degrees = round(math.degrees(house.heading)) % 360.0
+    yield number(
+        f"{house.path}.pos.x", _sum(house.x, back[0]), _sum(house.x, back[1]), house.x, Affects.GEOMETRY, "m",
+        "of its front, across the street",
+    )  # fmt: skip
+    yield number(
+        f"{house.path}.pos.y", _sum(house.y, -_ALONG_M), _sum(house.y, _ALONG_M), house.y, Affects.GEOMETRY, "m",
+        "of the left end of its front, along the street",
+    )  # fmt: skip
+    yield angle(
+        f"{house.path}.rot.z", degrees, Affects.GEOMETRY, "counter-clockwise from above, about the left end of its front",
+        low=degrees - _TURN_DEG, high=degrees + _TURN_DEG,
+    )  # fmt: skip
+    yield number(f"{house.path}.scale", *_SIZES, 1.0, Affects.GEOMETRY, "", "of the whole house")
+
+
+def ways(layout: StreetLayout) -> Iterator[Footprint]:
+    """The ground of carriageways and pavements, which a house leaves free."""
+    lines = layout.lines
+    start, stop = lines.road_start, lines.road_stop
+    for name, x0, x1 in (
+        ("road-1", lines.left_kerb, lines.right_kerb),
+        ("sidewalk-1", lines.left_front, lines.left_kerb),
+        ("sidewalk-2", lines.right_kerb, lines.right_front),
+    ):
+        yield _way(name, x0, start, x1, stop)
+    side_roads = (placement for placement in layout.placements if placement.kind == "side-road")
+    for left, there in zip((True, False), lines.sides, strict=True):
+        if there and lines.side_y is not None:
+            near = lines.left_front if left else lines.right_front
+            end = lines.front(left=left) + (-SIDE_LENGTH if left else SIDE_LENGTH)
+            name = next(side_roads).path.rpartition(".")[2]
+            yield _way(name, min(near, end), lines.side_y - SIDE_HALF, max(near, end), lines.side_y + SIDE_HALF)
+
+
+def _way(name: str, x0: float, y0: float, x1: float, y1: float) -> Footprint:
+    return Footprint(path=f"scene.{name}", polygon=rectangle(x0, y0, x1, y1), reason=f"on {name}")
+
+
+def _middle(house: Placement) -> float:
+    return house.y + math.copysign(0.5 * house.size[0], house.heading)
+
+
+def _sum(one: float, other: float) -> float:
+    """To a decimetre: a range is read by people."""
+    return round(one + other, 1)

@@ -1,0 +1,16 @@
+"""Vehicles: cars, van, truck, bus, motorcycle, bicycle and their riders, generated from numbers (see `build`)."""
+
+from urban_street.vehicles.build import KINDS, build_vehicle, dimensions, size_of
+from urban_street.vehicles.content import VehicleContent, VehiclePart
+from urban_street.vehicles.rider import MOUNTS, build_rider
+
+__all__ = [
+    "KINDS",
+    "MOUNTS",
+    "VehicleContent",
+    "VehiclePart",
+    "build_rider",
+    "build_vehicle",
+    "dimensions",
+    "size_of",
+]

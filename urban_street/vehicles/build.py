@@ -1,0 +1,160 @@
+"""Vehicles by name: `build_vehicle`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from urban_street.street.geometry import Bag
+from urban_street.vehicles import bicycle, bus, motorcycle, truck
+from urban_street.vehicles.cars import build_body, build_wheels
+from urban_street.vehicles.content import Polygon, RawPart, VehicleContent, VehiclePart, footprint_of
+from urban_street.vehicles.designs import CARS
+from urban_street.vehicles.details import PLATES
+from urban_street.vehicles.materials import common_materials, paint, plates
+from urban_street.vehicles.wheels import RIMS
+from valerie.errors import InvalidInput, UnknownName
+from valerie.scene.graph.model import Material, Mesh, freeze
+from valerie.scene.graph.paints import PAINT_PREFIX, PAINTS, Color
+
+#: Every kind, and its Cityscapes class as in node names: a van is a car.
+KINDS: Final[dict[str, str]] = {
+    **dict.fromkeys(CARS, "car"),
+    "truck": "truck",
+    "bus": "bus",
+    "motorcycle": "motorcycle",
+    "bicycle": "bicycle",
+}
+#: Length, width and height of what is no `CarDesign`, metres.
+_SIZES: Final = {
+    "truck": (truck.LENGTH, truck.WIDTH, truck.HEIGHT),
+    "bus": (bus.LENGTH, bus.WIDTH, bus.HEIGHT),
+    "motorcycle": (2.10, 0.86, 1.27),
+    "bicycle": (1.84, 0.66, 1.08),
+}
+
+
+def build_vehicle(
+    kind: str, seed: int = 0, colour: str | Color | None = None, *, lights: float = 0.0, fine: bool = True
+) -> VehicleContent:
+    """Build one vehicle; equal arguments give equal bytes, and equal shapes share their arrays.
+
+    Args:
+        kind: one of `KINDS`.
+        seed: decides on rim, number plate and, without ``colour``, paint; 0 is a seed like any other.
+        colour: a name of `valerie.scene.graph.paints.PAINTS`, a linear RGB reflectance in [0, 1], or None.
+        fine: False builds a car for views from more than about 40 m, with a third of the triangles.
+        lights: how bright the lamps are, 0 off … 1 full.
+
+    Raises:
+        UnknownName: no such kind or paint.
+        InvalidInput: a colour or brightness out of range.
+    """
+    if kind not in KINDS:
+        raise UnknownName("kind of vehicle", kind, KINDS)
+    if not 0.0 <= lights <= 1.0:
+        raise InvalidInput("brightness out of range", field="lights", value=lights, limit="0…1")
+    coat = _paint(colour if colour is not None else picked_paint(kind, seed))
+    rng = np.random.default_rng(np.random.SeedSequence([seed, *kind.encode(), 1]))
+    rim, plate = str(rng.choice(list(RIMS))), int(rng.integers(PLATES))
+    model = _body(kind, fine) + (_wheels(kind, rim, fine) if kind in CARS else ())
+    parts = tuple(
+        replace(part, meshes=tuple(_finished(mesh, coat.name, plate) for mesh in part.meshes)) for part in model
+    )
+    used = {mesh.material for part in parts for mesh in part.meshes}
+    materials = {name: m for name, m in {**common_materials(lights), coat.name: coat}.items() if name in used}
+    images = {material.base_color_texture for material in materials.values()}
+    textures = {texture.name: texture for texture in (plates(),) if texture.name in images}
+    footprint, height = size_of(kind)
+    return VehicleContent(kind, KINDS[kind], parts, materials, textures, footprint, height)
+
+
+def picked_paint(kind: str, seed: int) -> str:
+    """The paint that a vehicle has if no colour is asked for: a name of `valerie.scene.graph.paints.PAINTS`."""
+    weights = np.array([weight for _, _, weight in PAINTS.values()])
+    rng = np.random.default_rng(np.random.SeedSequence([seed, *kind.encode()]))
+    return str(rng.choice(list(PAINTS), p=weights / weights.sum()))
+
+
+def vehicle_seed(seed: int, variant: int) -> int:
+    """Seed of the vehicle that a variant number stands for in a scene of some seed."""
+    return int(np.random.SeedSequence([seed, variant, 7003]).generate_state(1)[0])
+
+
+def size_of(kind: str) -> tuple[Polygon, float]:
+    """Footprint and height of a kind, without building it.
+
+    Raises:
+        UnknownName: no such kind.
+    """
+    length, width, height = dimensions(kind)
+    return footprint_of(length, width), height
+
+
+def dimensions(kind: str) -> tuple[float, float, float]:
+    """Length, width (without mirrors) and height in metres.
+
+    Raises:
+        UnknownName: no such kind.
+    """
+    if kind in CARS:
+        design = CARS[kind]
+        return design.length, design.width, design.height
+    if kind not in _SIZES:
+        raise UnknownName("kind of vehicle", kind, KINDS)
+    return _SIZES[kind]
+
+
+@lru_cache(maxsize=2 * len(KINDS))
+def _body(kind: str, fine: bool) -> tuple[VehiclePart, ...]:
+    """All that does not depend on the seed, painted in ``paint``, with plate number 0."""
+    if kind in CARS:
+        raw = build_body(CARS[kind], fine=fine)
+    else:
+        builders = {
+            "truck": truck.build_truck,
+            "bus": bus.build_bus,
+            "motorcycle": motorcycle.build_motorcycle,
+            "bicycle": bicycle.build_bicycle,
+        }
+        raw = builders[kind]()
+    return tuple(_placed(part) for part in raw)
+
+
+@lru_cache(maxsize=2 * len(CARS) * len(RIMS))
+def _wheels(kind: str, rim: str, fine: bool) -> tuple[VehiclePart, ...]:
+    return tuple(_placed(part) for part in build_wheels(CARS[kind], rim, fine=fine))
+
+
+def _paint(colour: str | Color) -> Material:
+    if isinstance(colour, str):
+        if colour not in PAINTS:
+            raise UnknownName("paint", colour, PAINTS)
+        color, metallic, _ = PAINTS[colour]
+        return paint(f"{PAINT_PREFIX}{colour}", color, metallic)
+    if not all(0.0 <= value <= 1.0 for value in colour):
+        raise InvalidInput("colour out of range", field="colour", value=colour, limit="0…1")
+    tag = "-".join(f"{round(10_000 * value):05d}" for value in colour)
+    return paint(f"{PAINT_PREFIX}{tag}", colour, 0.25)
+
+
+def _finished(mesh: Mesh, coat: str, plate: int) -> Mesh:
+    """A mesh of the model with this vehicle's paint and number plate."""
+    if mesh.material == "paint":
+        return replace(mesh, material=coat)
+    if mesh.material == "vehicle-plate":
+        return replace(mesh, uvs=freeze(mesh.uvs + np.array([0.0, plate / PLATES], np.float32)))
+    return mesh
+
+
+def _placed(part: RawPart) -> VehiclePart:
+    """The part in a frame of its own."""
+    back, there = np.eye(4), np.eye(4)
+    back[:3, 3] = -np.asarray(part.origin)
+    there[:3, 3] = part.origin
+    local = Bag()
+    local.merge(part.bag, back)
+    return VehiclePart(part.name, there, local.meshes(), part.moves)

@@ -1,0 +1,69 @@
+"""A whole car: shell, panels, wheels, cabin and everything fastened to it, by part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from urban_street.street.geometry import Bag
+from urban_street.vehicles.content import RawPart
+from urban_street.vehicles.designs import CarDesign
+from urban_street.vehicles.details import add_details, add_side_details
+from urban_street.vehicles.interior import add_interior
+from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Panels, mirrored_bag
+from urban_street.vehicles.shell import Shell
+from urban_street.vehicles.wheels import build_wheel
+
+
+def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:
+    """Body and four doors: 1 front left, 2 front right, 3 rear left, 4 rear right."""
+    shell = Shell(design, fine=fine)
+    half = Panels(shell).build()
+    add_side_details(half, shell)
+    body = Bag()
+    body.merge(half.parts[BODY])
+    body.merge(mirrored_bag(half.parts[BODY]))
+    body.merge(half.both)
+    add_interior(body, shell)
+    add_details(body, shell)
+    parts = [RawPart("body", body)]
+    hinge = {FRONT_DOOR: design.doors[0] - 0.03, REAR_DOOR: design.doors[1] - 0.005}
+    reach = 0.5 * design.width - 0.07
+    for k, (name, side) in enumerate(((FRONT_DOOR, -1), (FRONT_DOOR, 1), (REAR_DOOR, -1), (REAR_DOOR, 1))):
+        bag = half.parts[name] if side > 0 else mirrored_bag(half.parts[name])
+        parts.append(RawPart(f"door-{k + 1}", bag, (side * reach, hinge[name], 0.0), "rot.z"))
+    return parts
+
+
+def build_wheels(design: CarDesign, rim: str, *, fine: bool = True) -> list[RawPart]:
+    """Four wheels in the order of the doors."""
+    axles = (design.front_axle, design.rear_axle)
+    return wheels(design.tyre, 0.215, 0.70 * design.tyre, rim, 0.5 * design.width - 0.135, axles, fine=fine)
+
+
+def wheels(
+    radius: float,
+    width: float,
+    rim_radius: float,
+    design: str,
+    x: float,
+    axles: tuple[float, ...],
+    *,
+    twin: bool = False,
+    fine: bool = True,
+) -> list[RawPart]:
+    """A wheel at each end of each axle, left before right; ``twin`` puts two side by side on all but the first."""
+    one = build_wheel(radius, width, rim_radius, design, fine=fine)
+    parts: list[RawPart] = []
+    for row, y in enumerate(axles):
+        for side in (-1, 1):
+            bag = Bag()
+            where = np.eye(4)
+            where[:3, 3] = (x, y, radius)
+            bag.merge(one, where)
+            if twin and row:
+                inner = where.copy()
+                inner[0, 3] -= width + 0.03
+                bag.merge(one, inner)
+            placed = bag if side > 0 else mirrored_bag(bag)
+            parts.append(RawPart(f"wheel-{len(parts) + 1}", placed, (side * x, y, radius), "rot.x"))
+    return parts

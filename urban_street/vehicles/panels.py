@@ -1,0 +1,418 @@
+"""A car's sheet metal, glass and lamps: outlines drawn on the master surfaces, one part per panel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely.geometry.base import BaseGeometry
+
+from urban_street.street.geometry import Bag, Floats, Surface, lathe, merge
+from urban_street.vehicles.designs import CarDesign
+from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
+from urban_street.vehicles.skin import Master, Patch, cut, flange, mirrored, reversed_
+
+#: Half the width of a gap between panels, metres, and how deep it is.
+_GAP = 0.0035
+_DEPTH = 0.018
+#: Thickness of a door.
+_DOOR = 0.065
+
+BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
+
+
+@dataclass(slots=True)
+class Half:
+    """The surfaces of the half x ≥ 0 by part; what crosses the middle is in ``both``."""
+
+    parts: dict[str, Bag] = field(default_factory=lambda: {name: Bag() for name in (BODY, FRONT_DOOR, REAR_DOOR)})
+    both: Bag = field(default_factory=Bag)
+
+
+def mirrored_bag(bag: Bag) -> Bag:
+    """Everything on the other side."""
+    other = Bag()
+    for material, surfaces in bag.surfaces.items():
+        other.add(material, *(mirrored(surface) for surface in surfaces))
+    return other
+
+
+class Panels:
+    """Cuts a shell into panels."""
+
+    def __init__(self, shell: Shell) -> None:
+        self.shell = shell
+        self.design: CarDesign = shell.design
+        self.half = Half()
+
+    def build(self) -> Half:
+        self._ring()
+        self._deck()
+        self._house()
+        self._roof()
+        return self.half
+
+    def _edge(self, patch: Patch, depth: float) -> Surface:
+        """The edge of a panel; from afar there is none to be seen."""
+        return flange(patch, depth) if self.shell.fine else merge([])
+
+    # -- outlines -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _arches(self) -> BaseGeometry:
+        shell, d = self.shell, self.design
+        discs = []
+        for axle in (d.rear_axle, d.front_axle):
+            circle = shell.arch(axle)
+            t = shell.outline.at_y(circle[:, 0])
+            b = shell.rail_at(t, circle[:, 1])
+            low = circle[:, 1] < np.interp(circle[:, 0], *np.array(d.sill).T)
+            b[low] = -0.1
+            discs.append(shapely.Polygon(np.column_stack([t, b])).buffer(0))
+        return shapely.union_all(discs)
+
+    def _door_outlines(self) -> tuple[BaseGeometry, BaseGeometry]:
+        """Lower parts of the right front and rear door in the ring's domain."""
+        d, shell = self.design, self.shell
+        front, middle, rear = d.doors
+        belt = float(np.interp(0.0, *np.array(d.belt).T))
+        sill = float(np.interp(0.0, *np.array(d.sill).T))
+        low = sill + 0.075 * (belt - sill) + 0.025
+        top = belt + 0.3
+        first = [(front - 0.05, top), (front - 0.05, belt), (front, belt - 0.22), (front - 0.015, sill + 0.24),
+                 (front - 0.07, low), (middle, low), (middle, belt), (middle - 0.01, top)]  # fmt: skip
+        arch = d.arch + 0.075
+        angle = np.radians(np.linspace(62.0, 8.0, 9))
+        around = [(d.rear_axle + arch * np.cos(a), d.tyre + arch * np.sin(a)) for a in angle]
+        start = around[0]
+        second = [(middle, top), (middle, low), (around[-1][0] - 0.0, low), *reversed(around),
+                  (rear - 0.13, max(start[1] + 0.12, belt - 0.16)), (rear - 0.16, belt), (rear - 0.17, top)]  # fmt: skip
+        return shell.side_polygon(first[::-1]), shell.side_polygon(second)
+
+    def _bow(self, line: ArrayLike, *, front: bool, rounding: float = 0.02) -> BaseGeometry:
+        return self.shell.bow_polygon(line, front=front, rounding=rounding)
+
+    # -- flank, nose and tail -----------------------------------------------------------------------------------------
+
+    def _ring(self) -> None:
+        shell, d, body = self.shell, self.design, self.half.parts[BODY]
+        ring = shell.ring
+        metal = ring.domain.difference(self._arches)
+        head = self._bow(d.head, front=True, rounding=0.025)
+        tail = self._bow(d.tail_lamp, front=False, rounding=0.025)
+        grille = self._bow(d.grille, front=True, rounding=0.015)
+        intake = self._bow(d.intake, front=True, rounding=0.02)
+        diffuser = self._bow([(0.0, 0.6), (0.80, 0.6), (0.76, 2.35), (0.0, 2.35)], front=False, rounding=0.03)
+        cut_out = shapely.union_all([head, tail, grille, intake])
+        seen_into = shapely.union_all([head, grille, intake]).buffer(-0.008)
+        self._lamp(head, front=True)
+        self._lamp(tail, front=False)
+        self._grille(grille, bars=5, chrome=True)
+        self._grille(intake, bars=4, chrome=False)
+        sill_top = float(shell.height_of(2.2 if d.cladding else 0.9))
+        low = shapely.box(0.0, 0.0, shell.outline.length, sill_top)
+        plastic = low.union(self._arches.buffer(0.05)) if d.cladding else low
+        plastic = plastic.union(diffuser)
+        # Panels, first come first served.
+        doors = self._door_outlines()
+        taken: list[BaseGeometry] = []
+        bumpers = [self._front_bumper(), self._rear_bumper(), self._tailgate()]
+        for name, outline in ((FRONT_DOOR, doors[0]), (REAR_DOOR, doors[1])):
+            panel = outline.intersection(metal).difference(shapely.union_all([*taken, cut_out]))
+            taken.append(outline)
+            self._door(name, shrunk(panel, _GAP, ring.domain), plastic)
+        for outline in bumpers:
+            panel = outline.intersection(metal).difference(shapely.union_all([*taken, cut_out]))
+            taken.append(outline)
+            self._metal(body, ring, shrunk(panel, _GAP, ring.domain), plastic)
+        rest = metal.difference(shapely.union_all([*taken, cut_out]))
+        flap = shell.side_polygon(self._flap)
+        self._metal(body, ring, shrunk(rest.difference(flap), _GAP, ring.domain), plastic)
+        self._metal(body, ring, shrunk(flap.intersection(metal), _GAP, ring.domain), plastic)
+        # What one sees at the bottom of the gaps.
+        body.add("vehicle-gap", cut(ring.coarse(), metal.difference(seen_into).simplify(0.01), offset=-_DEPTH).surface)
+
+    @property
+    def _flap(self) -> Floats:
+        """The filler flap (on both sides: nobody sees both)."""
+        d = self.design
+        y, z = d.rear_axle + 0.10, d.tyre + d.arch + 0.11
+        angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
+        square = (
+            np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** 0.5,
+            np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** 0.5,
+        )
+        return np.column_stack([y + 0.075 * square[0], z + 0.065 * square[1]])
+
+    def _front_bumper(self) -> BaseGeometry:
+        """Nose skin below the bonnet, back to the wheel arches."""
+        shell, d = self.shell, self.design
+        edge = shell.side(
+            [
+                (d.front_axle + 0.6 * d.arch, d.tyre + d.arch * 0.86),
+                (0.5 * d.length - 0.62, 0.62 * self._nose_top + 0.10),
+            ]
+        )
+        lamp = shell.bow([(1.30, 5.6), (1.0, 5.4)], front=True)
+        upper = shell.bow([(0.98, 6.3), (0.5, 7.0), (0.0, 7.25)], front=True)
+        bottom = [(shell.outline.length, -0.1), (edge[0, 0], -0.1)]
+        return shapely.Polygon(np.concatenate([edge, lamp, upper, bottom])).buffer(0)
+
+    @property
+    def _nose_top(self) -> float:
+        return float(self.design.belt[-1][1])
+
+    def _rear_bumper(self) -> BaseGeometry:
+        shell, d = self.shell, self.design
+        edge = shell.side(
+            [(d.rear_axle - 0.75 * d.arch, d.tyre + d.arch * 0.66), (-0.5 * d.length + 0.42, d.tyre + d.arch * 0.72)]
+        )
+        lamp = shell.bow([(1.16, 5.15), (0.9, 4.9), (0.84, 4.35), (0.0, 4.3)], front=False)
+        bottom = [(0.0, -0.1), (edge[0, 0], -0.1)]
+        return shapely.Polygon(np.concatenate([edge, lamp, bottom])).buffer(0)
+
+    def _tailgate(self) -> BaseGeometry:
+        low, wide = (4.3, 0.84) if self.design.hatch else (4.6, 0.80)
+        line = [(-0.1, low), (wide, low), (wide + 0.02, 6.0), (wide - 0.02, 8.3), (-0.1, 8.3)]
+        return shapely.Polygon(self.shell.bow(line, front=False)).buffer(0)
+
+    def _metal(self, bag: Bag, master: Master, region: BaseGeometry, plastic: BaseGeometry | None = None) -> None:
+        """A panel with an edge; the part inside ``plastic`` is unpainted."""
+        painted = region if plastic is None else region.difference(plastic)
+        for material, piece in (
+            ("paint", painted),
+            ("vehicle-plastic", region.intersection(plastic) if plastic is not None else None),
+        ):
+            if piece is not None and not piece.is_empty:
+                bag.add(material, cut(master, piece).surface)
+        bag.add("vehicle-gap", self._edge(cut(master.coarse(), region.simplify(0.003)), _DEPTH))
+
+    def _door(self, name: str, region: BaseGeometry, plastic: BaseGeometry) -> None:
+        bag = self.half.parts[name]
+        for material, piece in (
+            ("paint", region.difference(plastic)),
+            ("vehicle-plastic", region.intersection(plastic)),
+        ):
+            bag.add(material, cut(self.shell.ring, piece).surface)
+        bag.add("paint", self._edge(cut(self.shell.ring.coarse(2), region.simplify(0.003)), _DOOR))
+        bag.add(
+            "vehicle-interior", reversed_(cut(self.shell.ring.coarse(2), region.simplify(0.02), offset=-_DOOR).surface)
+        )
+
+    def _lamp(self, region: BaseGeometry, *, front: bool) -> None:
+        """A lens with something in it."""
+        body, ring = self.half.parts[BODY], self.shell.ring
+        inner = region.buffer(-0.004, quad_segs=2)
+        lens = cut(ring, inner)
+        a0, b0, a1, b1 = region.bounds
+        if front:
+            body.add("vehicle-lens", lens.surface)
+            body.add("vehicle-plastic", reversed_(self._edge(lens, 0.055)))
+            body.add("vehicle-lamp-housing", cut(ring, inner, offset=-0.055).surface)
+            # A light guide along the lower edge, and two projectors.
+            guide = inner.difference(shapely.affinity.translate(inner, 0.0, 0.024)).buffer(-0.003)
+            patch = cut(ring, guide, offset=-0.012)
+            body.add("vehicle-lamp-white", patch.surface, self._edge(patch, 0.03))
+            for share, radius in ((0.34, 0.048), (0.58, 0.042)) if self.shell.fine else ():
+                at = _inside(inner, a1 - share * (a1 - a0))
+                self._projector(at, radius)
+            return
+        light = inner.buffer(-0.012)
+        band = shapely.box(a0, b0 + 0.22 * (b1 - b0), a1, b0 + 0.40 * (b1 - b0))
+        bright = (
+            light.difference(light.buffer(-0.022))
+            .union(light.intersection(shapely.box(a0, b0 + 0.62 * (b1 - b0), a1, b0 + 0.74 * (b1 - b0))))
+            .difference(band)
+        )
+        white = light.intersection(band).intersection(shapely.box(a0, b0, a0 + 0.6 * (a1 - a0), b1)).buffer(-0.004)
+        dark = inner.difference(bright).difference(white)
+        body.add("vehicle-lamp-red", cut(ring, bright).surface)
+        body.add("vehicle-lamp-clear", cut(ring, white).surface)
+        body.add("vehicle-lamp-dark-red", cut(ring, dark).surface)
+        body.add("vehicle-plastic", self._edge(lens, 0.02))
+
+    def _projector(self, at: Floats, radius: float) -> None:
+        """A lens in a bright ring, looking forward."""
+        body, ring = self.half.parts[BODY], self.shell.ring
+        centre = ring.points(at[None])[0] - ring.normals(at[None])[0] * 0.048
+        rim = lathe([(radius * 0.62, 0.004), (radius, 0.034), (radius * 1.08, 0.034), (radius * 1.08, 0.0)][::-1], 18)
+        eye = lathe([(radius * 0.64, 0.004), (radius * 0.45, 0.016), (0.0, 0.022)], 14)
+        turn = np.eye(4)
+        turn[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        turn[:3, 3] = centre
+        body.add("vehicle-chrome", rim.moved(turn))
+        body.add("vehicle-lamp-white", eye.moved(turn))
+
+    def _grille(self, region: BaseGeometry, *, bars: int, chrome: bool) -> None:
+        """A dark opening with bars across, and a frame."""
+        body, ring = self.half.parts[BODY], self.shell.ring
+        rim = cut(ring, region)
+        body.add("vehicle-gap", cut(ring, region, offset=-0.05).surface, reversed_(self._edge(rim, 0.05)))
+        _, b0, _, b1 = region.bounds
+        a0, a1 = region.bounds[0], region.bounds[2]
+        thick = min(0.012, 0.3 * (b1 - b0) / bars)
+        bars = bars if self.shell.fine else 0
+        for k in range(bars):
+            b = b0 + (k + 0.5) * (b1 - b0) / bars
+            bar = region.intersection(shapely.box(a0 - 1, b - 0.5 * thick, a1 + 1, b + 0.5 * thick))
+            patch = cut(ring, bar, offset=-0.010)
+            body.add("vehicle-black-gloss", patch.surface, self._edge(patch, 0.02))
+        frame = region.difference(region.buffer(-0.014)) if chrome else region.difference(region.buffer(-0.010))
+        middle = shapely.box(self.shell.outline.length - 0.05, b0 + 0.014, self.shell.outline.length + 1, b1 - 0.014)
+        frame = frame.difference(middle)
+        patch = cut(ring, frame, offset=0.004)
+        body.add("vehicle-chrome" if chrome else "vehicle-plastic", patch.surface, self._edge(patch, 0.02))
+
+    # -- bonnet and boot ----------------------------------------------------------------------------------------------
+
+    def _deck(self) -> None:
+        shell, d, both = self.shell, self.design, self.half.both
+        deck = shell.deck
+        u = np.linspace(-1.0, 1.0, 41)
+        # The line from pillar to pillar where the bonnet ends, ahead of the windscreen.
+        cowl = shell.deck_t(d.pillar_base + (d.cowl - d.pillar_base) * (1.0 - np.abs(u) ** 2.2) + 0.075)
+        nose = shell.outline.length
+        seam = 0.935 * DECK
+        ahead = shapely.Polygon(np.concatenate([np.column_stack([cowl, DECK * u]), [(nose, DECK), (nose, -DECK)]]))
+        corner = float(shell.deck_t(0.5 * d.length - 0.50))
+        side = [(0.0, -seam), (corner, -seam), (corner + 0.25, -DECK), (nose + 0.1, -DECK), (nose + 0.1, DECK),
+                (corner + 0.25, DECK), (corner, seam), (0.0, seam)]  # fmt: skip
+        bonnet = ahead.intersection(shapely.Polygon(side))
+        fenders = ahead.difference(shapely.Polygon(side))
+        self._metal(both, deck, shrunk(bonnet, _GAP, deck.domain))
+        self._metal(both, deck, shrunk(fenders, 0.5 * _GAP, deck.domain))
+        both.add("vehicle-gap", cut(deck.coarse(2), ahead, offset=-0.02).surface)
+        # Plastic cowl below the wipers, and the shelf beside the glass.
+        behind = shapely.box(float(shell.deck_t(d.rear_base + 0.05)), -DECK, nose, DECK).difference(ahead)
+        sides = behind.difference(
+            shapely.box(0.0, -0.80 * DECK, float(shell.deck_t(d.pillar_base - 0.12)), 0.80 * DECK)
+        )
+        ledge = shapely.box(0.0, -DECK, float(shell.deck_t(d.pillar_base - 0.1)), DECK)
+        both.add("vehicle-plastic", cut(deck, sides.difference(ledge)).surface)
+        both.add("paint", cut(deck, sides.intersection(ledge)).surface)
+        # Boot lid, or the ledge below the rear window.
+        rear = shapely.box(0.0, -DECK, float(shell.deck_t(d.rear_base + 0.06)), DECK)
+        if d.hatch:
+            both.add("paint", cut(deck, rear).surface)
+            return
+        wide = 0.90 * DECK
+        lid = rear.intersection(shapely.box(0.0, -wide, nose, wide))
+        self._metal(both, deck, shrunk(lid, _GAP, deck.domain))
+        self._metal(both, deck, shrunk(rear.difference(lid), 0.5 * _GAP, deck.domain))
+        both.add("vehicle-gap", cut(deck.coarse(2), rear, offset=-0.02).surface)
+
+    # -- glass house --------------------------------------------------------------------------------------------------
+
+    def _side_strip(
+        self, front: tuple[float, float], rear: tuple[float, float], low: float, high: float
+    ) -> BaseGeometry:
+        """Between two lines (place at the belt, place at the roof) on the house, from ``low`` to ``high`` (shares)."""
+        f0, f1 = front
+        r0, r1 = rear
+        h = np.array([low, high])
+        corners = [
+            (r0 + (r1 - r0) * h[0], h[0]),
+            (f0 + (f1 - f0) * h[0], h[0]),
+            (f0 + (f1 - f0) * h[1], h[1]),
+            (r0 + (r1 - r0) * h[1], h[1]),
+        ]
+        return shapely.Polygon([(a, HOUSE * b) for a, b in corners])
+
+    def _posts(self) -> tuple[float, float, float, float]:
+        """Places of the front pillar, the two posts between the side windows, and the glass's rear end."""
+        at, d = self.shell.house_side, self.design
+        pillar = float(self.shell.house_a(2.0)) - 0.055
+        return pillar, float(at(d.posts[0][0])), float(at(d.posts[1][0])), float(at(d.quarter[0]))
+
+    def _panes(self) -> dict[str, list[BaseGeometry]]:
+        """Daylight openings by part."""
+        shell, d = self.shell, self.design
+        frame, length = shell.house.domain, shell.house_length
+        pillar, post, second, quarter = self._posts()
+        low, high = 0.055, 0.86
+        margin, top = (0.085, 0.86) if d.hatch else (0.07, 0.95)
+        windscreen = shapely.box(float(shell.house_a(2.0)) + 0.055, 0.045 * HOUSE, length, 0.955 * HOUSE)
+        rear = shapely.box(0.0, 0.07 * HOUSE, float(shell.house_a(1.0)) - margin, top * HOUSE)
+        first = self._side_strip((pillar - 0.10, pillar - 0.012), (post + 0.045, post + 0.045), low, high)
+        panes = {
+            BODY: [rounded(windscreen, 0.05, frame), rounded(rear, 0.06, frame)],
+            FRONT_DOOR: [rounded(first, 0.025, frame)],
+            REAR_DOOR: [],
+        }
+        if d.panel_van:
+            return panes
+        ends = (quarter - 0.10, quarter + 0.10)
+        if self._has_quarter:
+            last = self._side_strip((second - 0.035, second - 0.035), ends, low, high)
+            panes[BODY].append(rounded(last, 0.03, frame))
+            ends = (second + 0.02, second + 0.02)
+        middle = self._side_strip((post - 0.045, post - 0.045), ends, low, high)
+        panes[REAR_DOOR].append(rounded(middle, 0.025, frame))
+        return panes
+
+    @property
+    def _has_quarter(self) -> bool:
+        """Whether there is a third side window, behind the doors."""
+        _, _, second, quarter = self._posts()
+        return not self.design.panel_van and second - quarter > 0.22
+
+    def _door_frames(self) -> dict[str, BaseGeometry]:
+        """How far the doors reach up and along the glass house."""
+        pillar, post, second, quarter = self._posts()
+        fixed = self._has_quarter or self.design.panel_van
+        ends = (second - 0.02, second - 0.02) if fixed else (quarter - 0.10, quarter + 0.03)
+        strips = {
+            FRONT_DOOR: self._side_strip((pillar, pillar + 0.055), (post, post), -0.1, 0.955),
+            REAR_DOOR: self._side_strip((post, post), ends, -0.1, 0.955),
+        }
+        return {name: strip.intersection(self.shell.house.domain) for name, strip in strips.items()}
+
+    def _blackened(self, panes: list[BaseGeometry]) -> BaseGeometry:
+        """Posts, mirror triangle and seals around the panes."""
+        pillar, post, second, _ = self._posts()
+        pieces = [pane.buffer(0.013, quad_segs=4) for pane in panes]
+        pieces.append(self._side_strip((pillar, pillar), (pillar - 0.13, pillar - 0.13), 0.035, 0.40))
+        if not self.design.panel_van:
+            pieces.append(self._side_strip((post + 0.06, post + 0.06), (post - 0.06, post - 0.06), 0.035, 0.88))
+        if self._has_quarter:
+            pieces.append(self._side_strip((second + 0.03, second + 0.03), (second - 0.05, second - 0.05), 0.035, 0.88))
+        return shapely.union_all(pieces)
+
+    def _house(self) -> None:
+        house, panes = self.shell.house, self._panes()
+        every_pane = [pane for group in panes.values() for pane in group]
+        blank, black = shapely.union_all(every_pane), self._blackened(every_pane)
+        doors = self._door_frames()
+        taken = shapely.union_all(list(doors.values()))
+        shapes = {name: shrunk(door, _GAP, house.domain) for name, door in doors.items()}
+        shapes[BODY] = house.domain.difference(taken.buffer(_GAP))
+        for name, shape in shapes.items():
+            bag = self.half.parts[name]
+            frame = shape.difference(blank)
+            bag.add("paint", cut(house, frame.difference(black)).surface)
+            bag.add("vehicle-black-gloss", cut(house, frame.intersection(black)).surface)
+            bag.add("vehicle-gap", self._edge(cut(house.coarse(2), frame.simplify(0.003)), 0.03))
+            bag.add("vehicle-trim", reversed_(cut(house.coarse(2), frame.simplify(0.008), offset=-0.03).surface))
+            for pane in panes[name]:
+                behind = pane.buffer(0.002, quad_segs=2).intersection(house.domain)
+                bag.add("vehicle-glass", cut(house, behind, offset=-0.003).surface)
+        seam = taken.buffer(0.01).difference(taken.buffer(-0.012)).difference(blank.buffer(0.01))
+        self.half.parts[BODY].add("vehicle-gap", cut(house, seam, offset=-0.02).surface)
+
+    # -- roof ---------------------------------------------------------------------------------------------------------
+
+    def _roof(self) -> None:
+        roof, both = self.shell.roof, self.half.both
+        both.add("paint", cut(roof, roof.domain).surface)
+        both.add("vehicle-trim", reversed_(cut(roof.coarse(2), roof.domain, offset=-0.035).surface))
+
+
+def _inside(region: BaseGeometry, a: float) -> Floats:
+    """The middle of a region at the first coordinate ``a``."""
+    _, b0, _, b1 = region.bounds
+    line = region.intersection(shapely.LineString([(a, b0 - 1.0), (a, b1 + 1.0)]))
+    low, high = line.bounds[1], line.bounds[3]
+    return np.array([a, 0.5 * (low + high)])

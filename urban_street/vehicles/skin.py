@@ -1,0 +1,178 @@
+"""Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
+
+A body is modelled as in a design studio: one smooth surface says where the sheet metal is, outlines drawn on it say
+where a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
+gap between two panels is a real groove.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from urban_street.street.geometry import Floats, Ints, Surface, unit
+
+#: Domain lengths below this are one point.
+_WELD = 1e-7
+#: Step of the finite differences that give tangents, in domain units.
+_STEP = 2e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Master:
+    """A smooth surface over a rectangle of the plane.
+
+    Attributes:
+        points: (N, 2) domain points to (N, 3) metres. The outside is where d/da × d/db points.
+        low, high: corners of the domain.
+        lines: where the triangles of the untrimmed surface have their edges: values of a, values of b.
+    """
+
+    points: Callable[[Floats], Floats]
+    low: tuple[float, float]
+    high: tuple[float, float]
+    lines: tuple[Floats, Floats]
+
+    def normals(self, at: Floats) -> Floats:
+        """(N, 3) unit normals at (N, 2) domain points, by central differences (one-sided on the border)."""
+        slopes = []
+        for axis in (0, 1):
+            step = np.zeros(2)
+            step[axis] = _STEP
+            ends = [np.clip(at + sign * step, self.low, self.high) for sign in (1.0, -1.0)]
+            slopes.append(self.points(ends[0]) - self.points(ends[1]))
+        return unit(np.cross(slopes[0], slopes[1]))
+
+    def coarse(self, every: int = 3) -> Master:
+        """The same surface with fewer lines, for what is seen little of."""
+        along, across = (np.unique(np.append(lines[::every], lines[-1])) for lines in self.lines)
+        return Master(self.points, self.low, self.high, (along, across))
+
+    @property
+    def domain(self) -> BaseGeometry:
+        return shapely.box(*self.low, *self.high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """A region of a master surface: its triangles, and where its edge is.
+
+    Attributes:
+        surface: triangles, with texture coordinates 0.
+        rim: (E, 2) vertex indices of the border's edges, the region on their left.
+    """
+
+    surface: Surface
+    rim: Ints
+
+
+def cut(master: Master, region: BaseGeometry, *, offset: float = 0.0) -> Patch:
+    """The part of a master surface inside ``region`` (in its domain), moved ``offset`` metres along its normals."""
+    corners = _triangles(master, region)
+    flat = corners.reshape(-1, 2)
+    keys = np.round(flat / _WELD).astype(np.int64)
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    at = flat[first]
+    faces = inverse.reshape(-1, 3)
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    if not len(faces):
+        empty = np.zeros((0, 3))
+        return Patch(Surface(empty, empty, np.zeros((0, 2)), faces), np.zeros((0, 2), np.int64))
+    normals = master.normals(at)
+    positions = master.points(at) + offset * normals
+    return Patch(Surface(positions, normals, np.zeros((len(at), 2)), faces), _rim(faces))
+
+
+def _triangles(master: Master, region: BaseGeometry) -> Floats:
+    """(M, 3, 2) counter-clockwise domain triangles: whole cells of the grid inside, clipped cells along the outline."""
+    if region.is_empty:
+        return np.zeros((0, 3, 2))
+    a0, b0, a1, b1 = region.bounds
+    along, across = (
+        _within(lines, low, high) for lines, low, high in zip(master.lines, (a0, b0), (a1, b1), strict=True)
+    )
+    left, lower = np.meshgrid(along[:-1], across[:-1], indexing="ij")
+    right, upper = np.meshgrid(along[1:], across[1:], indexing="ij")
+    cells = shapely.box(left.ravel(), lower.ravel(), right.ravel(), upper.ravel())
+    shapely.prepare(region)
+    inside = shapely.covers(region, cells)
+    crossed = shapely.intersects(region, cells) & ~inside
+    low = np.stack([left.ravel(), lower.ravel()], -1)[inside]
+    high = np.stack([right.ravel(), upper.ravel()], -1)[inside]
+    square = np.stack([low, np.stack([high[:, 0], low[:, 1]], -1), high, np.stack([low[:, 0], high[:, 1]], -1)], 1)
+    found = [square[:, [0, 1, 2]], square[:, [0, 2, 3]]]
+    pieces = shapely.get_parts(shapely.intersection(region, cells[crossed]))
+    pieces = pieces[(shapely.get_type_id(pieces) == 3) & (shapely.area(pieces) > 1e-9)]
+    if len(pieces):
+        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces))
+        points = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+        sides = points[:, 1:] - points[:, :1]
+        turn = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+        points = np.where((turn < 0.0)[:, None, None], points[:, ::-1], points)
+        found.append(points[np.abs(turn) > 1e-10])
+    return np.concatenate(found)
+
+
+def _within(lines: Floats, low: float, high: float) -> Floats:
+    """The grid lines that enclose an interval."""
+    first = max(int(np.searchsorted(lines, low, "right")) - 1, 0)
+    last = min(int(np.searchsorted(lines, high, "left")), len(lines) - 1)
+    return lines[first : max(last, first + 1) + 1]
+
+
+def _rim(faces: Ints) -> Ints:
+    """(E, 2) directed edges that have a triangle on one side only."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    size = int(faces.max()) + 1
+    forward = edges[:, 0] * size + edges[:, 1]
+    backward = edges[:, 1] * size + edges[:, 0]
+    return edges[~np.isin(forward, backward)]
+
+
+def flange(patch: Patch, depth: float, *, middle: bool = False) -> Surface:
+    """A strip from the patch's border ``depth`` metres inwards, facing away from the patch.
+
+    Args:
+        patch: its border.
+        depth: metres against the normals; negative for outwards.
+        middle: also along the plane x = 0, where the mirrored other half continues.
+    """
+    points, normals = patch.surface.positions, patch.surface.normals
+    rim = patch.rim
+    if not middle and len(rim):
+        rim = rim[~(np.abs(points[rim][..., 0]) < 2e-4).all(axis=1)]
+    start, stop = points[rim[:, 0]], points[rim[:, 1]]
+    inner_start, inner_stop = start - depth * normals[rim[:, 0]], stop - depth * normals[rim[:, 1]]
+    corners = np.stack([start, inner_start, inner_stop, stop], 1).reshape(-1, 3)
+    sideways = unit(np.cross(stop - start, normals[rim[:, 0]] + normals[rim[:, 1]])) * np.sign(depth)
+    faces = (np.arange(len(rim)) * 4)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    faces = faces.reshape(-1, 3)
+    if depth < 0.0:
+        faces = faces[:, ::-1]
+        sideways = -sideways
+    return Surface(corners, np.repeat(sideways, 4, axis=0), np.zeros((len(corners), 2)), faces)
+
+
+def mirrored(surface: Surface) -> Surface:
+    """The surface on the other side of the plane x = 0."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    return Surface(surface.positions * flip, surface.normals * flip, surface.uvs, surface.faces[:, ::-1])
+
+
+def reversed_(surface: Surface) -> Surface:
+    """The surface seen from its other side."""
+    return Surface(surface.positions, -surface.normals, surface.uvs, surface.faces[:, ::-1])
+
+
+def along_polyline(points: Floats, step: float) -> Floats:
+    """(M, D) points of a polyline, its corners among them, at most ``step`` apart."""
+    pieces = [points[:1]]
+    for start, stop in pairwise(points):
+        count = max(int(np.ceil(float(np.linalg.norm(stop - start)) / step)), 1)
+        pieces.append(start + (stop - start) * (np.arange(1, count + 1) / count)[:, None])
+    return np.concatenate(pieces)

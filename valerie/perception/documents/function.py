@@ -1,0 +1,322 @@
+"""What a function under test is, as one frozen document: kind, payload, how it takes a frame, what its classes mean.
+
+The same document is the sidecar that a user writes, the body of a registration, a database column and a card. A function is
+this document and at most one payload file; both are addressed by content and never changed. Nothing here imports torch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.labels import TRAIN_LABELS, VOID
+from valerie.loading import load_document
+from valerie.parameters.assignment import digest
+from valerie.perception.base import FunctionCard
+from valerie.perception.documents.class_maps import CLASS_LISTS, MAX_CLASSES, class_lookup
+from valerie.perception.documents.options import OPTIONS, Options
+from valerie.validation import problem_of
+
+#: Raised when the meaning of the document changes; the first part of every digest.
+_SCHEME: Final = 1
+
+Kind = Literal["network", "onnx", "huggingface", "http", "predictions"]
+Engine = Literal["torch", "openvino", "onnxruntime", "none"]
+Precision = Literal["fp32", "bf16", "fp16"]
+
+#: Kinds to the engines that can run them, the default first.
+ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
+    {
+        "network": ("torch", "openvino", "onnxruntime"),
+        "onnx": ("openvino", "onnxruntime"),
+        "huggingface": ("torch", "openvino", "onnxruntime"),
+        "http": ("none",),
+        "predictions": ("none",),
+    }
+)
+#: Kinds to the format of their payload; the others have none.
+PAYLOADS: Final[Mapping[str, str]] = MappingProxyType(
+    {"network": "safetensors", "onnx": "onnx", "huggingface": "safetensors"}
+)
+#: Precisions that an engine can be asked for.
+PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
+    {
+        "torch": ("fp32", "bf16", "fp16"),
+        "openvino": ("fp32", "bf16", "fp16"),
+        "onnxruntime": ("fp32",),
+        "none": ("fp32",),
+    }
+)
+
+Text = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Side = Annotated[int, Field(strict=True, ge=1, le=16_384)]
+
+
+def _scale(value: object) -> object:
+    """``1``, ``1.0`` and 0.00392… are also understood; the document holds ``"1"`` or ``"1/255"``."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return next((name for name, number in (("1", 1.0), ("1/255", 1 / 255)) if abs(value - number) < 1e-6), value)
+    return value
+
+
+def _listed(value: object) -> object:
+    return CLASS_LISTS.get(value, value) if isinstance(value, str) else value
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Payload(_Part):
+    """The one file of a function.
+
+    Attributes:
+        sha256: of the file, hex.
+        bytes: its length.
+        format: what it is.
+    """
+
+    sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(strict=True, ge=1)]
+    format: Literal["safetensors", "onnx"]
+
+
+class InputDocument(_Part):
+    """How a frame becomes the network's input; see `valerie.perception.running.adaptation`.
+
+    Attributes:
+        size: width and height that the network takes; None takes the frame's.
+        mode: ``pad`` repeats the last row and column up to ``size`` or the next multiples; ``resize`` resamples to
+            ``size``; ``tile`` cuts the frame into overlapping pieces of ``size``.
+        multiple_of: sides are padded to a multiple of this (``pad`` without ``size``).
+        longest_side: frames with a longer side are resampled first, to about this (``pad`` without ``size``); to sides that are
+            multiples already, so that nothing is padded. For networks that know small pictures only.
+        overlap: pixels that neighbouring tiles share at least; each pixel's label comes from the tile in which it lies
+            farthest from an edge.
+        mean, std: per channel, in the order of ``channel_order``, in the unit that ``scale`` gives: the network sees
+            ``(x · scale − mean) / std`` of 8-bit sRGB values x.
+        scale: ``1/255`` or ``1``.
+        channel_order: of the network's input; frames are RGB.
+        layout: of the network's input tensor.
+    """
+
+    size: tuple[Side, Side] | None = None
+    mode: Literal["pad", "resize", "tile"] = "pad"
+    multiple_of: Annotated[int, Field(strict=True, ge=1, le=1024)] = 1
+    longest_side: Side | None = None
+    overlap: Annotated[int, Field(strict=True, ge=0, le=4096)] = 0
+    mean: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    std: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
+    scale: Annotated[Literal["1", "1/255"], BeforeValidator(_scale)] = "1/255"
+    channel_order: Literal["rgb", "bgr"] = "rgb"
+    layout: Literal["nchw", "nhwc"] = "nchw"
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.size is None and self.mode in ("resize", "tile"):
+            raise ValueError(f"mode {self.mode} needs a size: [width, height]")
+        if self.overlap and self.mode != "tile":
+            raise ValueError("overlap belongs to mode tile")
+        if self.size is not None and self.overlap >= min(self.size):
+            raise ValueError(f"overlap {self.overlap} must be below both sides of size {list(self.size)}")
+        if self.multiple_of > 1 and self.size is not None:
+            raise ValueError("multiple_of belongs to mode pad without a size")
+        if self.longest_side is not None and self.size is not None:
+            raise ValueError("longest_side belongs to mode pad without a size")
+        if self.longest_side is not None and self.longest_side < self.multiple_of:
+            raise ValueError(f"longest_side {self.longest_side} must not be below multiple_of {self.multiple_of}")
+        return self
+
+    @property
+    def value_range(self) -> float:
+        """255 where the network's unit is [0, 1], else 1: mean and std times this are in 8-bit values."""
+        return 255.0 if self.scale == "1/255" else 1.0
+
+
+class OutputDocument(_Part):
+    """What comes out of the network, and what it means.
+
+    Attributes:
+        kind: ``logits`` or ``probabilities`` (the largest channel wins, of equal ones the first), or ``labels`` (ids).
+        classes: in the order of channels or ids; or the name of a list in `CLASS_LISTS`.
+        class_map: name or id of a class to a Cityscapes class or ``void``; see `valerie.perception.documents.class_maps`.
+        threshold: with a single class: the value above which a pixel is of it; None: 0 for logits, 0.5 for probabilities.
+        align_corners: how logits are upsampled: the outermost pixel centres lie on each other; else, as most networks are
+            trained, pixel centres lie at halves. A ``network`` knows its own.
+        target_classes: the Cityscapes classes that the function is to be judged by; empty: all that the map reaches.
+            Figures over all classes are over these alone: see `valerie.perception.base.FunctionCard`.
+    """
+
+    kind: Literal["logits", "probabilities", "labels"] = "logits"
+    classes: Annotated[tuple[Text, ...], BeforeValidator(_listed), Field(min_length=1, max_length=MAX_CLASSES)] = (
+        CLASS_LISTS["cityscapes"]
+    )
+    class_map: dict[str, Text] = Field(default_factory=dict)
+    threshold: Finite | None = None
+    align_corners: bool = False
+    target_classes: tuple[Text, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        reached = set(self.reached)
+        for number, name in enumerate(self.target_classes):
+            if name not in reached:
+                raise UnknownName("target class", name, reached, field=f"output.target_classes.{number}")
+        if self.threshold is not None and (len(self.classes) > 1 or self.kind == "labels"):
+            raise ValueError("threshold belongs to a single class of logits or probabilities")
+        return self
+
+    @property
+    def lookup(self) -> NDArray[np.uint8]:
+        """(256,) uint8: the function's ids to train ids."""
+        return class_lookup(self.classes, self.class_map)
+
+    @property
+    def cut(self) -> float:
+        """With a single class: what a pixel of it lies above."""
+        return self.threshold if self.threshold is not None else {"logits": 0.0, "probabilities": 0.5}[self.kind]
+
+    @property
+    def reached(self) -> tuple[str, ...]:
+        """The evaluated Cityscapes classes that the function can predict, in the order of train ids."""
+        found = set(self.lookup[: len(self.classes)].tolist())
+        return tuple(label.name for label in TRAIN_LABELS if label.train_id in found)
+
+    @property
+    def unmapped(self) -> tuple[str, ...]:
+        """The function's classes that count as void, in order."""
+        return tuple(name for name, to in zip(self.classes, self.lookup.tolist(), strict=False) if to == VOID)
+
+
+class FunctionDocument(_Part):
+    """A function under test.
+
+    Attributes:
+        name: how specs call it.
+        kind: what the payload is, or where predictions come from instead.
+        payload: the one file; None for ``http`` and ``predictions``, which have none.
+        architecture: of a ``network`` see `valerie.perception.networks.architectures`; of ``huggingface`` the model type.
+        options: the kind's own; see `valerie.perception.documents.options`.
+        input, output: how frames go in and labels come out.
+        engine: what runs it; when left out the first that fits the kind.
+        precision: that is asked for; what really runs is read back and is part of the numeric class.
+        provenance: free facts: source, licence, training data, figures, how it was checked.
+    """
+
+    name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]
+    kind: Kind
+    payload: Payload | None = None
+    architecture: Annotated[str, StringConstraints(max_length=200)] = ""
+    options: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+    input: InputDocument = InputDocument()
+    output: OutputDocument = OutputDocument()
+    engine: Engine
+    precision: Precision = "fp32"
+    provenance: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default_engine(cls, values: Any) -> Any:
+        if isinstance(values, dict) and "engine" not in values and values.get("kind") in ENGINES:
+            return {**values, "engine": ENGINES[values["kind"]][0]}
+        return values
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.engine not in ENGINES[self.kind]:
+            raise ValueError(f"engine {self.engine} cannot run kind {self.kind}: {' | '.join(ENGINES[self.kind])}")
+        if self.precision not in PRECISIONS[self.engine]:
+            raise ValueError(f"engine {self.engine} has no {self.precision}: {' | '.join(PRECISIONS[self.engine])}")
+        wanted = PAYLOADS.get(self.kind)
+        given = self.payload.format if self.payload else None
+        if given != wanted:
+            raise ValueError(
+                f"kind {self.kind} takes {f'a file of {wanted}' if wanted else 'no file'}, not {given or 'none'}"
+            )
+        if self.kind in ("network", "huggingface") and not self.architecture:
+            raise ValueError(f"kind {self.kind} needs an architecture")
+        return self
+
+    @field_validator("options")
+    @classmethod
+    def _known_options(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        kind = info.data.get("kind")
+        if kind is not None:
+            OPTIONS[kind].model_validate(options)
+        return options
+
+    @property
+    def digest(self) -> str:
+        """32 hex characters over everything but the name; two names for the same function share it.
+
+        Entries that have their default are left out, so that an entry which a later version adds changes no digest.
+        """
+        return digest("function", _SCHEME, self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True))
+
+    def card(self, *, digest: str | None = None, precision: str | None = None) -> FunctionCard:
+        """The card of this function; ``precision`` is what an engine really runs in, once that is known."""
+        architecture = self.architecture or self.kind
+        return FunctionCard(
+            self.name,
+            digest or self.digest,
+            architecture,
+            precision or self.precision,
+            self.engine,
+            dict(self.provenance),
+            self.output.target_classes or self.output.reached,
+        )
+
+
+def parse_function(source: str | bytes | dict[str, Any], **known: object) -> FunctionDocument:
+    """Read a document that a user wrote.
+
+    Args:
+        source: YAML or JSON text, or a mapping that was read already.
+        known: entries that the caller knows better than the text, e.g. ``payload``.
+
+    Raises:
+        InvalidInputs: every problem, each with its dotted field.
+        InvalidInput, UnknownName: the text is no document, or a class name is unknown; near matches are named.
+    """
+    values = {**load_document(source), **known}
+    try:
+        return FunctionDocument.model_validate(values)
+    except ValidationError as error:
+        kind = str(values.get("kind"))
+        raise InvalidInputs([_problem(problem, kind) for problem in error.errors(include_url=False)]) from None
+
+
+def _problem(problem: Any, kind: str) -> InvalidInput:
+    *parents, last = problem["loc"] or ("",)
+    field = ".".join(map(str, problem["loc"]))
+    if problem["type"] == "extra_forbidden":
+        return UnknownName("field", str(last), _fields(parents, kind), field=field)
+    return problem_of(problem, field)
+
+
+def _fields(parents: list[Any], kind: str) -> list[str]:
+    parts: dict[Any, type[BaseModel]] = {
+        "payload": Payload,
+        "input": InputDocument,
+        "output": OutputDocument,
+        "options": OPTIONS.get(kind, Options),
+    }
+    return list(parts[parents[0]].model_fields if parents else FunctionDocument.model_fields)

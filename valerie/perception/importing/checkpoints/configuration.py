@@ -1,0 +1,51 @@
+"""What a checkpoint of mmsegmentation says of its own configuration: Python text, which is parsed and never run."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from typing import Final
+
+#: Where the text stands in a file: mmcv's and mmengine's place.
+_PLACES: Final = ("meta.config", "meta.cfg")
+_MAX_TEXT: Final = 1_000_000
+_MAX_DEPTH: Final = 12
+
+
+def config_values(entries: Mapping[str, object]) -> dict[str, object]:
+    """The literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``; empty without one.
+
+    Args:
+        entries: what stands beside the weights; see `valerie.perception.importing.checkpoints.stored.StoredCheckpoint`.
+    """
+    text = next((entries[place] for place in _PLACES if place in entries), None)
+    if not isinstance(text, str) or len(text) > _MAX_TEXT:
+        return {}
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return {}
+    values: dict[str, object] = {}
+    for statement in tree.body:
+        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+            _collect(statement.value, statement.targets[0].id, values, 0)
+    return values
+
+
+def _collect(node: ast.expr, name: str, into: dict[str, object], depth: int) -> None:
+    if depth > _MAX_DEPTH:
+        return
+    if isinstance(node, ast.Call):  # dict(a=…, b=…), the way these files are written
+        for keyword in node.keywords:
+            if keyword.arg is not None:
+                _collect(keyword.value, f"{name}.{keyword.arg}", into, depth + 1)
+        return
+    if isinstance(node, ast.Dict):
+        for key, value in zip(node.keys, node.values, strict=True):
+            if isinstance(key, ast.Constant) and isinstance(key.value, str):
+                _collect(value, f"{name}.{key.value}", into, depth + 1)
+        return
+    try:
+        into[name] = ast.literal_eval(node)
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+        return  # a list of dictionaries, an expression: nothing that is asked for

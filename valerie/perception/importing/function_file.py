@@ -1,0 +1,213 @@
+"""The file that a trained function is kept in: fp16 safetensors with its provenance in the header.
+
+The format is data only (a JSON header and raw tensors), so reading a file never runs anything. Nothing here imports
+torch: names, cards and shapes are known to every process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from valerie.errors import InvalidInput, NotFound
+from valerie.labels import TRAIN_LABELS
+from valerie.perception.base import FunctionCard
+
+#: Value of the header's ``format`` entry; the number grows when a reader must change.
+FORMAT: Final = "valerie-function/1"
+#: Class names in train-id order, as the header spells them.
+CLASS_NAMES: Final = tuple(label.name for label in TRAIN_LABELS)
+
+_REQUIRED: Final = ("format", "architecture", "classes", "mean", "std")
+_LONGEST_SIDE: Final = "longest-side"
+_OWN: Final = frozenset((*_REQUIRED, _LONGEST_SIDE))
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionHeader:
+    """What a function file says of itself.
+
+    Attributes:
+        architecture: see `valerie.perception.networks.architectures`.
+        mean, std: per channel (red, green, blue) of sRGB values in [0, 1]; the network sees ``(x − mean) / std``.
+        longest_side: pixels; longer frames are resampled to it (`InputDocument`). None: never.
+        provenance: everything else in the header: seeds, steps, data set, figures, licence …
+        shapes: tensor name to shape.
+        digest: SHA-256 of the whole file, hex.
+    """
+
+    architecture: str
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    longest_side: int | None
+    provenance: Mapping[str, str]
+    shapes: Mapping[str, tuple[int, ...]]
+    digest: str
+
+    def card(self, name: str, *, precision: str, engine: str) -> FunctionCard:
+        """The card of this file run under ``name``."""
+        return FunctionCard(name, self.digest, self.architecture, precision, engine, dict(self.provenance))
+
+
+def read_header(path: Path) -> FunctionHeader:
+    """Read and check the header.
+
+    Raises:
+        NotFound: no such file.
+        InvalidInput: not safetensors, a header that does not fit the data, or entries that are missing or wrong.
+    """
+    field = path.name
+    digest = _digest(path)
+    try:
+        with safe_open(path, framework="numpy") as tensors:
+            entries: dict[str, str] = tensors.metadata() or {}
+            shapes = {name: tuple(tensors.get_slice(name).get_shape()) for name in tensors.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise InvalidInput(f"not a readable safetensors file ({error})", field=field) from error
+    missing = [name for name in _REQUIRED if name not in entries]
+    if missing:
+        raise InvalidInput(
+            "the header lacks entries", field=field, value=", ".join(missing), limit=", ".join(_REQUIRED)
+        )
+    if entries["format"] != FORMAT:
+        raise InvalidInput("another file format", field=f"{field}: format", value=entries["format"], limit=FORMAT)
+    classes = _json_entry(entries, "classes", field)
+    if classes != list(CLASS_NAMES):
+        raise InvalidInput(
+            "not the classes of this program", field=f"{field}: classes", value=classes, limit=list(CLASS_NAMES)
+        )
+    provenance = {name: text for name, text in sorted(entries.items()) if name not in _OWN}
+    return FunctionHeader(
+        architecture=entries["architecture"],
+        mean=_triple(entries, "mean", field),
+        std=_triple(entries, "std", field, positive=True),
+        longest_side=_side(entries, field),
+        provenance=MappingProxyType(provenance),
+        shapes=MappingProxyType(shapes),
+        digest=digest,
+    )
+
+
+def read_tensors(path: Path) -> dict[str, NDArray[np.floating]]:
+    """All tensors of a file that `read_header` accepted, as stored.
+
+    Raises:
+        InvalidInput: a tensor that is not of floating point, or holds values that are not finite.
+    """
+    tensors: dict[str, NDArray[np.floating]] = {}
+    try:
+        with safe_open(path, framework="numpy") as stored:
+            for name in sorted(stored.keys()):
+                tensor = stored.get_tensor(name)
+                if not np.issubdtype(tensor.dtype, np.floating):
+                    raise InvalidInput("not floating point", field=f"{path.name}: {name}", value=str(tensor.dtype))
+                if not np.isfinite(tensor).all():
+                    raise InvalidInput("holds values that are not finite", field=f"{path.name}: {name}")
+                tensors[name] = tensor
+    except (SafetensorError, OSError) as error:
+        raise InvalidInput(f"not a readable safetensors file ({error})", field=path.name) from error
+    return tensors
+
+
+def function_file_bytes(
+    tensors: Mapping[str, NDArray[np.floating]],
+    *,
+    architecture: str,
+    mean: tuple[float, float, float],
+    std: tuple[float, float, float],
+    provenance: Mapping[str, str],
+    longest_side: int | None = None,
+) -> bytes:
+    """The bytes of a function file; equal inputs give equal bytes.
+
+    Args:
+        tensors: parameters and buffers by name; stored as `compact` says.
+        architecture: name of the architecture that they belong to.
+        mean: per channel, of sRGB values in [0, 1].
+        std: per channel, likewise.
+        provenance: further header entries.
+        longest_side: pixels; longer frames are resampled to it.
+
+    Raises:
+        InvalidInput: a value that is not finite, or a provenance entry with a name of the format's own.
+    """
+    taken = sorted(set(provenance) & _OWN)
+    if taken:
+        raise InvalidInput("names of the format's own", field="provenance", value=", ".join(taken))
+    for name in sorted(tensors):
+        if not np.isfinite(tensors[name]).all():
+            raise InvalidInput("holds values that are not finite", field=name)
+    entries = {
+        "format": FORMAT,
+        "architecture": architecture,
+        "classes": json.dumps(CLASS_NAMES),
+        "mean": json.dumps(mean),
+        "std": json.dumps(std),
+        **({} if longest_side is None else {_LONGEST_SIDE: json.dumps(longest_side)}),
+        **provenance,
+    }
+    return safetensors_bytes({name: compact(tensor) for name, tensor in tensors.items()}, entries)
+
+
+def compact(tensor: NDArray[np.floating]) -> NDArray[np.floating]:
+    """A tensor as function files hold it: float16, or float32 where it has values beyond ±65504, as running variances may."""
+    with np.errstate(over="ignore"):
+        half = np.ascontiguousarray(tensor, np.float16)
+    return half if np.isfinite(half).all() else np.ascontiguousarray(tensor, np.float32)
+
+
+def safetensors_bytes(tensors: Mapping[str, NDArray[np.floating]], entries: Mapping[str, str]) -> bytes:
+    """The bytes of a safetensors file; equal inputs give equal bytes, whatever their order."""
+    data: bytes = save({name: tensors[name] for name in sorted(tensors)}, metadata=dict(entries))
+    # The library leaves the order of the metadata to chance: the header is written again with sorted keys.
+    size = int.from_bytes(data[:8], "little")
+    header = json.dumps(
+        json.loads(data[8 : 8 + size]), sort_keys=True, separators=(",", ":"), ensure_ascii=False
+    ).encode()
+    header += b" " * (-len(header) % 8)  # tensors start at a multiple of 8 bytes, as the format asks
+    return len(header).to_bytes(8, "little") + header + data[8 + size :]
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except FileNotFoundError:
+        raise NotFound("function file", path.name) from None
+
+
+def _json_entry(entries: Mapping[str, str], name: str, field: str) -> object:
+    try:
+        value: object = json.loads(entries[name])
+    except ValueError:
+        raise InvalidInput("not JSON", field=f"{field}: {name}", value=entries[name]) from None
+    return value
+
+
+def _side(entries: Mapping[str, str], field: str) -> int | None:
+    if _LONGEST_SIDE not in entries:
+        return None
+    value = _json_entry(entries, _LONGEST_SIDE, field)
+    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+        return value
+    raise InvalidInput("not a number of pixels", field=f"{field}: {_LONGEST_SIDE}", value=value)
+
+
+def _triple(entries: Mapping[str, str], name: str, field: str, *, positive: bool = False) -> tuple[float, float, float]:
+    value = _json_entry(entries, name, field)
+    if isinstance(value, list) and len(value) == 3 and all(isinstance(x, int | float) for x in value):
+        red, green, blue = (float(x) for x in value)
+        if np.isfinite([red, green, blue]).all() and (not positive or min(red, green, blue) > 0.0):
+            return red, green, blue
+    kind = "three positive numbers" if positive else "three numbers"
+    raise InvalidInput(f"not {kind}", field=f"{field}: {name}", value=value)

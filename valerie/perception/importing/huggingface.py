@@ -1,0 +1,174 @@
+"""Semantic segmentation networks of Hugging Face transformers, from a local folder: no download, no code of others, no pickle."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+from valerie.errors import InvalidInput, NotFound
+from valerie.perception.documents.function import FunctionDocument, parse_function
+
+if TYPE_CHECKING:
+    from torch import nn
+
+_CONFIG: Final = "config.json"
+_WEIGHTS: Final = "model.safetensors"
+_PROCESSOR: Final = "preprocessor_config.json"
+_MAX_JSON_BYTES: Final = 1 << 20
+#: What these image processors do when their file is silent.
+_MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[FunctionDocument, Path]:
+    """The document of a folder as `save_pretrained` writes it, and its payload; neither torch nor transformers is loaded.
+
+    Classes come from the configuration, size and normalisation from the image processor's file.
+
+    Args:
+        folder: holds config.json and model.safetensors, and preprocessor_config.json as a rule.
+        name: of the function.
+        changes: entries of the document that the caller knows better, e.g. ``input`` or ``output``; parts that are mappings
+            are merged.
+
+    Raises:
+        NotFound: no such folder, or a file is not in it.
+        InvalidInput: weights in another format, several files of weights, or a document that does not fit.
+    """
+    if not folder.is_dir():
+        raise NotFound("folder", folder.name)
+    config = _json(folder / _CONFIG)
+    weights = folder / _WEIGHTS
+    if not weights.is_file():
+        others = sorted(path.name for pattern in ("*.bin", "*.safetensors*", "*.pt") for path in folder.glob(pattern))
+        raise InvalidInput(
+            "the weights must be one safetensors file: load the model and save it again with save_pretrained",
+            field=folder.name,
+            value=", ".join(others) or "none",
+            limit=_WEIGHTS,
+        )
+    with weights.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    processor = _json(folder / _PROCESSOR) if (folder / _PROCESSOR).exists() else {}
+    values: dict[str, Any] = {
+        "name": name,
+        "kind": "huggingface",
+        "architecture": str(config.get("model_type", "")),
+        "options": {"config": config},
+        "input": _input(processor),
+        "output": {"classes": _classes(config, folder.name)},
+        "provenance": {"source": f"transformers folder {folder.name}"},
+    }
+    for entry, change in changes.items():
+        if isinstance(change, Mapping) and isinstance(values.get(entry), dict):
+            values[entry] = {**values[entry], **change}
+        else:
+            values[entry] = change
+    payload = {"sha256": digest, "bytes": weights.stat().st_size, "format": "safetensors"}
+    return parse_function(values, payload=payload), weights
+
+
+def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
+    """The network of a document of kind ``huggingface``: see `valerie.perception.running.engines.modules.open_module`.
+
+    Raises:
+        InvalidInput: a type of model that transformers does not know as semantic segmentation, or weights that are not those of
+            its configuration (the first that differ are named).
+        ModuleNotFoundError: transformers is not installed.
+    """
+    import torch
+    import transformers
+    from torch import nn
+
+    class Logits(nn.Module):
+        def __init__(self, model: Any) -> None:
+            super().__init__()
+            self.model = model
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            logits: torch.Tensor = self.model(pixel_values=x).logits
+            return logits
+
+    transformers.logging.set_verbosity_error()  # type: ignore[no-untyped-call]
+    transformers.logging.disable_progress_bar()  # type: ignore[no-untyped-call]
+    # from_pretrained reads folders alone; the names of the two files are fixed.
+    with TemporaryDirectory(prefix="valerie-huggingface-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations within the library
+        (Path(folder) / _CONFIG).write_text(json.dumps(document.options["config"]), "utf-8")
+        (Path(folder) / _WEIGHTS).symlink_to(payload.absolute())
+        try:
+            model, report = transformers.AutoModelForSemanticSegmentation.from_pretrained(
+                folder,
+                local_files_only=True,
+                use_safetensors=True,
+                trust_remote_code=False,
+                output_loading_info=True,
+                dtype=torch.float32,
+                attn_implementation="eager",
+            )
+        except Exception as error:  # configurations of all kinds make it fail in all ways
+            reason = str(error).strip().partition("\n")[0]
+            raise InvalidInput(f"transformers cannot open it: {reason}", field=document.name) from error
+    _require_complete(report, document.name)
+    classes = int(model.config.num_labels)
+    if classes != len(document.output.classes):
+        raise InvalidInput(
+            "another number of classes", field="output.classes", value=len(document.output.classes), limit=classes
+        )
+    model.requires_grad_(requires_grad=False)
+    return Logits(model).eval()
+
+
+def _require_complete(report: Mapping[str, Any], field: str) -> None:
+    """Weights that are missing would be drawn at random, with no more than a warning."""
+    problems = [f"{name} is missing" for name in sorted(report["missing_keys"])]
+    problems += [f"{name} is unknown" for name in sorted(report["unexpected_keys"])]
+    problems += [f"{entry[0]} has another shape" for entry in sorted(report["mismatched_keys"])]
+    problems += [str(message) for message in report.get("error_msgs", [])]
+    if problems:
+        more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
+        shown = "; ".join(problems[:3])
+        raise InvalidInput(f"the weights are not those of the configuration: {shown}{more}", field=field)
+
+
+def _classes(config: Mapping[str, Any], field: str) -> list[str]:
+    named = config.get("id2label")
+    if not isinstance(named, dict) or not named:
+        raise InvalidInput("the configuration names no classes", field=f"{field}: {_CONFIG}: id2label")
+    try:
+        numbered = {int(number): str(name) for number, name in named.items()}
+    except ValueError:
+        numbered = {}
+    if sorted(numbered) != list(range(len(named))):
+        raise InvalidInput("class ids are not 0, 1, 2 …", field=f"{field}: {_CONFIG}: id2label", value=", ".join(named))
+    return [numbered[number] for number in range(len(numbered))]
+
+
+def _input(processor: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {"multiple_of": 32}
+    size = processor.get("size")
+    if processor.get("do_resize", True) and isinstance(size, dict) and {"height", "width"} <= set(size):
+        found = {"mode": "resize", "size": [size["width"], size["height"]]}
+    if processor.get("do_normalize", True):
+        found["mean"] = list(processor.get("image_mean", _MEAN))
+        found["std"] = list(processor.get("image_std", _STD))
+    found["scale"] = processor.get("rescale_factor", 1 / 255) if processor.get("do_rescale", True) else 1
+    return found
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_JSON_BYTES:
+            raise InvalidInput("the file is too large", field=path.name, limit=f"{_MAX_JSON_BYTES} bytes")
+        read = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise NotFound("file", f"{path.parent.name}/{path.name}") from None
+    except (ValueError, RecursionError):
+        raise InvalidInput("not JSON", field=path.name) from None
+    if not isinstance(read, dict):
+        raise InvalidInput("not a JSON mapping", field=path.name)
+    return read

@@ -1,0 +1,82 @@
+"""What an inference engine is: pieces of pictures in, ids of the function's classes out."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Final, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.perception.running.adaptation import Size
+
+#: Channels that are upsampled at once: full-size logits of 150 classes would be 1.2 GB of a full-HD frame.
+CHANNELS_AT_ONCE: Final = 32
+
+Compiled = TypeVar("Compiled")
+
+
+class Engine(Protocol):
+    """A network that is ready to run.
+
+    Everything between 8-bit pixels and ids happens in the engine: channel order, normalisation, network, upsampling of
+    the logits, largest class. So no full-size logits ever leave it.
+    """
+
+    @property
+    def name(self) -> str:
+        """E.g. ``torch``."""
+        ...
+
+    @property
+    def precision(self) -> str:
+        """What it really computes in, read back, e.g. ``fp32``."""
+        ...
+
+    @property
+    def numeric_class(self) -> str:
+        """Engine, version, device, precision, kernels, threads or batch: what may change the last bits."""
+        ...
+
+    @property
+    def batch_size(self) -> int:
+        """How many pieces it wants at once."""
+        ...
+
+    def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
+        """Ids of classes.
+
+        Args:
+            pieces: (n, h, w, 3) uint8 sRGB, n at most `batch_size`.
+            labels: height and width of the answer.
+
+        Returns:
+            (n, height, width) uint8; 255 is void.
+        """
+        ...
+
+    def close(self) -> None: ...
+
+
+class Recent(Generic[Compiled]):
+    """What was compiled for the last few sizes; a run uses one or two, and each holds the weights once more."""
+
+    def __init__(self, compile_for: Callable[[Size, Size], Compiled], *, keep: int = 2) -> None:
+        self._compile = compile_for
+        self._keep = keep
+        self._held: OrderedDict[tuple[Size, Size], Compiled] = OrderedDict()
+
+    def get(self, piece: Size, labels: Size) -> Compiled:
+        """Compiled for pieces and answers of these sizes."""
+        key = (piece, labels)
+        if key not in self._held:
+            while len(self._held) >= self._keep:
+                self._held.popitem(last=False)
+            self._held[key] = self._compile(piece, labels)
+        self._held.move_to_end(key)
+        return self._held[key]
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._held.clear()

@@ -1,0 +1,74 @@
+"""Networks in onnxruntime: fp32 on the CPU, an implementation of its own beside torch and OpenVINO."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.adaptation import Size
+from valerie.perception.running.engines.base import Recent
+from valerie.perception.running.engines.graph import PICTURES
+from valerie.perception.running.engines.network_file import NetworkFile
+from valerie.perception.running.engines.processor import instruction_set
+
+
+class OnnxRuntimeEngine:
+    """See `valerie.perception.running.engines.base.Engine`.
+
+    Args:
+        document: what it is.
+        payload: its file.
+        threads: of this engine.
+
+    Raises:
+        InvalidInput, UnknownName: as `NetworkFile`.
+    """
+
+    name: Final = "onnxruntime"
+    precision: Final = "fp32"
+    batch_size: Final = 1
+
+    def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
+        # The variable that `silence_libraries` sets stops what is sent; this also stops what is collected.
+        onnxruntime.disable_telemetry_events()
+        self._threads = threads
+        self._network = NetworkFile(document, payload)
+        self._compiled = Recent(self._compile)
+
+    @property
+    def numeric_class(self) -> str:
+        """E.g. ``onnxruntime-1.31.1-cpu-fp32-avx512-vnni-t2``."""
+        return f"onnxruntime-{onnxruntime.__version__}-cpu-fp32-{instruction_set()}-t{self._threads}"
+
+    def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
+        """See `Engine`."""
+        session = self._compiled.get(Size(*pieces.shape[1:3]), labels)
+        found = [session.run(None, {PICTURES: piece[None]})[0][0] for piece in pieces]
+        return np.stack(found)
+
+    def close(self) -> None:
+        """Free the weights."""
+        self._compiled.clear()
+        self._network.close()
+
+    def _compile(self, piece: Size, labels: Size) -> onnxruntime.InferenceSession:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = self._threads
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        # Memory that a frame needed is given back: a worker that waits holds the weights alone.
+        options.enable_cpu_mem_arena = False
+        # Threads that wait sleep: the machine is shared.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        graph = self._network.graph(piece, labels)
+        try:
+            return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # its classes derive from Exception and are private
+            reason = str(error).strip().partition("\n")[0]
+            raise InvalidInput(f"onnxruntime cannot run this network: {reason}", field="onnx") from error

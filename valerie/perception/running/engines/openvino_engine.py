@@ -1,0 +1,122 @@
+"""Networks in OpenVINO: the fast engine on processors.
+
+OpenVINO picks bf16 by itself on processors that have it. Here the precision is set, read back from the compiled model, and
+refused when it is another one.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import openvino
+from numpy.typing import NDArray
+from openvino import properties
+
+from valerie.errors import InvalidInput, MissingDependency
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.adaptation import Size
+from valerie.perception.running.engines.base import Recent
+from valerie.perception.running.engines.network_file import NetworkFile
+from valerie.perception.running.engines.processor import instruction_set
+
+_TYPES: Final = {"fp32": openvino.Type.f32, "bf16": openvino.Type.bf16, "fp16": openvino.Type.f16}
+_DEVICE: Final = "CPU"
+
+
+class OpenVinoEngine:
+    """See `valerie.perception.running.engines.base.Engine`.
+
+    Args:
+        document: what it is; its precision is what is asked for.
+        payload: its file.
+        threads: of this engine.
+
+    Raises:
+        MissingDependency: this processor does not compute in that precision.
+        InvalidInput, UnknownName: as `NetworkFile`.
+    """
+
+    name: Final = "openvino"
+    batch_size: Final = 1
+
+    def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
+        self.precision = document.precision
+        _require_precision(self.precision)
+        self._threads = threads
+        self._network = NetworkFile(document, payload)
+        self._compiled = Recent(self._compile)
+
+    @property
+    def numeric_class(self) -> str:
+        """E.g. ``openvino-2026.4.1-cpu-bf16-amx-t2``."""
+        version = openvino.get_version().partition("-")[0]
+        return f"openvino-{version}-cpu-{self.precision}-{instruction_set()}-t{self._threads}"
+
+    def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
+        """See `Engine`."""
+        request = self._compiled.get(Size(*pieces.shape[1:3]), labels)
+        found = [np.array(request.infer([piece[None]])[0][0], np.uint8) for piece in pieces]
+        return np.stack(found)
+
+    def close(self) -> None:
+        """Free the weights."""
+        self._compiled.clear()
+        self._network.close()
+
+    def _compile(self, piece: Size, labels: Size) -> Any:
+        graph = self._network.graph(piece, labels)
+        try:
+            core = _core()
+            model = core.read_model(graph)
+            compiled = core.compile_model(model, _DEVICE, _settings(self.precision, self._threads))
+        except RuntimeError as error:
+            raise InvalidInput(f"OpenVINO cannot run this network: {_reason(error)}", field="onnx") from error
+        _require_compiled(compiled, self.precision)
+        return compiled.create_infer_request()
+
+
+def _settings(precision: str, threads: int) -> dict[str, Any]:
+    hint = properties.hint
+    mode = hint.ExecutionMode.ACCURACY if precision == "fp32" else hint.ExecutionMode.PERFORMANCE
+    return {
+        hint.inference_precision(): _TYPES[precision],
+        # ACCURACY also keeps the engine from rounding weights or activations by itself.
+        hint.execution_mode(): mode,
+        hint.performance_mode(): hint.PerformanceMode.LATENCY,
+        properties.inference_num_threads(): threads,
+        properties.num_streams(): 1,
+        # Several workers share a machine: pinned to the same cores, they would wait for each other.
+        hint.enable_cpu_pinning(): False,
+    }
+
+
+@lru_cache(maxsize=1)
+def _core() -> openvino.Core:
+    return openvino.Core()
+
+
+@lru_cache(maxsize=8)
+def _require_precision(precision: str) -> None:
+    """Compile a network of nothing and look what became of it: the list of capabilities alone promises too much."""
+    ops = openvino.opset13
+    value = ops.parameter([1, 8, 8, 8], openvino.Type.f32)
+    weights = ops.constant(np.zeros((8, 8, 3, 3), np.float32))
+    model = openvino.Model([ops.convolution(value, weights, [1, 1], [1, 1], [1, 1], [1, 1])], [value])
+    _require_compiled(_core().compile_model(model, _DEVICE, _settings(precision, 1)), precision)
+
+
+def _require_compiled(compiled: openvino.CompiledModel, precision: str) -> None:
+    """Read the precision back."""
+    found = compiled.get_property(properties.hint.inference_precision())
+    if found != _TYPES[precision]:
+        names = {kind.get_type_name(): name for name, kind in _TYPES.items()}
+        given = names.get(found.get_type_name(), found.get_type_name())
+        raise MissingDependency(f"OpenVINO computes in {given} on this processor where {precision} is asked for")
+
+
+def _reason(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__

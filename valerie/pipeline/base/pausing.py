@@ -1,0 +1,27 @@
+"""Pause every running run while no result can be stored; the control loop resumes them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from valerie.db import runs
+from valerie.db.engine import writing
+from valerie.errors import ValerieError
+from valerie.pipeline.base.context import Context
+from valerie.runs.states import RunState
+
+#: Reasons of a pause that ends by itself begin with this.
+STORAGE_REASON: Final = "storage: "
+
+
+def pause_for_storage(context: Context, error: ValerieError) -> None:
+    """Pause every running run: no result can be stored at present."""
+    with writing(context.engine) as connection:
+        for run in runs.in_states(connection, (RunState.RUNNING,)):
+            runs.change_state(
+                connection,
+                run.id,
+                expected=(RunState.RUNNING,),
+                state=RunState.PAUSED,
+                reason=f"{STORAGE_REASON}{error}",
+            )

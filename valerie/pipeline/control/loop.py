@@ -1,0 +1,267 @@
+"""The control loop: feeds runs into the queues inside a bounded window, counts how far they are, sweeps up after the dead.
+
+One process holds the role by a database lease; it may be killed at any time, since everything it knows is in the database and
+each step is one transaction. Another process (or the same one, restarted) goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import structlog
+
+from valerie.db import processes, products, runs
+from valerie.db.engine import reading, writing
+from valerie.db.products import Ready
+from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.deadlines import with_deadlines
+from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
+from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.control import feeding
+from valerie.pipeline.control.lifecycle import resume
+from valerie.pipeline.control.overdue import fail_overdue
+from valerie.pipeline.control.progress import ProgressBook
+from valerie.pipeline.functions import registry
+from valerie.runs.states import RunState
+
+log = structlog.get_logger()
+
+ROLE = "control"
+#: How often the store is probed while runs are paused for want of space.
+_PROBE_SECONDS = 5.0
+
+
+class ControlLoop:
+    """Feeds, counts, sweeps. `run` is the thread's body; `tick` is one round, for tests and benchmarks."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._settings = context.settings
+        self._wake = threading.Event()
+        self._book = ProgressBook(context.engine)
+        self._feeders: dict[str, feeding.Feeder] = {}
+        self._finish_sent: dict[str, float] = {}
+        self._next_sweep = 0.0
+        self._next_probe = 0.0
+        self._next_count = 0.0
+
+    def wake(self) -> None:
+        """Do not wait for the next round: something was submitted."""
+        self._wake.set()
+
+    def run(self, stop: threading.Event) -> None:
+        """Work until ``stop`` is set; a fault of the database or the broker is logged and tried again."""
+        pause = 0.5
+        while not stop.is_set():
+            busy = False
+            try:
+                busy = self.tick()
+                pause = 0.5
+            except TransientError as error:
+                pause = min(pause * 2, 10.0)
+                log.warning("control.waits", reason=str(error), seconds=pause)
+            except Exception:
+                # A defect in one round must not end feeding for good: it is logged in full, and the next round tries again.
+                pause = min(pause * 2, 10.0)
+                log.exception("control.failed", seconds=pause)
+            if not busy:
+                self._wake.wait(timeout=pause)
+                self._wake.clear()
+        try:
+            with writing(self._context.engine) as connection:
+                processes.release_lease(connection, ROLE, owner=self._context.owner)
+        except TransientError:
+            pass  # it ends by itself
+
+    def tick(self) -> bool:
+        """One round; True when there is more to feed at once."""
+        now = time.time()
+        with writing(self._context.engine) as connection:
+            held = processes.hold_lease(
+                connection, ROLE, owner=self._context.owner, now=now, seconds=self._settings.lease_seconds
+            )
+        if not held:
+            self._book.forget()
+            self._feeders.clear()
+            return False
+        self._pin_submitted(now)
+        with reading(self._context.engine) as connection:
+            active = runs.in_states(connection, (RunState.RUNNING, RunState.PAUSED, RunState.FINISHING))
+        running = [run for run in active if run.state == RunState.RUNNING]
+        more = self._feed(running, now)
+        if now >= self._next_count:
+            started = time.thread_time()
+            for run in running:
+                self._count(run)
+            # Counting may cost a tenth of this thread's time at most, however much there is to count.
+            self._next_count = time.time() + max(0.5, 10 * (time.thread_time() - started))
+        self._finish([run for run in active if run.state == RunState.FINISHING], now)
+        if now >= self._next_sweep:
+            self._sweep(now)
+            fail_overdue(self._context, running, now)
+            self._next_sweep = now + self._settings.sweep_seconds
+            self._guard_space()
+        if any(run.state == RunState.PAUSED for run in active) and now >= self._next_probe:
+            self._resume_when_possible([run for run in active if run.state == RunState.PAUSED])
+            self._next_probe = now + _PROBE_SECONDS
+        self._feeders = {run.id: self._feeders[run.id] for run in running if run.id in self._feeders}
+        return more
+
+    # -- feeding ---------------------------------------------------------------------------------------------------------
+
+    def _pin_submitted(self, now: float) -> None:
+        """A run starts as soon as living workers offer its engine and functions; what they offer is pinned for good."""
+        with reading(self._context.engine) as connection:
+            waiting = runs.in_states(connection, (RunState.SUBMITTED,))
+            offers = processes.offers(connection, now=now) if waiting else []
+        for run in waiting:
+            pins, reason = (run.pins, None) if run.pins else self._pins(run, offers)
+            with writing(self._context.engine) as connection:
+                if pins is None:
+                    if reason != run.reason:
+                        runs.set_values(connection, run.id, reason=reason)
+                else:
+                    runs.change_state(
+                        connection,
+                        run.id,
+                        expected=(RunState.SUBMITTED,),
+                        state=RunState.RUNNING,
+                        pins=with_deadlines(pins, self._settings, now),
+                        started_at=run.started_at or runs.now_utc(),
+                    )
+
+    def _pins(self, run: Any, offers: list[dict[str, Any]]) -> tuple[dict[str, Any] | None, str | None]:
+        """`choose_pins`; a run whose function was removed before it could start fails, since it would wait for ever."""
+        names = run.spec["functions"]
+        try:
+            with reading(self._context.engine) as connection:
+                registry.require_known(connection, names)
+                registered = registry.known(connection, names)
+        except TransientError:
+            raise
+        except ValerieError as error:
+            self._fail(run.id, str(error), expected=RunState.SUBMITTED)
+            return None, str(error)
+        return choose_pins(run.spec, offers, registered)
+
+    def _feed(self, running: list[Any], now: float) -> bool:
+        """Write the next block of each run that has one, while the window has room."""
+        hungry = [run for run in running if run.next_index < run.variant_count]
+        if not hungry:
+            return False
+        with reading(self._context.engine) as connection:
+            room = self._settings.feed_window - products.unfinished_count(connection)
+        for run in hungry:
+            if room <= 0:
+                return False
+            feeder = self._feeders.get(run.id)
+            if feeder is None:
+                try:
+                    feeder = self._feeders[run.id] = feeding.Feeder(run, self._settings)
+                except TransientError:
+                    raise
+                except ValerieError as error:
+                    self._fail(run.id, str(error))
+                    continue
+            fed = feeder.feed(self._context.engine, run.next_index, now)
+            room -= fed.products
+            self._send(fed.ready)
+        return room > 0
+
+    def _send(self, ready: Iterable[Ready]) -> None:
+        ready = sorted(ready, key=lambda item: (item[2], item[3]))
+        try:
+            self._context.broker.send_products(ready)
+        except TransientError as error:
+            # The rows are committed: the sweeper rings for them when the broker is back.
+            log.warning("control.broker", reason=str(error))
+
+    def _fail(self, run_id: str, reason: str, *, expected: RunState = RunState.RUNNING) -> None:
+        with writing(self._context.engine) as connection:
+            runs.change_state(
+                connection,
+                run_id,
+                expected=(expected,),
+                state=RunState.FAILED,
+                reason=reason,
+                finished_at=runs.now_utc(),
+            )
+        log.error("control.run_failed", run=run_id, reason=reason)
+
+    # -- counting --------------------------------------------------------------------------------------------------------
+
+    def _count(self, run: Any) -> None:
+        complete = self._book.update(run)
+        if complete:
+            with writing(self._context.engine) as connection:
+                runs.change_state(connection, run.id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
+
+    def _finish(self, finishing: list[Any], now: float) -> None:
+        for run in finishing:
+            if now - self._finish_sent.get(run.id, 0.0) > self._settings.resend_seconds:
+                self._finish_sent[run.id] = now
+                try:
+                    self._context.broker.send_finish(run.id)
+                except TransientError as error:
+                    log.warning("control.broker", reason=str(error))
+        alive = {run.id for run in finishing}
+        self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in alive}
+
+    # -- sweeping --------------------------------------------------------------------------------------------------------
+
+    def _sweep(self, now: float) -> None:
+        """Take back what the dead held, close the gap between commit and send, pass failures on."""
+        with writing(self._context.engine) as connection:
+            expired = products.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
+            products.fail_orphaned_dependents(connection, now)
+            late = products.promote_all(connection, now)
+        with reading(self._context.engine) as connection:
+            stale = products.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
+        # A message that only waits in its queue must not be doubled: what is stale is lost only where the queue is empty.
+        lost: list[Ready] = []
+        empty: dict[str, bool] = {}
+        for item in stale:
+            route = item[2]
+            if route not in empty:
+                empty[route] = self._context.broker.queue_length(route) == 0
+            if empty[route]:
+                lost.append(item)
+        if lost:
+            with writing(self._context.engine) as connection:
+                products.mark_sent(connection, [item[0] for item in lost], now)
+        if expired or late or lost:
+            log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
+        self._send([*expired, *late, *lost])
+
+    def _guard_space(self) -> None:
+        """Pause before the last megabyte is gone: the database and the logs need some too."""
+        try:
+            _require_space(self._context)
+        except StorageFull as error:
+            pause_for_storage(self._context, error)
+
+    def _resume_when_possible(self, paused: list[Any]) -> None:
+        """Runs that were paused for want of space go on as soon as the store can be written again."""
+        waiting = [run for run in paused if (run.reason or "").startswith(STORAGE_REASON)]
+        if not waiting:
+            return
+        try:
+            _require_space(self._context)
+            self._context.store.check()
+        except (StorageFull, StorageUnavailable):
+            return
+        for run in waiting:
+            resume(self._context, run.id)
+
+
+def _require_space(context: Context) -> None:
+    free, needed = context.store.free_bytes(), context.settings.min_free_mb * 2**20
+    if free is not None and free < needed:
+        raise StorageFull(
+            f"{free // 2**20} MiB are left in {context.store.url}; runs go on above {needed // 2**20} MiB "
+            "(VALERIE_MIN_FREE_MB; free space with `valerie gc`)"
+        )

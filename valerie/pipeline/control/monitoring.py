@@ -1,0 +1,128 @@
+"""What operators watch: whether everything answers, and Prometheus metrics read from the database and the broker."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from sqlalchemy import text
+
+from valerie.broker import EVAL_QUEUE
+from valerie.db import processes, products, runs
+from valerie.db.engine import reading
+from valerie.errors import TransientError, ValerieError
+from valerie.pipeline.base.context import Context
+
+
+def check(context: Context) -> dict[str, str]:
+    """``ok`` or the reason, for database, broker and artifact store."""
+
+    def database() -> None:
+        with reading(context.engine) as connection:
+            connection.execute(text("SELECT 1"))
+
+    checks = {
+        "database": database,
+        "broker": lambda: context.broker.queue_length(EVAL_QUEUE),
+        "artifacts": context.store.check,
+    }
+    answers = {}
+    for name, call in checks.items():
+        try:
+            call()
+            answers[name] = "ok"
+        except ValerieError as error:
+            answers[name] = str(error)
+    return answers
+
+
+def metrics(context: Context) -> str:
+    """Metrics in the Prometheus text format.
+
+    Raises:
+        TransientError: the database does not answer.
+    """
+    registry = CollectorRegistry()
+    registry.register(_Collector(context))
+    return generate_latest(registry).decode()
+
+
+def queues(context: Context) -> list[dict[str, Any]]:
+    """Per route: unfinished products, messages in the broker (None where it does not answer), living workers.
+
+    Raises:
+        TransientError: the database does not answer.
+    """
+    now = time.time()
+    with reading(context.engine) as connection:
+        unfinished = products.unfinished_by_route(connection)
+        alive = processes.workers(connection, now=now)
+    serving: Counter[str] = Counter()
+    for worker in alive:
+        serving.update(
+            {offer["route"] for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage == "eval" else set())
+        )
+    counts: dict[str, dict[str, int]] = {}
+    for route, state, count in unfinished:
+        counts.setdefault(route, {})[state] = count
+    found = []
+    answering = True
+    for route in sorted(counts.keys() | serving.keys() | {EVAL_QUEUE}):
+        messages = None
+        if answering:
+            try:
+                messages = context.broker.queue_length(route)
+            except TransientError:
+                answering = False  # one time-out is enough
+        states = {state: counts.get(route, {}).get(state, 0) for state in ("waiting", "ready", "running")}
+        found.append({"route": route, **states, "messages": messages, "workers": serving[route]})
+    return found
+
+
+class _Collector:
+    """Reads everything at scrape time, so that any process may be asked and none has to keep count."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def collect(self) -> Iterator[Metric]:
+        """One scrape."""
+        now = time.time()
+        with reading(self._context.engine) as connection:
+            unfinished = products.unfinished_by_route(connection)
+            totals = products.totals(connection)
+            alive = processes.workers(connection, now=now)
+            states = runs.count_by_state(connection)
+        backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
+        for route, state, count in unfinished:
+            backlog.add_metric([route, state], count)
+        yield backlog
+        depth = GaugeMetricFamily("valerie_queue_messages", "Messages waiting in a queue", labels=["route"])
+        for route in sorted({route for route, _, _ in unfinished} | {EVAL_QUEUE}):
+            try:
+                depth.add_metric([route], self._context.broker.queue_length(route))
+            except TransientError:
+                break
+        yield depth
+        done = CounterMetricFamily("valerie_products_done", "Products made", labels=["kind"])
+        failed = CounterMetricFamily("valerie_products_failed", "Products that failed for good", labels=["kind"])
+        cpu = CounterMetricFamily(
+            "valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"]
+        )
+        for kind, made, lost, seconds in totals:
+            done.add_metric([kind], made)
+            failed.add_metric([kind], lost)
+            cpu.add_metric([kind], seconds)
+        yield from (done, failed, cpu)
+        workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])
+        for stage in ("render", "infer", "eval"):
+            workers.add_metric([stage], sum(1 for worker in alive if worker.stage == stage))
+        yield workers
+        by_state = GaugeMetricFamily("valerie_runs", "Runs by state", labels=["state"])
+        for state, count in states:
+            by_state.add_metric([state], count)
+        yield by_state

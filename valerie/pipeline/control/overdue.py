@@ -1,0 +1,33 @@
+"""Fail the predictions that nobody uploaded before their deadline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from valerie.db import products, runs
+from valerie.db.engine import reading, writing
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.deadlines import deadlines, until
+
+
+def fail_overdue(context: Context, running: Sequence[Any], now: float) -> int:
+    """Give up on predictions whose deadline has passed, unless another run still waits for them; how many."""
+    overdue: dict[str, str] = {}
+    awaited: set[str] = set()
+    for run in running:
+        names = list(run.spec["functions"])
+        for name, deadline in deadlines(run.pins).items():
+            with reading(context.engine) as connection:
+                missing = runs.awaited(connection, run.id, names.index(name))
+            if deadline > now:
+                awaited.update(missing)
+            else:
+                overdue.update(dict.fromkeys(missing, f"no prediction by {until(deadline)}"))
+    late = [digest for digest in overdue if digest not in awaited]
+    if late:
+        with writing(context.engine) as connection:
+            for digest in late:
+                error = {"stage": "prediction", "type": "NoPrediction", "message": overdue[digest], "attempts": 0}
+                products.fail(connection, digest, owner=None, error=error, now=now)
+    return len(late)

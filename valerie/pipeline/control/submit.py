@@ -1,0 +1,66 @@
+"""Submitting a run: everything is checked before anything is stored; then one row holds the spec and the count."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from typing import Any
+
+from valerie.db import processes, runs
+from valerie.db.engine import reading, writing
+from valerie.errors import NotFound
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.resolved_runs import resolve_new
+from valerie.pipeline.functions import registry
+from valerie.runs.spec import RunSpec
+from valerie.runs.states import RunState
+
+_ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no letter is taken for a digit
+
+
+def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = None) -> str:
+    """Store a run and return its id; the control loop does the rest.
+
+    Raises:
+        InvalidInput: an unknown name, a bound, a size: with field, value and limit.
+        Conflict: the idempotency key belongs to another spec.
+        NotFound: ``parent_run`` does not exist.
+    """
+    now = time.time()
+    with reading(context.engine) as connection:
+        offers = processes.offers(connection, now=now)
+        registered = registry.known(connection, spec.functions)
+        names = registry.names(connection, registered)
+    resolved = resolve_new(spec, context.settings, registered=names)
+    document = spec.model_dump(mode="json")
+    pins, reason = choose_pins(document, offers, registered)
+    values: dict[str, Any] = {
+        "id": new_run_id(now),
+        "name": spec.name,
+        "state": RunState.SUBMITTED,
+        "reason": reason,
+        "spec": document,
+        "spec_digest": spec.digest,
+        "asset_digest": resolved.asset_digest,
+        "pins": pins,
+        "parent_run": spec.parent_run,
+        "iteration": spec.iteration,
+        "variant_count": resolved.space.size,
+        "idempotency_key": idempotency_key,
+        "created_at": runs.now_utc(),
+    }
+    with writing(context.engine) as connection:
+        if spec.parent_run is not None:
+            try:
+                runs.get(connection, spec.parent_run)
+            except NotFound:
+                raise NotFound("parent run", spec.parent_run) from None
+        return runs.create(connection, values)
+
+
+def new_run_id(now: float) -> str:
+    """A short id that sorts by time: seven characters of seconds, five of chance."""
+    seconds = int(now)
+    stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
+    return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))

@@ -1,0 +1,121 @@
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
+
+In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from valerie import plugins
+from valerie.errors import ValerieError
+from valerie.perception.catalog import FUNCTIONS, file_document, function_path
+from valerie.perception.documents.addresses import parse_allowed
+from valerie.perception.documents.function import PRECISIONS, FunctionDocument
+from valerie.pipeline.base.pins import TRUTH
+from valerie.pipeline.functions.source import open_document
+from valerie.settings import load_settings
+from valerie.testing.blank import NAME as BLANK
+from valerie.testing.onnx_function import small_onnx
+
+#: Under this name workers offer to ask functions behind HTTP.
+HTTP: Final = "http"
+
+
+def probe_engine(name: str) -> list[dict[str, Any]]:
+    """Offers of one engine and of the truth pass beside it."""
+    renderer = plugins.create_renderer(name)
+    try:
+        offers = [{"name": name, "numeric_class": renderer.numeric_class, "revision": renderer.revision}]
+    finally:
+        renderer.close()
+    truth = plugins.create_truth_pass(BLANK if name == BLANK else "")
+    offers.append({"name": TRUTH, "numeric_class": truth.numeric_class, "revision": truth.revision})
+    return offers
+
+
+def probe_function(name: str) -> list[dict[str, Any]]:
+    """Offer of one installed function under test, or of an inference engine (see `inference_names`)."""
+    if name in inference_names():
+        return probe_inference(name)
+    settings = load_settings()
+    function = plugins.create_function(name, threads=settings.inference_threads, device=settings.infer_device)
+    try:
+        card = function.card
+        return [
+            {
+                "name": name,
+                "digest": card.digest,
+                "revision": function.revision,
+                "numeric_class": function.numeric_class,
+                "card": asdict(card),
+            }
+        ]
+    finally:
+        function.close()
+
+
+def probe_inference(name: str) -> list[dict[str, Any]]:
+    """Offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+    settings = load_settings()
+    if name == HTTP:
+        if not settings.http_addresses:
+            return []
+        parse_allowed(settings.http_addresses, field="VALERIE_HTTP_FUNCTIONS")
+        from valerie.perception.running.http_function import HttpFunction
+
+        return [{"name": HTTP, "revision": HttpFunction.revision, "numeric_class": HTTP}]
+    engine, _, precision = name.partition("/")
+    with TemporaryDirectory(prefix="valerie-probe-") as folder:
+        document, path = _sample(engine, precision, Path(folder))
+        function = open_document(document, path, settings, threads=settings.inference_threads)
+        try:
+            return [{"name": name, "revision": function.revision, "numeric_class": function.numeric_class}]
+        finally:
+            function.close()
+
+
+def inference_names() -> tuple[str, ...]:
+    """Every inference engine in every precision that there may be."""
+    of_engines = (f"{engine}/{one}" for engine, several in PRECISIONS.items() if engine != "none" for one in several)
+    return (*of_engines, HTTP)
+
+
+def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument, Path]:
+    """A function that is quickly opened in an engine."""
+    if engine == "torch":
+        path = function_path(FUNCTIONS[0])
+        document = file_document(FUNCTIONS[0], path)
+        return document.model_copy(update={"engine": engine, "precision": precision}), path
+    return small_onnx(folder, engine=engine, precision=precision)
+
+
+_PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
+    "render": probe_engine,
+    "infer": probe_function,
+}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the offers of all names that work; complaints go to standard error, and only all failing is a failure."""
+    stage, *names = arguments
+    offers: list[dict[str, Any]] = []
+    for name in names:
+        try:
+            offers += _PROBES[stage](name)
+        except ValerieError as error:
+            print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
+        except Exception as error:  # a defect of one plug-in must not take the others along
+            print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
+    print(json.dumps(offers))  # noqa: T201
+    return 0 if offers else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,237 @@
+"""Registered functions under test: written once under (name, digest), found by name, never changed while something needs them.
+
+A function is a frozen document and at most one payload file in the artifact store. Specs call it ``name`` (its newest version
+when the run starts) or ``name@digest``, where the first characters of the digest are enough.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from sqlalchemy import Connection
+
+from valerie import plugins
+from valerie.db import functions, runs
+from valerie.db.engine import writing
+from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
+from valerie.perception.documents.function import FunctionDocument
+from valerie.pipeline.base.context import Context
+from valerie.runs.moments import in_utc
+from valerie.storage.keys import function_key
+
+_PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
+#: Characters of a digest that are shown and enough to call a version by.
+SHORT: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """One version of a registered function.
+
+    Attributes:
+        document: what it is.
+        version: counts the versions of its name.
+        created_at: when it was registered, UTC.
+    """
+
+    document: FunctionDocument
+    version: int
+    created_at: datetime
+
+    @property
+    def digest(self) -> str:
+        return self.document.digest
+
+    @property
+    def reference(self) -> str:
+        """What a spec writes to mean exactly this version."""
+        return f"{self.document.name}@{self.digest[:SHORT]}"
+
+
+def register(context: Context, document: FunctionDocument, payload: Path | None) -> tuple[Registered, bool]:
+    """Store a function.
+
+    Returns:
+        What is registered now, and whether it is new: the same document under the same name changes nothing.
+
+    Raises:
+        Conflict: the name belongs to a function that ships with VALERIE or with an installed package.
+        InvalidInput: the file is not the one that the document names.
+        StorageFull: no space left.
+    """
+    require_free(document.name)
+    if document.payload is not None:
+        _store_payload(context, document, payload)
+    with writing(context.engine) as connection:
+        new = functions.register(
+            connection,
+            name=document.name,
+            digest=document.digest,
+            document=document.model_dump(mode="json"),
+            payload=None if document.payload is None else document.payload.sha256,
+            now=runs.now_utc(),
+        )
+        return _registered(functions.get(connection, document.name, document.digest)), new
+
+
+def require_free(name: str) -> None:
+    """Refuse a name under which nothing can be registered.
+
+    Raises:
+        Conflict: it belongs to a function that ships with VALERIE or with an installed package.
+    """
+    if name in plugins.function_names(testing=True):
+        raise Conflict(
+            f"the name {name!r} belongs to a function that is installed with VALERIE; register it under another one"
+        )
+
+
+def listed(connection: Connection) -> list[Registered]:
+    """All versions of all names: by name, newest first."""
+    return [_registered(row) for row in functions.every(connection)]
+
+
+def find(connection: Connection, reference: str, *, field: str = "function") -> Registered:
+    """The version that ``name`` or ``name@digest`` means.
+
+    Raises:
+        UnknownName: no such name; near matches are named.
+        NotFound: the name has no version with this digest (any more).
+        InvalidInput: not the beginning of a digest, or of several versions.
+    """
+    name, at, prefix = reference.partition("@")
+    if at and not _PREFIX.fullmatch(prefix):
+        limit = "6 to 32 lower-case hexadecimal characters"
+        raise InvalidInput("not the beginning of a digest", field=field, value=reference, limit=limit)
+    found = functions.versions(connection, name)
+    if not found:
+        raise UnknownName("registered function", name, {row.name for row in functions.every(connection)}, field=field)
+    chosen = [row for row in found if row.digest.startswith(prefix)]
+    if not chosen:
+        raise NotFound("version of the function", reference)
+    if prefix and len(chosen) > 1:
+        raise InvalidInput(
+            "several versions begin so", field=field, value=reference, limit=", ".join(row.digest for row in chosen)
+        )
+    return _registered(chosen[0])
+
+
+def of_digest(connection: Connection, digest: str, name: str) -> Registered:
+    """The version that a run pinned.
+
+    Args:
+        connection: to read with.
+        digest: of the document, whole.
+        name: what the run calls it.
+
+    Raises:
+        NotFound: it was removed.
+    """
+    row = functions.of_digest(connection, digest)
+    if row is None:
+        raise NotFound("version of the function", f"{name.partition('@')[0]}@{digest[:SHORT]}: it was removed")
+    return _registered(row)
+
+
+def known(connection: Connection, references: Iterable[str]) -> dict[str, FunctionDocument]:
+    """Those of ``references`` that are registered, as they are called; what else is named is somebody else's business."""
+    found: dict[str, FunctionDocument] = {}
+    for reference in references:
+        try:
+            found[reference] = find(connection, reference).document
+        except (InvalidInput, NotFound):
+            continue
+    return found
+
+
+def names(connection: Connection, registered: Mapping[str, FunctionDocument]) -> set[str]:
+    """What a spec may call: ``registered`` (see `known`), and the names that it might have meant."""
+    return {*registered, *(row.name for row in functions.every(connection))}
+
+
+def remove(context: Context, reference: str) -> Registered:
+    """Delete one version, and its payload where no other version has the same.
+
+    Raises:
+        UnknownName, NotFound, InvalidInput: as `find`; also without a digest, since removing cannot be taken back.
+        Conflict: a run that has not ended needs it.
+    """
+    if "@" not in reference:
+        raise InvalidInput("which version?", field="function", value=reference, limit="NAME@DIGEST")
+    with writing(context.engine) as connection:
+        version = find(connection, reference)
+        needing = [run.id for run in functions.unfinished_runs(connection) if _needs(connection, run, version)]
+        if needing:
+            shown = ", ".join(needing[:3]) + (" …" if len(needing) > 3 else "")
+            raise Conflict(f"{version.reference} is needed by runs that have not ended: {shown}; cancel them first")
+        functions.remove(connection, version.document.name, version.digest)
+        payload = version.document.payload
+        orphaned = payload is not None and not functions.known_payloads(connection, [payload.sha256])
+    if payload is not None and orphaned:
+        context.store.delete(function_key(payload.sha256, payload.format))
+    return version
+
+
+def require_known(connection: Connection, names: Iterable[str]) -> None:
+    """Refuse a run whose function was removed before it could start.
+
+    Raises:
+        UnknownName, NotFound, InvalidInput: as `find`.
+    """
+    installed = plugins.function_names(testing=True)
+    for name in names:
+        if name not in installed:
+            find(connection, name)
+
+
+def read_payload(context: Context, document: FunctionDocument) -> bytes:
+    """The payload's bytes, verified.
+
+    Raises:
+        NotFound: the function has none, or it was removed.
+        CorruptArtifact: the store holds other bytes.
+    """
+    if document.payload is None:
+        raise NotFound("payload of the function", document.name)
+    data = context.store.get(function_key(document.payload.sha256, document.payload.format))
+    _require_digest(hashlib.sha256(data).hexdigest(), document)
+    return data
+
+
+def _needs(connection: Connection, run: Any, version: Registered) -> bool:
+    """Whether an unfinished run pinned this version, or would when it starts."""
+    if run.pins is not None:
+        pinned: Mapping[str, Any] = run.pins["functions"]
+        return any(pin["digest"] == version.digest for pin in pinned.values())
+    documents = known(connection, run.spec["functions"]).values()
+    return any((one.name, one.digest) == (version.document.name, version.digest) for one in documents)
+
+
+def _store_payload(context: Context, document: FunctionDocument, path: Path | None) -> None:
+    assert document.payload is not None
+    if path is None:
+        raise InvalidInput("the file is missing", field="payload", limit=f"{document.payload.bytes} bytes")
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != document.payload.sha256:
+        raise InvalidInput(
+            "not the file that the document names", field="payload.sha256", value=document.payload.sha256
+        )
+    context.store.put(function_key(document.payload.sha256, document.payload.format), data)
+
+
+def _require_digest(sha256: str, document: FunctionDocument) -> None:
+    assert document.payload is not None
+    if sha256 != document.payload.sha256:
+        raise CorruptArtifact(
+            f"the stored file of {document.name} has digest {sha256[:12]}, not {document.payload.sha256[:12]}"
+        )
+
+
+def _registered(row: Any) -> Registered:
+    return Registered(FunctionDocument.model_validate(row.document), row.version, in_utc(row.created_at))

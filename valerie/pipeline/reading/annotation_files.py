@@ -1,0 +1,100 @@
+"""Annotations as files for other tools: numpy's archives of arrays, joints as COCO's key points."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.errors import Conflict, UnknownName
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.selection import FrameKey
+from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.spec import ResolvedRun
+
+#: Array name to array, as `numpy.load` gives them back.
+Arrays = Mapping[str, NDArray[Any]]
+#: Raised by hand whenever equal products give other bytes.
+FILES_REVISION: Final = 1
+_LIGHT: Final = ("irradiance", "shadow_share", "contrast")
+#: What is said of a joint to COCO's flag: 0 not in the image, 1 there and not visible, 2 visible.
+_COCO_FLAGS: Final = np.where(np.arange(VISIBLE + 1) >= HIDDEN, 1, 0)
+_COCO_FLAGS[OUTSIDE], _COCO_FLAGS[VISIBLE] = 0, 2
+
+
+def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tuple[AnnotationKind, ...]:
+    """The kinds of these names, each once; those that the spec asked for without names.
+
+    Raises:
+        UnknownName: the run has none of such a name.
+    """
+    known = resolved.annotations
+    for name in names or ():
+        if name not in known:
+            raise UnknownName("annotation of the run", name, known, field="annotations")
+    return resolved.spec.annotations if names is None else tuple(kind for kind in known if kind in names)
+
+
+def find_annotations(context: Context, run_id: str, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
+    """Kind to the product of a frame's annotations, all of them made.
+
+    Raises:
+        NotFound: no such frame.
+        UnknownName: the run has no annotation of such a kind.
+        Conflict: one is not made yet, or failed for good.
+    """
+    with reading(context.engine) as connection:
+        results.frame(connection, run_id, *key)
+        links = results.frame_annotations(connection, run_id, *key)
+    for kind in kinds:
+        if kind not in links:
+            raise UnknownName("annotation of the run", kind, tuple(links), field="annotations")
+        if links[kind].state == "failed":
+            raise Conflict(f"{kind} failed for good; `valerie retry {run_id}` tries again")
+        if links[kind].state != "done":
+            raise Conflict(f"{kind} is not made yet ({links[kind].state})")
+    return {AnnotationKind(kind): links[kind].product for kind in kinds}
+
+
+def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationKind, product: str) -> Arrays:
+    """The arrays of one annotation: those that are stored, of ``light`` its columns with one entry per person.
+
+    Raises:
+        MissingInput: its object is gone.
+    """
+    if kind.stored:
+        stored = reader.annotation(kind, product)
+        return {one.name: getattr(stored, one.name) for one in fields(stored)}
+    with reading(context.engine) as connection:
+        rows = results.person_lights(connection, product)
+    # What is undefined (no sun, nothing visible) is NaN.
+    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in _LIGHT}
+    return {"instances": np.array([row.instance_id for row in rows], np.int64), **values}
+
+
+def npz(arrays: Arrays) -> bytes:
+    """An archive that `numpy.load` reads; equal arrays give equal bytes."""
+    buffer, members = io.BytesIO(), dict[str, Any](arrays)
+    np.savez_compressed(buffer, **members)
+    return buffer.getvalue()
+
+
+def key_points(joints: Joints) -> dict[int, dict[str, Any]]:
+    """Instance id to COCO's ``keypoints`` (x, y and flag of each joint, zeros outside of the image) and ``num_keypoints``."""
+    found: dict[int, dict[str, Any]] = {}
+    for i, number in enumerate(joints.instances.tolist()):
+        if joints.known[i]:
+            flags = _COCO_FLAGS[joints.visibility[i]]
+            places = np.where(flags[:, None] > 0, joints.pixels[i], 0.0).astype(np.float64).round(2)
+            rows = np.concatenate([places, flags[:, None]], axis=1)
+            flat = [int(value) if k % 3 == 2 else value for k, value in enumerate(rows.ravel().tolist())]
+            found[number] = {"keypoints": flat, "num_keypoints": int(np.count_nonzero(flags))}
+    return found

@@ -1,0 +1,124 @@
+"""From the rows of a run to its long table."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from sqlalchemy import Engine
+
+from valerie.analysis.all_classes import AllClasses, all_classes
+from valerie.analysis.table import EvaluationTable
+from valerie.db import results
+from valerie.db.engine import reading
+from valerie.labels import PERSON
+from valerie.metrics.aggregate import frame_mean
+from valerie.metrics.matrix import SHAPE, ConfusionMatrix
+from valerie.perception.base import FunctionCard
+from valerie.runs.spec import ResolvedRun
+from valerie.scene.variation.conditions import conditions
+from valerie.storage import codecs
+
+
+def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
+    """Name of a frame in URLs, tables and on the command line: ``run.variant.camera.time``."""
+    return f"{run_id}.{variant}.{camera}.{time}"
+
+
+def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> EvaluationTable:
+    """The long table of what is evaluated so far."""
+    return EvaluationTable.from_rows(_rows(engine, run_id, resolved), varied_types(resolved))
+
+
+def read_classes(
+    engine: Engine, run_id: str, resolved: ResolvedRun, cards: Sequence[FunctionCard]
+) -> tuple[AllClasses, ...]:
+    """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table.
+
+    Args:
+        engine: of the database.
+        run_id, resolved: the run.
+        cards: of its functions, in the spec's order: they say by which classes each is judged.
+    """
+    totals: dict[tuple[int, int], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
+    mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
+    with reading(engine) as connection:
+        for sensor, function, packed, miou in results.confusions(connection, run_id):
+            totals[function, sensor] += codecs.decode_counts(packed)
+            mious[function, sensor].append(miou)
+    functions, sensors = resolved.spec.functions, resolved.spec.sensors
+    return tuple(
+        all_classes(
+            functions[function],
+            sensors[sensor].name,
+            total,
+            frame_mean(mious[function, sensor]),
+            cards[function].judged_by,
+        )
+        for (function, sensor), total in sorted(totals.items(), key=lambda item: item[0])
+    )
+
+
+def varied_types(resolved: ResolvedRun) -> dict[str, str]:
+    """Path to type of the parameters that the run varies."""
+    varied = set(resolved.space.varied)
+    return {d.path: d.type.value for d in resolved.definitions if d.path in varied}
+
+
+def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
+    """One row of the long table from one row of the database."""
+    nobody = row.instance_id == 0
+    character = character_of(row.instance_id, row.assignment, resolved)
+    return {
+        "run_id": run_id,
+        "variant_index": row.variant_index,
+        "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
+        "camera": resolved.cameras[row.camera_index],
+        "time_s": resolved.seconds(row.assignment, row.time_index),
+        "character": character,
+        "sensor": resolved.spec.sensors[row.sensor_index].name,
+        "function": resolved.spec.functions[row.function_index],
+        "instance_id": None if nobody else row.instance_id,
+        "pixel_area": None if nobody else row.pixel_area,
+        "pixel_area_percent": None if nobody else row.pixel_area_percent,
+        "pixel_area_amodal": None if nobody else row.pixel_area_amodal,
+        "occlusion_rate": row.occlusion_rate,
+        "truncation_rate": row.truncation_rate,
+        "distance_m": row.distance_m,
+        "depth_m": row.depth_m,
+        "bearing_deg": row.bearing_deg,
+        "aspect_deg": row.aspect_deg,
+        "irradiance": row.irradiance,
+        "shadow_share": row.shadow_share,
+        "contrast": row.contrast,
+        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
+        "tp": row.tp or 0,
+        "fn": row.fn or 0,
+        "pacc": row.pacc,
+        "undefined_reason": row.undefined_reason,
+        "precision": row.precision,
+        "iou": row.iou,
+        "pixel_accuracy": row.pixel_accuracy,
+        "fp": row.frame_fp,
+        **{path: row.assignment.get(path) for path in varied},
+    }
+
+
+def _rows(engine: Engine, run_id: str, resolved: ResolvedRun) -> Iterator[dict[str, Any]]:
+    varied = varied_types(resolved)
+    with reading(engine) as connection:
+        for row in results.rows(connection, run_id):
+            yield table_row(row, run_id, resolved, varied)
+
+
+def character_of(instance_id: int, assignment: Mapping[str, Any], resolved: ResolvedRun) -> str | None:
+    """Which pedestrian an instance is: the value of its CATEGORICAL parameter ``character``; None for instance 0."""
+    if instance_id == 0:
+        return None
+    path = f"scene.{PERSON.node_class}-{instance_id % 1000}.character"
+    value = assignment.get(path)
+    if value is None:
+        value = next((d.default for d in resolved.definitions if d.path == path), None)
+    return None if value is None else str(value)

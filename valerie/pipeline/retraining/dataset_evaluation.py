@@ -1,0 +1,309 @@
+"""Functions under test on a data set of real (or exported) pictures: the metrics of a run, on other people's labels.
+
+What is ignored is what cityscapesScripts ignores: pixels whose label has no train id (unlabeled, ego vehicle, out of roi,
+static, dynamic, ground …), and license plates, which Cityscapes leaves to the car behind them (id 255, −1 in eight bits,
+is ignored too). A prediction of void on a labelled pixel is a miss.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.analysis.table import EvaluationTable
+from valerie.datasets.cityscapes import CityscapesFolder
+from valerie.datasets.frame import LabelledFrame
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InvalidInput
+from valerie.labels import TRAIN_LABELS, to_train_ids
+from valerie.metrics.aggregate import FrameMean, frame_mean
+from valerie.metrics.collection import CollectionScores, collection_scores
+from valerie.metrics.confusion import confusion_matrix
+from valerie.metrics.instances import person_counts
+from valerie.metrics.matrix import ConfusionMatrix
+from valerie.metrics.scores import frame_scores, pacc
+from valerie.perception.base import FunctionCard, PerceptionFunction
+from valerie.perception.running.batches import predicted
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.functions.opening import display_name
+from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.storage import codecs
+
+FORMAT: Final = "valerie-dataset-evaluation/1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FunctionResult:
+    """One function on all frames.
+
+    Attributes:
+        name: shown in results (`display_name`); two versions of one function differ in it.
+        card, numeric_class: of what really ran.
+        names: of the frames, in order.
+        matrices: (19, 20) per frame.
+        scores: derived from them.
+        persons: rows of the long table, one per person of the labels; empty where the labels tell no instances apart.
+        seconds: wall time of reading, predicting and counting.
+    """
+
+    name: str
+    card: FunctionCard
+    numeric_class: str
+    names: tuple[str, ...]
+    matrices: tuple[ConfusionMatrix, ...]
+    scores: CollectionScores
+    persons: tuple[dict[str, Any], ...]
+    seconds: float
+
+    @property
+    def person_pacc(self) -> FrameMean:
+        """PACC per person, each person weighing the same; all undefined where no instances are told apart."""
+        return frame_mean(row["pacc"] for row in self.persons if row["instance_id"] is not None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DatasetResult:
+    """All functions on one split.
+
+    Attributes:
+        root, split: the data set.
+        digest: SHA-256 over names, pictures and labels, hex.
+        has_instances: whether persons are told apart.
+        functions: in the order asked for.
+    """
+
+    root: Path
+    split: str
+    digest: str
+    has_instances: bool
+    functions: tuple[FunctionResult, ...]
+
+    def as_document(self) -> dict[str, Any]:
+        """JSON values: what was evaluated, and `CollectionScores.as_document` per function."""
+        return {
+            "format": FORMAT,
+            "dataset": self.root.name,
+            "split": self.split,
+            "digest": self.digest,
+            "has_instances": self.has_instances,
+            "class_order": [label.name for label in TRAIN_LABELS] + ["void"],
+            "functions": {
+                one.name: {
+                    "card": asdict(one.card),
+                    "numeric_class": one.numeric_class,
+                    "seconds": round(one.seconds, 3),
+                    "person_pacc": asdict(one.person_pacc),
+                    **one.scores.as_document(),
+                }
+                for one in self.functions
+            },
+        }
+
+    def table(self) -> EvaluationTable:
+        """The long table: one row per (frame, function, person); what labels cannot tell is empty."""
+        return EvaluationTable.from_rows((row for one in self.functions for row in one.persons), {})
+
+    def write(self, folder: Path) -> tuple[Path, ...]:
+        """Write ``evaluation.json``, ``frames.parquet`` and, where persons are told apart, ``persons.parquet``."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        folder.mkdir(parents=True, exist_ok=True)
+        written = [folder / "evaluation.json", folder / "frames.parquet"]
+        written[0].write_text(json.dumps(self.as_document(), indent=1, ensure_ascii=False) + "\n")
+        pq.write_table(pa.Table.from_pylist(_frame_rows(self)), written[1], compression="zstd")
+        if self.has_instances:
+            written.append(folder / "persons.parquet")
+            self.table().to_parquet(written[-1])
+        return tuple(written)
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationProgress:
+    """How far it is: frames of all functions together."""
+
+    function: str
+    done: int
+    total: int
+    frames_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Instances:
+    """What `person_counts` needs of a labelled frame."""
+
+    instance_map: np.ndarray[Any, np.dtype[np.uint16]]
+    persons: Sequence[Any] = field(default_factory=tuple)
+
+
+def evaluate_dataset(
+    folder: CityscapesFolder,
+    references: Sequence[str],
+    *,
+    open_function: Callable[[str], PerceptionFunction],
+    progress: Callable[[EvaluationProgress], None] = lambda _: None,
+) -> DatasetResult:
+    """Evaluate functions on one split, one function after the other.
+
+    Args:
+        folder: the split.
+        references: what to open; at least one.
+        open_function: opens one; it is closed before the next is opened.
+        progress: called after every frame.
+
+    Raises:
+        InvalidInput: no function, one named twice, or labels that are none.
+        CorruptArtifact: a broken file.
+        InferenceError: a function failed or answered another size.
+    """
+    called = [display_name(reference) for reference in references]
+    if not references or len(set(called)) < len(called):
+        raise InvalidInput("name each function once", field="--function", value=called)
+    total, done, started = len(folder) * len(references), 0, time.monotonic()
+    made: list[FunctionResult] = []
+    seen = hashlib.sha256()
+    for number, (name, reference) in enumerate(zip(called, references, strict=True)):
+        function = open_function(reference)
+        began = time.monotonic()
+        matrices: list[ConfusionMatrix] = []
+        persons: list[dict[str, Any]] = []
+        try:
+            frames = ((frame, frame.picture) for frame in folder)
+            for index, (frame, labels) in enumerate(predicted(function, frames)):
+                if number == 0:
+                    for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
+                        seen.update(part)
+                matrix, rows = _evaluated(labels, name, function.card.judged_ids, frame, index, folder)
+                matrices.append(matrix)
+                persons += rows
+                done += 1
+                rate = done / max(time.monotonic() - started, 1e-9)
+                progress(EvaluationProgress(name, done, total, rate))
+            made.append(
+                FunctionResult(
+                    name=name,
+                    card=function.card,
+                    numeric_class=function.numeric_class,
+                    names=tuple(str(one) for one in folder.names),
+                    matrices=tuple(matrices),
+                    scores=collection_scores(matrices, function.card.judged_ids),
+                    persons=tuple(persons),
+                    seconds=time.monotonic() - began,
+                )
+            )
+        finally:
+            function.close()
+    return DatasetResult(folder.root, folder.split, seen.hexdigest(), folder.has_instances, tuple(made))
+
+
+def _evaluated(
+    labels: NDArray[np.uint8],
+    name: str,
+    judged: Sequence[int],
+    frame: LabelledFrame,
+    index: int,
+    folder: CityscapesFolder,
+) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
+    truth = to_train_ids(frame.class_map)
+    matrix = confusion_matrix(truth, labels)
+    if not folder.has_instances:
+        return matrix, []
+    scores = frame_scores(matrix, classes=judged)
+    common = {
+        "run_id": f"{folder.root.name}/{folder.split}",
+        "variant_index": index,
+        "frame_id": str(frame.name),
+        "camera": frame.name.city,
+        "sensor": "as recorded",
+        "function": name,
+        "precision": scores.precision,
+        "iou": scores.iou,
+        "pixel_accuracy": scores.pixel_accuracy,
+        "fp": scores.counts.fp,
+    }
+    people = person_counts(_Instances(frame.instance_map), labels)
+    if not people:
+        return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
+    pixels = frame.class_map.size
+    return matrix, [
+        {
+            **common,
+            "instance_id": one.instance_id,
+            "pixel_area": one.tp + one.fn,
+            "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
+            "tp": one.tp,
+            "fn": one.fn,
+            "pacc": pacc(one.tp, one.fn),
+        }
+        for one in people
+    ]
+
+
+def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
+    rows = []
+    for one in result.functions:
+        for name, matrix in zip(one.names, one.matrices, strict=True):
+            scores = frame_scores(matrix, classes=one.scores.judged)
+            rows.append(
+                {
+                    "frame": name,
+                    "function": one.name,
+                    **asdict(scores.counts),
+                    **{
+                        column: getattr(scores, column)
+                        for column in ("pacc", "precision", "iou", "pixel_accuracy", "macc", "miou", "fwiou")
+                    },
+                    "confusion": matrix.ravel().tolist(),
+                }
+            )
+    return rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunSide:
+    """One function as a run saw it, to stand beside a data set.
+
+    Attributes:
+        called: what the run's spec calls it.
+        pin: digest and numeric class that the run pinned; `valerie.pipeline.functions.opening.open_pinned` opens it again.
+        scores: of the run's evaluated frames (first sensor setting).
+    """
+
+    called: str
+    pin: Mapping[str, Any]
+    scores: CollectionScores
+
+
+def run_side(context: Context, run_id: str, function: str) -> RunSide:
+    """The same scores of a run's frames, and of which version of the function they are.
+
+    Args:
+        context: of the deployment.
+        run_id: of the run.
+        function: as the run's spec calls it, or ``name@digest`` of the version that the run saw.
+
+    Raises:
+        NotFound, UnknownName: no such run, or a function that it did not evaluate.
+        Conflict: the run has not started yet.
+    """
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+        resolved = resolve_stored(run, context.settings)
+        if run.pins is None:
+            raise Conflict(f"run {run_id} has not started yet")
+        called = as_called(function, resolved, run.pins)
+        found = results.predictions(connection, run_id, 0, function_index(called, resolved))
+    judged = pinned_card(run.pins, called).judged_ids
+    scores = collection_scores([codecs.decode_counts(packed) for _, packed in found.values()], judged)
+    return RunSide(called, run.pins["functions"][called], scores)

@@ -1,0 +1,307 @@
+"""The loop back to training: from the region where a function is weak (`weakness`) to a new version of it.
+
+Draw scenes on streets that neither the run nor the function has seen until they fall into the region, and go on training from the
+function's weights. What comes out is a function file, and registered it is the next version of the function; comparing it is
+`valerie.pipeline.retraining.comparison`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from valerie.analysis.region import Region
+from valerie.errors import InvalidInput
+from valerie.parameters.assignment import digest
+from valerie.perception.catalog import file_document
+from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.importing.function_file import read_header
+from valerie.perception.training.beginning import beginning
+from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Shard
+from valerie.perception.training.provenance import training_provenance
+from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.training_set import TrainingSet
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.functions.registry import Registered, register
+from valerie.pipeline.retraining.training_frames import FrameSettings, render_frames
+from valerie.pipeline.retraining.weakness import Weakness
+
+if TYPE_CHECKING:
+    from valerie.perception.training.fit import TrainingProgress
+
+
+#: Looks at the held-out frames, the last one at the end.
+_VALIDATIONS: Final = 3
+
+
+class RetrainSettings(BaseModel):
+    """How to build the training set and how long to train.
+
+    Attributes:
+        frames: to render, at least; rounded up to whole streets.
+        streets: to spread them over.
+        broad_share: of the frames, drawn anywhere, so that what the function could do is not forgotten.
+        width, height: of the frames, pixels.
+        held_out_frames: for the figures on the function's card; 0 leaves them out.
+        steps, learning_rate, batch, seed: of the training; all else is as the function was trained before.
+        first_seed: street seed to begin with; None: after those that the function has seen.
+        targeted: False draws all frames anywhere: the control that a targeted set is measured against.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    frames: Annotated[int, Field(ge=1, le=100_000)] = 120
+    streets: Annotated[int, Field(ge=1, le=1000)] = 8
+    broad_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
+    width: Annotated[int, Field(ge=32, le=8192)] = 960
+    height: Annotated[int, Field(ge=32, le=8192)] = 540
+    held_out_frames: Annotated[int, Field(ge=0, le=10_000)] = 20
+    steps: Annotated[int, Field(ge=1)] = 300
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
+    batch: Annotated[int, Field(ge=2)] = 8
+    seed: Annotated[int, Field(ge=0)] = 0
+    first_seed: int | None = None
+    targeted: bool = True
+
+    def frame_settings(self, asset: str, arguments: dict[str, Any], region: Region, first_seed: int) -> FrameSettings:
+        """What `render_frames` is to do."""
+        return FrameSettings(
+            streets=self.streets,
+            per_street=-(-self.frames // self.streets),
+            width=self.width,
+            height=self.height,
+            asset=asset,
+            arguments=arguments,
+            first_seed=first_seed,
+            region=region if self.targeted else None,
+            broad_share=self.broad_share if self.targeted else 0.0,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Retrained:
+    """What came out.
+
+    Attributes:
+        file: the function file.
+        digest: SHA-256 of it.
+        before: the document of the function that it began with.
+        frames: training frames.
+        drawn: scenes drawn to get them; as many as ``frames`` where every draw was taken.
+        steps: training steps.
+        curve: picture of loss and held-out figures over the steps.
+        street_seeds: of the training frames, first and last.
+    """
+
+    file: Path
+    digest: str
+    before: FunctionDocument
+    frames: int
+    drawn: int
+    steps: int
+    curve: Path
+    street_seeds: tuple[int, int]
+
+
+def retrain(
+    weakness: Weakness,
+    out: Path,
+    settings: RetrainSettings,
+    *,
+    folder: Path,
+    processes: int = 1,
+    threads: int = 1,
+    on_street: Callable[[Shard], None] = lambda _: None,
+    on_step: Callable[[TrainingProgress], None] = lambda _: None,
+) -> Retrained:
+    """Render a training set for a weakness and train a new version of the function.
+
+    Args:
+        weakness: what to train against.
+        out: function file to write.
+        settings: how much.
+        folder: where the frames go (``frames``, ``held-out`` and a checkpoint); what an earlier attempt with the same
+            settings finished there is taken up.
+        processes: that render.
+        threads: torch's.
+        on_street, on_step: progress.
+
+    Raises:
+        InvalidInput: hardly any scene lies in the region, or the folder holds something else.
+        RenderingError, MissingDependency: as the raster engine and torch.
+    """
+    from valerie.perception.training.curve import TrainingCurve
+    from valerie.perception.training.fit import train
+
+    wanted = _wanted(weakness, settings)
+    _require_same(folder, _request(weakness, settings))
+    start = folder / "start.safetensors"
+    start.write_bytes(beginning(weakness.document, weakness.file))
+    frames = _frames(folder / "frames", wanted, processes, on_street)
+    held_out = _held_out(folder / "held-out", settings, wanted, processes)
+    curve = TrainingCurve(folder / "curve.json")
+
+    def note(now: TrainingProgress) -> None:
+        curve(now)
+        on_step(now)
+
+    model = train(
+        _training_settings(weakness.document, settings),
+        frames,
+        held_out=held_out if held_out is not None else (),
+        progress=note,
+        checkpoint=folder / "checkpoint.safetensors",
+        start_from=start,
+        threads=threads,
+    )
+    drawn = sum(shard.drawn or len(shard.sizes) for shard in frames.listing.shards)
+    provenance = training_provenance(TrainingSet([frames]), held_out, start)
+    provenance |= {
+        "started-from": _digest(weakness.document),
+        "retrained-from-function": weakness.function,
+        "retrained-from-run": weakness.run_id,
+        "retrained-where": weakness.where,
+        "retrained-region": weakness.region.model_dump_json() if settings.targeted else "none: drawn anywhere",
+        "trained-by": "valerie train --from",
+    }
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(model.to_bytes(provenance))
+    seeds = wanted.seeds()
+    return Retrained(
+        file=out,
+        digest=read_header(out).digest,
+        before=weakness.document,
+        frames=len(frames),
+        drawn=drawn,
+        steps=model.steps,
+        curve=curve.finish(model.steps, model.figures, title=f"{weakness.function} where {weakness.where}"),
+        street_seeds=(seeds[0], seeds[-1]),
+    )
+
+
+def register_retrained(context: Context, made: Retrained, name: str) -> tuple[Registered, bool]:
+    """Register a new version: as the function that it began with, with other weights.
+
+    Returns:
+        What is registered now, and whether it is new.
+
+    Raises:
+        InvalidInputs: not a name of functions.
+        Conflict: the name belongs to a function that is installed.
+        StorageFull: no space left.
+    """
+    return register(context, _next_document(made, name), made.file)
+
+
+def _next_document(made: Retrained, name: str) -> FunctionDocument:
+    """Engine, precision and how frames go in stay; the normalisation is the file's, in training's channels and unit."""
+    written = file_document(name, made.file)
+    normalised = {field: getattr(written.input, field) for field in ("mean", "std", "scale", "channel_order")}
+    document = made.before.model_copy(
+        update={
+            "name": name,
+            "payload": written.payload,
+            "input": made.before.input.model_copy(update=normalised),
+            "provenance": written.provenance,
+        }
+    )
+    return parse_function(document.model_dump(mode="json"))
+
+
+def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) -> str:
+    """What to call the folder of a training: the same for the same training, so that the same command goes on with it."""
+    return f"{name}-{digest('training', _request(weakness, settings))[:8]}"
+
+
+def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
+    """What must be equal for two trainings to be one."""
+    return {
+        "start": _digest(weakness.document),
+        "frames": _wanted(weakness, settings).model_dump(mode="json"),
+        "wanted": settings.model_dump(mode="json"),
+        "training": _training_settings(weakness.document, settings).model_dump(
+            mode="json", exclude={"loader_threads", "device"}
+        ),
+    }
+
+
+def _wanted(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
+    return settings.frame_settings(
+        weakness.asset,
+        weakness.arguments,
+        weakness.region,
+        weakness.first_seed() if settings.first_seed is None else settings.first_seed,
+    )
+
+
+def _digest(document: FunctionDocument) -> str:
+    """SHA-256 of a network's weights."""
+    assert document.payload is not None, "networks have a file"
+    return document.payload.sha256
+
+
+def _frames(
+    folder: Path, wanted: FrameSettings, processes: int, progress: Callable[[Shard], None] = lambda _: None
+) -> FrameFolder:
+    """The frames, rendered unless an earlier attempt finished them."""
+    if (folder / "frames.json").is_file():
+        return FrameFolder(folder)
+    if folder.exists():  # an attempt that was interrupted: shards without their list
+        for path in folder.iterdir():
+            path.unlink()
+    return render_frames(folder, wanted, processes=processes, progress=progress)
+
+
+def _held_out(folder: Path, settings: RetrainSettings, wanted: FrameSettings, processes: int) -> FrameFolder | None:
+    if not settings.held_out_frames:
+        return None
+    streets = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
+    return _frames(
+        folder,
+        wanted.model_copy(
+            update={
+                "split": "held-out",
+                "streets": streets,
+                "per_street": -(-settings.held_out_frames // streets),
+                "first_seed": None,
+                "region": None,
+                "broad_share": 0.0,
+            }
+        ),
+        processes,
+    )
+
+
+def _training_settings(document: FunctionDocument, settings: RetrainSettings) -> TrainingSettings:
+    """As the function was trained before, but shorter and gentler."""
+    before = json.loads(document.provenance.get("training-settings", "{}"))
+    known = {name: value for name, value in before.items() if name in TrainingSettings.model_fields}
+    return TrainingSettings.model_validate(
+        {
+            **known,
+            "architecture": document.architecture,
+            "longest_side": document.input.longest_side,
+            "time_budget_s": None,
+            "keep_norm_statistics": True,
+            "validate_every": max(1, settings.steps // _VALIDATIONS),
+            "warmup_steps": min(20, settings.steps),
+            **settings.model_dump(include={"steps", "learning_rate", "batch", "seed"}),
+        }
+    )
+
+
+def _require_same(folder: Path, request: dict[str, Any]) -> None:
+    path = folder / "request.json"
+    if path.is_file():
+        if json.loads(path.read_bytes()) != json.loads(json.dumps(request)):
+            raise InvalidInput("the folder holds another training; name a new one", field="folder", value=str(folder))
+        return
+    if folder.exists() and any(folder.iterdir()):
+        raise InvalidInput("the folder is not empty", field="folder", value=str(folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(request, indent=1) + "\n")

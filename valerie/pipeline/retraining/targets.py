@@ -1,0 +1,103 @@
+"""Whether a drawn training scene shows a person in a region of weakness: measured as in a run, not assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from valerie.analysis.region import Choices, Region
+from valerie.labels import PERSON
+from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType
+from valerie.pipeline.retraining.training_scenes import AS_MADE, TrainingScene
+from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.visibility import measure, person_roots
+from valerie.runs.spec import ResolvedRun
+from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, resolve
+from valerie.scene.assets.attributes import Target as Thing
+
+#: Measured for each person, known once the truth is drawn; the distance is known before.
+MEASURED: Final = ("distance_m", "occlusion_rate", "truncation_rate", "pixel_area_percent")
+#: Attributes of the person itself.
+OF_PERSON: Final = {"heading": ParameterType.ANGLE, "character": ParameterType.CATEGORICAL}
+#: Share of worn things that keep their colour where the region says which characters are meant.
+_AS_MADE_CHARACTERS: Final = 0.5
+
+
+def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
+    """What a run's region may speak of: visibility, the person's heading and character, light and radiometry.
+
+    Places are left out: they mean something in one street only. Distance and visibility stand for them.
+    """
+    varied = [d for d in resolved.definitions if d.path in set(resolved.space.varied)]
+    found = dict.fromkeys(MEASURED, ParameterType.FLOAT)
+    found |= {name: kind for name, kind in OF_PERSON.items() if any(_person_attribute(d) == name for d in varied)}
+    found |= {d.path: d.type for d in varied if d.affects in (Affects.LIGHT, Affects.SENSOR_RADIOMETRY)}
+    return found
+
+
+def run_values(row: Mapping[str, Any], resolved: ResolvedRun) -> dict[str, Any]:
+    """The quantities of one row of a run (columns and assigned parameters)."""
+    person = f"scene.{PERSON.node_class}-{(row['instance_id'] or 0) % 1000}"
+    values = {name: row.get(name) for name in MEASURED}
+    for definition in resolved.definitions:
+        value = row.get(definition.path, definition.default)
+        if definition.path.startswith(f"{person}."):
+            attribute = _person_attribute(definition)
+            if attribute is not None:
+                values[attribute] = value
+        elif definition.affects in (Affects.LIGHT, Affects.SENSOR_RADIOMETRY):
+            values[definition.path] = value
+    return values
+
+
+class Target:
+    """A region, as something that a drawn scene either shows or not."""
+
+    def __init__(self, region: Region) -> None:
+        self._region = region
+        self.as_made = _AS_MADE_CHARACTERS if isinstance(region.bounds.get("character"), Choices) else AS_MADE
+
+    def possible(self, drawn: TrainingScene) -> bool:
+        """Whether some person could lie in the region, by what is known without drawing anything."""
+        common = self._common(drawn)
+        return self._region.allows(common) and any(self._region.allows(values) for _, values in self._persons(drawn))
+
+    def hit(self, drawn: TrainingScene, truth: GroundTruth, view: View) -> bool:
+        """Whether some person lies in the region, everything measured on the truth."""
+        common, persons = self._common(drawn), dict(self._persons(drawn))
+        return any(
+            self._region.holds(
+                {**common, **persons.get(one.instance_id, {}), **{name: getattr(one, name) for name in MEASURED}}
+            )
+            for one in measure(truth, drawn.scene, view)
+            if one.undefined_reason is None
+        )
+
+    def _common(self, drawn: TrainingScene) -> dict[str, Any]:
+        """Light and radiometry, of those that the region bounds."""
+        values: dict[str, Any] = {}
+        for name in self._region.bounds:
+            if name.startswith("sensor."):
+                values[name] = getattr(drawn.sensor, name.removeprefix("sensor."), None)
+            elif name.startswith("scene."):
+                thing, attribute = resolve(name, drawn.scene.cameras)
+                values[name] = attribute.read(drawn.scene, thing)
+        return values
+
+    def _persons(self, drawn: TrainingScene) -> Iterator[tuple[int, dict[str, Any]]]:
+        camera = drawn.scene.cameras[drawn.camera]
+        for number, root in person_roots(drawn.scene).items():
+            values = {name: ATTRIBUTES[Thing.NODE, name].read(drawn.scene, root.path) for name in OF_PERSON}
+            if not root.visible or values["character"] == ABSENT:
+                continue
+            offset = drawn.scene.world_transform(root.path)[:3, 3] - camera.position
+            yield number, {**values, "distance_m": float(np.linalg.norm(offset))}
+
+
+def _person_attribute(definition: ParameterDefinition) -> str | None:
+    """``heading`` or ``character`` if that is what a definition of a person's is about."""
+    parts = definition.path.split(".")
+    of_person = len(parts) == 3 and parts[1].startswith(f"{PERSON.node_class}-")
+    return parts[2] if of_person and parts[2] in OF_PERSON else None

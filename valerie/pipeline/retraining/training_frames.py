@@ -1,0 +1,261 @@
+"""Render frames to train on: streets of seeds that no run uses by default, random scenes, exact labels.
+
+Training streets have seeds from 1000 on, held-out ones 900 to 999; seed 0, the default of every run, is in neither.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from valerie.analysis.region import Region
+from valerie.errors import InvalidInput, RenderingError
+from valerie.labels import to_train_ids
+from valerie.perception.training.frame_folder import (
+    SEEDS,
+    FrameFolder,
+    Shard,
+    Split,
+    TrainingFrame,
+    write_index,
+    write_shard,
+)
+from valerie.pipeline.retraining import training_scenes
+from valerie.pipeline.retraining.targets import Target
+from valerie.pipeline.retraining.training_scenes import AS_MADE, crowd_asset, draw_scene, street_arguments
+from valerie.rendering.base import View
+from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
+from valerie.sensing import sensor
+from valerie.sensing.sensor import Shot, develop
+
+#: Frames of a street that share camera, light and weather, and so their background.
+_TAKES: Final = 2
+_TRIES: Final = 10
+#: Scenes that are drawn for one frame that must lie in a region; most cost 6 CPU-ms.
+_TARGET_DRAWS: Final = 5_000
+
+
+class FrameSettings(BaseModel):
+    """Which frames to render.
+
+    Attributes:
+        split: ``train`` or ``held-out``: which seeds.
+        streets: number of streets.
+        per_street: frames of each.
+        width, height: pixels.
+        asset: a generated asset that takes a ``seed``.
+        arguments: of the generator; others than these and the seed are drawn (`training_scenes.street_arguments`).
+        first_seed: where the street seeds begin; None: with the split.
+        region: None, or what a frame must show: at least one person for whom all bounds hold
+            (`valerie.pipeline.retraining.targets`). Scenes are drawn until one does.
+        broad_share: of the frames, where a region is given: those that need not lie in it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    split: Split = "train"
+    streets: Annotated[int, Field(ge=1)] = 100
+    per_street: Annotated[int, Field(ge=1, le=10_000)] = 30
+    width: Annotated[int, Field(ge=32, le=8192)] = 960
+    height: Annotated[int, Field(ge=32, le=8192)] = 540
+    asset: str = "urban-street"
+    arguments: dict[str, Any] = {}
+    first_seed: Annotated[int, Field(ge=0)] | None = None
+    region: Region | None = None
+    broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+    def is_targeted(self, number: int) -> bool:
+        """Whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
+        if self.region is None:
+            return False
+        return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
+
+    def street(self, seed: int) -> dict[str, Any]:
+        """The asset of one street, as `load_asset` takes it."""
+        return {"name": self.asset, **street_arguments(self.asset, seed), **self.arguments, "seed": seed}
+
+    def seeds(self) -> range:
+        """Street seeds, ascending.
+
+        Raises:
+            InvalidInput: the split has fewer.
+        """
+        seeds = SEEDS[self.split]
+        if self.first_seed is not None:
+            if self.first_seed not in seeds:
+                limit = f"{seeds[0]}…{seeds[-1]}"
+                raise InvalidInput(f"no seed of {self.split}", field="first_seed", value=self.first_seed, limit=limit)
+            seeds = seeds[seeds.index(self.first_seed) :]
+        if self.streets > len(seeds):
+            raise InvalidInput("more streets than seeds", field="streets", value=self.streets, limit=len(seeds))
+        return seeds[: self.streets]
+
+
+def render_frames(
+    folder: Path,
+    settings: FrameSettings,
+    *,
+    processes: int = 1,
+    progress: Callable[[Shard], None] = lambda _: None,
+) -> FrameFolder:
+    """Render all streets into a folder; frames depend on settings, seed and number only, not on processes.
+
+    Args:
+        folder: made if missing; must not hold frames already.
+        settings: what to render.
+        processes: each has a GL context of its own.
+        progress: called after every street.
+
+    Raises:
+        InvalidInput: the folder holds frames already, or the settings cannot be met.
+        RenderingError, MissingDependency: as the raster engine.
+    """
+    seeds = settings.seeds()
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise InvalidInput("the folder is not empty", field="folder", value=str(folder))
+    shards: list[Shard] = []
+    # Fresh processes: a GL context does not survive a fork.
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max(1, processes), mp_context=spawn) as pool:
+        waiting = [pool.submit(render_street, folder, seed, settings) for seed in seeds]
+        try:
+            for future in as_completed(waiting):
+                shards.append(future.result())
+                progress(shards[-1])
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        numeric_class = pool.submit(_numeric_class).result()
+    write_index(folder, shards, _provenance(settings, seeds, numeric_class, shards))
+    return FrameFolder(folder)
+
+
+def render_street(folder: Path, seed: int, settings: FrameSettings) -> Shard:
+    """Render the frames of one street in this process, and write its shard."""
+    asset = load_asset(settings.street(seed))
+    draws = Draws()
+    shard = write_shard(folder, seed, frames_of(asset, seed, settings, draws))
+    _give_back()
+    return shard if settings.region is None else shard.model_copy(update={"drawn": draws.count})
+
+
+def _give_back() -> None:
+    """Return freed memory to the system.
+
+    Streets come and go in arrays of many sizes. glibc would keep what is free between them: 6 GB after seven streets in full HD.
+    """
+    with suppress(AttributeError, OSError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+@dataclass(slots=True)
+class Draws:
+    """How many scenes were drawn so far."""
+
+    count: int = 0
+
+
+def frames_of(
+    asset: SceneAsset, seed: int, settings: FrameSettings, draws: Draws | None = None
+) -> Iterator[TrainingFrame]:
+    """The frames of one street, one after the other, from this process's GL context.
+
+    Args:
+        asset: the street.
+        seed: of the street, and of everything that is drawn.
+        settings: number and size of frames.
+        draws: counts what is drawn.
+
+    Raises:
+        RenderingError: no usable image after several draws.
+        InvalidInput: hardly any drawn scene lies in the region.
+    """
+    from valerie.rendering.ground_truth import TruthPass
+    from valerie.rendering.raster.context import process_context
+    from valerie.rendering.raster.renderer import RasterRenderer
+
+    context = process_context()
+    renderer, truth_pass = RasterRenderer(context), TruthPass(context)
+    crowd = crowd_asset(asset)
+    draws = draws if draws is not None else Draws()
+    try:
+        for number in range(settings.per_street):
+            target = Target(settings.region) if settings.region is not None and settings.is_targeted(number) else None
+            unusable = 0
+            for attempt in range(_TRIES if target is None else _TARGET_DRAWS):
+                rng = np.random.default_rng([training_scenes.REVISION, seed, number, attempt])
+                setting = np.random.default_rng([training_scenes.REVISION, seed, number // _TAKES, attempt, 1])
+                as_made = AS_MADE if target is None else target.as_made
+                drawn = draw_scene(crowd, rng, setting=setting, as_made=as_made)
+                draws.count += 1
+                view = View(drawn.camera, settings.width, settings.height)
+                if target is not None and not target.possible(drawn):
+                    continue
+                truth = truth_pass.truth(drawn.scene, view)
+                if target is not None and not target.hit(drawn, truth, view):
+                    continue
+                try:
+                    background = renderer.background(drawn.scene, view)
+                    break
+                except RenderingError:
+                    # A camera that sees nothing but sky or a wall; the next attempt draws another scene.
+                    unusable += 1
+                    if unusable == _TRIES:
+                        raise
+            else:
+                raise InvalidInput(
+                    f"no drawn scene of street {seed} lies in the region", field="region",
+                    value=str(settings.region), limit=f"one of {_TARGET_DRAWS:,} draws",
+                )  # fmt: skip
+            image = renderer.layer(drawn.scene, view).over(background)
+            picture = develop(image.pixels, drawn.sensor, Shot(run_seed=seed, content=(str(number),)))
+            yield TrainingFrame(picture, to_train_ids(truth.class_map), seed)
+    finally:
+        truth_pass.close()
+        renderer.close()
+
+
+def _numeric_class() -> str:
+    from valerie.rendering.raster.context import process_context
+
+    return process_context().numeric_class
+
+
+def _provenance(settings: FrameSettings, seeds: range, numeric_class: str, shards: list[Shard]) -> dict[str, str]:
+    from valerie.rendering import ground_truth
+    from valerie.rendering.raster.renderer import RasterRenderer
+
+    _, first_digest = asset_manifest(settings.street(seeds[0]))
+    more: dict[str, str] = {}
+    if settings.arguments:
+        more["asset-arguments"] = json.dumps(settings.arguments, sort_keys=True)
+    if settings.region is not None:
+        more["region"] = settings.region.model_dump_json()
+        more["broad-share"] = f"{settings.broad_share:g}"
+        more["scenes-drawn"] = str(sum(shard.drawn or 0 for shard in shards))
+    return {
+        **more,
+        "asset": settings.asset,
+        "asset-digest-of-first-street": first_digest,
+        "frame-revisions": (
+            f"scenes {training_scenes.REVISION}, sensor {sensor.REVISION}, "
+            f"raster {RasterRenderer.revision}, truth {ground_truth.REVISION}"
+        ),
+        "frame-size": f"{settings.width}x{settings.height}",
+        "frames-per-street": str(settings.per_street),
+        "renderer": f"raster, {numeric_class}",
+        "split": settings.split,
+        "street-seeds": f"{seeds[0]}-{seeds[-1]}",
+    }

@@ -1,0 +1,446 @@
+"""Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
+
+Whatever a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and skin,
+traffic, day and night, light, weather, camera and its errors; and some frames show nobody. Half of the frames are *plain*:
+what a run shows that varies people and sun only. `street_arguments` varies the street itself.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import PERSON, instance_id
+from valerie.parameters.assignment import digest
+from valerie.parameters.definitions import ParameterDefinition, Value
+from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.assets.attributes import ABSENT
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.deferred import DeferredTexture
+from valerie.scene.graph.model import Camera, Material, Node, Scene, Texture
+from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, is_cloth
+from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
+from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.variation.applying import apply
+from valerie.sensing.settings import SensorSetting
+
+#: Raised by hand whenever the same seed gives another scene.
+REVISION: Final = 5
+
+#: How many people a frame shows: probabilities of 0 … 5.
+_CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
+_POSES: Final = {"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08}
+#: Instants of the walk: few, so that bodies made for one frame serve others.
+_GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
+#: Share of plain frames: cameras near their own place, the asset's weather, no traffic by day, a sensor without errors.
+_PLAIN: Final = 0.5
+#: Share of the other frames whose camera stays near its own place.
+_STAYS: Final = 0.4
+#: Share of frames that are not plain with a car, and with a cyclist, in the lane.
+_TRAFFIC: Final = 0.4
+#: Likewise with clouds, with fog, with rain, and with the sun down and the lamps on.
+_CLOUDS: Final = 0.4
+_FOG: Final = 0.1
+_RAIN: Final = 0.1
+_NIGHT: Final = 0.16
+_CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
+#: Parts of material names besides what `valerie.scene.graph.naming.is_cloth` knows.
+_SHOE: Final = "shoe-"
+_SKIN: Final = "skin"
+_NEUTRAL: Final = "neutral/"
+#: Share of worn things that keep the character's own colour, in plain frames and in others.
+_AS_MADE_PLAIN: Final = 0.5
+AS_MADE: Final = 1 / 6
+_TRIES: Final = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingScene:
+    """One drawn scene.
+
+    Attributes:
+        scene: with people, light and cameras as drawn.
+        camera: name of the camera to look through.
+        sensor: the camera's response and errors.
+    """
+
+    scene: Scene
+    camera: str
+    sensor: SensorSetting
+
+
+def street_arguments(generator: str, seed: int) -> dict[str, Any]:
+    """What the generator of a street is told besides its seed; follows from the seed. Empty for other generators."""
+    if generator != "urban-street":
+        return {}
+    rng = np.random.default_rng([REVISION, seed])
+    pick = partial(_pick, rng)
+    return {
+        "season": pick({"summer": 0.4, "spring": 0.2, "autumn": 0.25, "winter": 0.15}),
+        "surface": pick({"asphalt": 0.85, "paving": 0.15}),
+        "side_street": pick({"right": 0.4, "left": 0.25, "both": 0.15, "none": 0.2}),
+        "lanes": int(rng.choice([1, 2, 3], p=[0.65, 0.25, 0.1])),
+        "pavement_width_m": round(float(rng.uniform(2.2, 4.5)), 2),
+        "setback_m": float(rng.choice([0.0, 0.0, 0.0, 2.5])),
+    }
+
+
+def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset:
+    """The asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
+
+    Copies have materials of their own, so that each can be recoloured alone.
+
+    Raises:
+        InvalidInput: the asset has no person.
+    """
+    manifest, scene = asset.manifest, asset.base
+    if not manifest.persons:
+        raise InvalidInput("has no person to train on", field="asset", value=asset.name)
+    source = manifest.persons[0]
+    numbers = [n for n in range(1, 1000) if f"{ROOT}.{PERSON.node_class}-{n}" not in scene.nodes]
+    added = [f"{ROOT}.{PERSON.node_class}-{n}" for n in numbers[: max(0, persons - len(manifest.persons))]]
+    nodes, materials = dict(scene.nodes), dict(scene.materials)
+    parameters = list(manifest.parameters)
+    for path, number in zip(added, numbers, strict=False):
+        _copy_person(scene, source, path, number, nodes, materials)
+        parameters += [
+            ParameterDefinition.model_validate(
+                {**definition.model_dump(), "path": path + definition.path.removeprefix(source), "name": ""}
+            )
+            for definition in manifest.parameters
+            if definition.path.startswith(f"{source}.")
+        ]
+    textures = dict(scene.textures)
+    for material in scene.materials.values():
+        if _is_worn(material.name) and material.base_color_texture is not None:
+            name = f"{_NEUTRAL}{material.base_color_texture}"
+            textures[name] = DeferredTexture(name, partial(_grey, scene.textures[material.base_color_texture]))
+    fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
+    for name in ("persons", "movable", "grounded"):
+        fields[name] = (*fields[name], *added)
+    fields["parameters"] = tuple(parameters)
+    return SceneAsset(
+        Manifest.model_validate(fields),
+        digest("training-crowd", asset.digest, persons, REVISION),
+        replace(scene, nodes=nodes, materials=materials, textures=textures),
+    )
+
+
+def draw_scene(
+    asset: SceneAsset,
+    rng: np.random.Generator,
+    *,
+    setting: np.random.Generator | None = None,
+    as_made: float = AS_MADE,
+    people_only: bool = False,
+) -> TrainingScene:
+    """Draw one frame's scene from an asset that `crowd_asset` made.
+
+    Args:
+        asset: the street with its crowd.
+        rng: all choices come from it, but for those of ``setting``.
+        setting: None, or where camera, light and weather come from: scenes of equal settings differ in what moves, and an engine
+            that keeps backgrounds makes theirs once.
+        as_made: share of worn things that keep the character's own colour, at least; more in plain frames.
+        people_only: nothing else moves, and the weather is the asset's.
+
+    Raises:
+        InvalidInput: no free place for a camera was found.
+    """
+    manifest = asset.manifest
+    setting = rng if setting is None else setting
+    plain = setting.random() < _PLAIN
+    camera = _draw_camera(asset, setting, stays=plain or setting.random() < _STAYS)
+    eventful = not (people_only or plain)
+    outdoors: dict[str, Value] = {}
+    if eventful:
+        _draw_weather(outdoors, manifest, setting)
+    night = eventful and setting.random() < _NIGHT
+    for name, low, high in (
+        ("azimuth", 0.0, 359.9),
+        ("elevation", *((-18.0, -1.0) if night else (8.0, 72.0))),
+        ("irradiance", 0.6, 1.3),
+    ):
+        _assign(outdoors, manifest, f"scene.sun-1.{name}", setting.uniform(low, high))
+    turbidity = float(setting.uniform(2.0, 6.0))
+
+    assignment: dict[str, Value] = {f"{person}.character": ABSENT for person in manifest.persons}
+    count = min(int(rng.choice(len(_CROWD), p=_CROWD)), len(manifest.persons))
+    for person in rng.permutation(manifest.persons)[:count]:
+        _draw_person(str(person), camera, assignment, manifest, rng, far=plain)
+    if eventful:
+        _draw_traffic(camera, assignment, manifest, rng)
+    scene = apply(assignment | outdoors, asset)
+    scene = replace(
+        scene,
+        nodes=_resized(scene, manifest, rng),
+        materials=_recoloured(scene, manifest, rng, max(as_made, _AS_MADE_PLAIN) if plain else as_made),
+        cameras={**scene.cameras, camera.name: camera},
+        environment=replace(scene.environment, turbidity=turbidity),
+    )
+    sensor = SensorSetting() if plain else _draw_sensor(rng, night=night)
+    return TrainingScene(scene, camera.name, sensor)
+
+
+def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
+    """Every frame has an exposure and a curve of its own; about every third each noise, a colour cast and JPEG."""
+    setting: dict[str, Any] = {
+        "name": "training",
+        "auto_exposure": night,
+        "exposure_ev": round(float(rng.uniform(-0.6, 1.2)), 3),
+        "curve": _pick(rng, _CURVES),
+        "gamma": round(float(rng.uniform(0.9, 1.6)), 3),
+    }
+    noise, cast, jpeg = rng.random(3) < 0.35
+    if noise:
+        well = math.exp(rng.uniform(math.log(1500.0), math.log(20_000.0)))
+        setting["noise"] = {"shot": True, "full_well_electrons": round(well), "read_electrons": 3.0}
+    if cast:
+        setting["white_balance"] = {"temperature_k": round(float(rng.uniform(4800.0, 8500.0)))}
+    if jpeg:
+        setting["jpeg_quality"] = int(rng.integers(40, 96))
+    return SensorSetting.model_validate(setting)
+
+
+def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:
+    """One of the asset's cameras: near its own place, or moved along the street and turned."""
+    manifest = asset.manifest
+    x0, y0, x1, y1 = manifest.extent
+    for _ in range(_TRIES):
+        camera = asset.base.cameras[str(rng.choice(manifest.cameras))]
+        x, y, z = (float(value) for value in camera.position)
+        yaw, pitch, _roll = camera_angles(camera.transform)
+        focal_length = camera.focal_length_mm
+        if stays:
+            x, y, yaw = x + rng.uniform(-0.7, 0.7), y + rng.uniform(-2.0, 2.0), yaw + rng.uniform(-3.0, 3.0)
+        else:
+            x, y = x + rng.uniform(-2.5, 2.5), rng.uniform(min(y, y0), y0 + 0.7 * (y1 - y0))
+            yaw += rng.normal(0.0, 12.0)
+            if rng.random() < 0.25:
+                yaw += 180.0
+            focal_length *= rng.uniform(0.6, 1.2)
+        z = max(0.8, z + rng.uniform(-0.4, 0.8))
+        pitch += rng.normal(0.0, 2.0)
+        if x0 <= x <= x1 and y0 <= y <= y1 and _free(manifest, (x, y, z), yaw):
+            transform = camera_transform((x, y, z), yaw, pitch, rng.normal(0.0, 1.0))
+            return replace(camera, transform=transform, focal_length_mm=float(focal_length))
+    raise InvalidInput("no free place for a camera", field="asset", value=asset.name)
+
+
+def _draw_person(
+    person: str,
+    camera: Camera,
+    assignment: dict[str, Value],
+    manifest: Manifest,
+    rng: np.random.Generator,
+    *,
+    far: bool,
+) -> None:
+    """Put a person somewhere legal, four times in five where the camera looks: mostly near, or ``far`` as often as near; absent
+    if nothing was found.
+    """
+    characters = [c for c in manifest.definition(f"{person}.character").choices if c != ABSENT]
+    x0, y0, x1, y1 = manifest.extent
+    half_view = math.atan(0.5 * camera.sensor_width_mm / camera.focal_length_mm)
+    forward = math.atan2(-camera.transform[0, 2], -camera.transform[1, 2])  # from +y towards +x
+    for _ in range(_TRIES):
+        if rng.random() < 0.8:
+            distance = rng.uniform(6.0, 52.0) if far else math.exp(rng.uniform(math.log(5.0), math.log(60.0)))
+            bearing = forward + rng.uniform(-0.95, 0.95) * half_view
+            x = float(camera.position[0]) + distance * math.sin(bearing)
+            y = float(camera.position[1]) + distance * math.cos(bearing)
+        else:
+            x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
+        tried: dict[str, Value] = {
+            **assignment,
+            f"{person}.pos.x": x,
+            f"{person}.pos.y": y,
+            f"{person}.heading": float(rng.uniform(0.0, 359.9)),
+            f"{person}.character": str(rng.choice(characters)),
+        }
+        within = all(_allows(manifest, f"{person}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
+        if within and rejection_reason(tried, manifest) is None:
+            for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
+                _assign(tried, manifest, f"{person}.cloth.{name}", rng.uniform(low, high))
+            if f"{person}.pose" in manifest.by_path:
+                tried[f"{person}.pose"] = _pick(rng, _POSES)
+                tried[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
+                tried[f"{person}.carries"] = str(rng.choice(manifest.definition(f"{person}.carries").choices))
+            assignment.update(tried)
+            return
+
+
+def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
+    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames.
+
+    Without those that a street got later: whoever draws for them draws all that follows otherwise.
+    """
+    for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.added)):
+        wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
+        kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
+        if not wanted or (kinds is None and seen is None):
+            continue
+        shown: dict[str, Value] = {}
+        if kinds is not None:
+            shown[f"{path}.kind"] = str(rng.choice([kind for kind in kinds.choices if kind != ABSENT]))
+        if seen is not None:
+            shown[f"{path}.visible"] = True
+        paints = manifest.by_path.get(f"{path}.colour")
+        if paints is not None:
+            shown[f"{path}.colour"] = paints.choices[int(colour * len(paints.choices))]
+        side = math.copysign(1.0, -camera.transform[1, 2])
+        for _ in range(_TRIES):
+            x = float(camera.position[0]) + float(rng.uniform(-1.3, 1.3))
+            y = float(camera.position[1]) + side * float(rng.uniform(8.0, 45.0))
+            tried: dict[str, Value] = {
+                **assignment,
+                **shown,
+                f"{path}.pos.x": x,
+                f"{path}.pos.y": y,
+                f"{path}.heading": (180.0 * back + float(rng.normal(0.0, 4.0))) % 360.0,
+            }
+            within = all(_allows(manifest, f"{path}.pos.{axis}", at) for axis, at in (("x", x), ("y", y)))
+            if within and rejection_reason(tried, manifest) is None:
+                assignment.update(tried)
+                break
+
+
+def _draw_weather(assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
+    """Mostly fine; what the asset does not declare stays as it is."""
+    clouds, fog, rain = rng.random(3) < (_CLOUDS, _FOG, _RAIN)
+    cover, thickness, rate = rng.random(3)
+    for wanted, name, value in (
+        (clouds, "cloud_cover", cover),
+        (fog, "visibility", math.exp(math.log(60.0) + thickness * math.log(2000.0 / 60.0))),
+        (rain, "rain", 20.0 * rate),
+    ):
+        if wanted:
+            _assign(assignment, manifest, f"{ENVIRONMENT_PATH}.{name}", value)
+
+
+def _pick(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
+    return str(rng.choice(list(shares), p=list(shares.values())))
+
+
+def _resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:
+    """All persons a little taller or smaller."""
+    nodes = dict(scene.nodes)
+    for person in manifest.persons:
+        pose = Pose.of(nodes[person].transform)
+        factor = float(rng.uniform(0.88, 1.06))
+        nodes[person] = replace(nodes[person], transform=replace(pose, scale=(factor, factor, factor)).matrix())
+    return nodes
+
+
+def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_made: float) -> dict[str, Material]:
+    """Every worn thing in a colour of its own (a share stays as made); skin darker by a factor per person."""
+    materials = dict(scene.materials)
+    for person in manifest.persons:
+        skin = float(rng.uniform(0.3, 1.1))
+        names = {
+            mesh.material
+            for node in scene.nodes.values()
+            if node.path == person or node.path.startswith(f"{person}.")
+            for mesh in node.meshes
+        }
+        for name in sorted(names):
+            material = materials[name]
+            if _is_worn(name):
+                if rng.random() < as_made:
+                    continue
+                texture = material.base_color_texture
+                neutral = None if texture is None else f"{_NEUTRAL}{texture}"
+                materials[name] = replace(material, base_color=_cloth_color(rng), base_color_texture=neutral)
+            elif _is_part(name, _SKIN) and not name.endswith("eyes"):
+                red, green, blue = material.base_color
+                materials[name] = replace(material, base_color=(red * skin, green * skin, blue * skin))
+    return materials
+
+
+def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Linear RGB; half of all cloth is nearly grey, as in a street, the rest is any hue; dark is as likely as light."""
+    saturation = rng.uniform(0.0, 0.2) if rng.random() < 0.5 else rng.uniform(0.3, 1.0)
+    red, green, blue = colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.08, 1.0))
+    return red**2.2, green**2.2, blue**2.2
+
+
+def _grey(texture: Texture) -> NDArray[np.uint8]:
+    """A texture's weave without its colour, scaled to a mean of 190 so that a tint keeps its brightness."""
+    image = texture.image
+    luminance = image[..., :3].astype(np.float64) @ np.array([0.2126, 0.7152, 0.0722])
+    level = (luminance * (190.0 / max(luminance.mean(), 1.0))).clip(0, 255).astype(np.uint8)
+    grey = np.repeat(level[..., None], 3, axis=2)
+    return np.concatenate([grey, image[..., 3:]], axis=2)
+
+
+def _copy_person(
+    scene: Scene, source: str, path: str, number: int, nodes: dict[str, Node], materials: dict[str, Material]
+) -> None:
+    """Add a copy of the nodes at and below ``source`` under ``path``; vertex arrays are shared, materials are not."""
+    old, new = (f"{person.removeprefix(f'{ROOT}.')}/" for person in (source, path))
+
+    def renamed(name: str) -> str:
+        return new + name.removeprefix(old)
+
+    for node in [n for n in scene.nodes.values() if n.path == source or n.path.startswith(f"{source}.")]:
+        figure = None if node.figure is None else node.figure.renamed(renamed)
+        meshes = node.meshes if figure is None else figure.meshes
+        copy = path + node.path.removeprefix(source)
+        nodes[copy] = replace(
+            node,
+            path=copy,
+            meshes=tuple(mesh.with_material(renamed(mesh.material)) for mesh in meshes) if figure is None else meshes,
+            instance_id=instance_id(PERSON, number),
+            figure=figure,
+        )
+        names = {mesh.material for mesh in node.meshes} | {name for name in scene.materials if name.startswith(old)}
+        materials.update((renamed(name), replace(scene.materials[name], name=renamed(name))) for name in sorted(names))
+
+
+def _assign(assignment: dict[str, Value], manifest: Manifest, path: str, value: float) -> None:
+    """The value within the declared range; nothing if the asset does not declare the path."""
+    definition = manifest.by_path.get(path)
+    if definition is not None:
+        lowest = -math.inf if definition.minimum is None else definition.minimum
+        highest = math.inf if definition.maximum is None else definition.maximum
+        assignment[path] = min(max(float(value), lowest), highest)
+
+
+def _allows(manifest: Manifest, path: str, value: float) -> bool:
+    definition = manifest.definition(path)
+    above = definition.minimum is None or value >= definition.minimum
+    return above and (definition.maximum is None or value <= definition.maximum)
+
+
+def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> bool:
+    """Whether a camera has room and a view: nothing within a metre of its first 3 m, no house within 12 m ahead."""
+    x, y, height = place
+    ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
+    room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
+    for obstacle in manifest.obstacles:
+        if any(path in manifest.added and obstacle.path.startswith(path) for path in manifest.movable):
+            continue  # not there by default, and not drawn
+        polygon = shapely.Polygon(obstacle.polygon)
+        reaches_up = obstacle.height_m is None or obstacle.height_m > height - 0.3
+        if reaches_up and shapely.dwithin(polygon, room, 1.0):
+            return False
+        if polygon.area > 20.0 and reaches_up and shapely.intersects(polygon, view):
+            return False
+    return True
+
+
+def _is_worn(material: str) -> bool:
+    return is_cloth(material) or _is_part(material, _SHOE)
+
+
+def _is_part(material: str, prefix: str) -> bool:
+    return any(part.startswith(prefix) for part in material.split("/"))

@@ -1,0 +1,179 @@
+"""Where a run found one of its functions weak: the region of the selected rows, and what is needed to train against it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from valerie.analysis.frame_counts import ABSENT
+from valerie.analysis.region import Region, region_of
+from valerie.db import runs
+from valerie.db.engine import reading
+from valerie.errors import InvalidInput
+from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.training.frame_folder import SEEDS
+from valerie.perception.training.provenance import streets_seen
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.functions.opening import pinned_network
+from valerie.pipeline.functions.registry import SHORT
+from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
+from valerie.pipeline.retraining.targets import quantities, run_values
+from valerie.runs.spec import ResolvedRun
+
+#: Streets of functions that do not say which they have seen begin here.
+_UNSEEN_SEED: Final = 50_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weakness:
+    """What a selection says about one function of a run.
+
+    Attributes:
+        run_id, function, where: what was asked.
+        selected, evaluated: rows (persons in frames) that are selected, and all of that function with a person.
+        region: read from the selected rows.
+        asset, arguments: of the run's generated asset, without its seed.
+        asset_seed: of the run; no training frame is from it.
+        document, file: of the function as the run saw it, and its weights.
+    """
+
+    run_id: str
+    function: str
+    where: str
+    selected: int
+    evaluated: int
+    region: Region
+    asset: str
+    arguments: dict[str, Any]
+    asset_seed: int
+    document: FunctionDocument
+    file: Path
+
+    def first_seed(self) -> int:
+        """The first street seed that neither the function's training nor the run has shown."""
+        first = max((seeds[-1] for seeds in streets_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
+        return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
+
+    @property
+    def reference(self) -> str:
+        """What a spec writes to mean exactly the version that the run saw, also when there are newer ones."""
+        name = self.function.partition("@")[0]
+        return name if name in FUNCTIONS else f"{name}@{self.document.digest[:SHORT]}"
+
+    @property
+    def next_name(self) -> str:
+        """How its next version is called when nobody says: what ships with VALERIE keeps its name for itself."""
+        name = self.function.partition("@")[0]
+        return f"{name}-retrained" if name in FUNCTIONS else name
+
+
+def find_weakness(context: Context, run_id: str, where: str, function: str | None = None) -> Weakness:
+    """Read the region of the selected rows of one function of a run, and what is needed to train against it.
+
+    Args:
+        context: of the deployment.
+        run_id: of a run on a generated asset that takes a seed.
+        where: selects rows: ``pacc < 0.5 and distance_m > 25``.
+        function: one of the run's; None where it has only one.
+
+    Raises:
+        NotFound: no such run, or the version that it saw was removed.
+        InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
+        Conflict: other weights of the function are installed than the run saw.
+    """
+    resolved = _resolved(context, run_id)
+    name = _function(resolved, function)
+    asset, arguments, seed = _generated(resolved)
+    region, evaluated = _region(context, run_id, resolved, where, name)
+    with reading(context.engine) as connection:
+        pins = runs.get(connection, run_id).pins  # what has rows has pins
+    document, file = pinned_network(name, pins["functions"][name], context=context)
+    return Weakness(
+        run_id=run_id,
+        function=name,
+        where=where,
+        selected=region.rows,
+        evaluated=evaluated,
+        region=region,
+        asset=asset,
+        arguments=arguments,
+        asset_seed=seed,
+        document=document,
+        file=file,
+    )
+
+
+def selected_region(context: Context, run_id: str, where: str, function: str) -> Region | None:
+    """The region of a selection of one function's rows; None where the run did not evaluate that function.
+
+    Raises:
+        NotFound: no such run.
+        InvalidInput, UnknownName: the expression is wrong, or selects nothing.
+    """
+    resolved = _resolved(context, run_id)
+    return _region(context, run_id, resolved, where, function)[0] if function in resolved.spec.functions else None
+
+
+def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
+    """The functions of a run, as its spec names them.
+
+    Raises:
+        NotFound: no such run.
+    """
+    return tuple(_resolved(context, run_id).spec.functions)
+
+
+def _resolved(context: Context, run_id: str) -> ResolvedRun:
+    with reading(context.engine) as connection:
+        return resolve_stored(runs.get(connection, run_id), context.settings)
+
+
+def _region(context: Context, run_id: str, resolved: ResolvedRun, where: str, function: str) -> tuple[Region, int]:
+    """The region, and how many persons that function was evaluated on."""
+    condition = run_where(where, resolved)
+    index = function_index(function, resolved)
+    with reading(context.engine) as connection:
+        rows = [
+            row
+            for _, row in evaluated_rows(connection, run_id, resolved, function=index)
+            if row["undefined_reason"] != ABSENT
+        ]
+    selected = [row for row in rows if condition.holds(row)]
+    if not selected:
+        raise InvalidInput(f"selects none of {len(rows)} rows of {function}", field="where", value=where)
+    everything = [run_values(row, resolved) for row in rows]
+    return region_of((run_values(row, resolved) for row in selected), everything, quantities(resolved)), len(rows)
+
+
+def _function(resolved: ResolvedRun, function: str | None) -> str:
+    functions = resolved.spec.functions
+    if function is None:
+        if len(functions) != 1:
+            raise InvalidInput("the run has several functions", field="--function", limit=", ".join(functions))
+        return functions[0]
+    function_index(function, resolved)
+    return function
+
+
+def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
+    """Name, other arguments and seed of the run's asset.
+
+    Raises:
+        InvalidInput: it is not generated from a seed, so there are no fresh streets.
+    """
+    from valerie.scene.assets.asset import GENERATORS
+
+    asset = resolved.spec.asset
+    reference = {"name": asset} if isinstance(asset, str) else dict(asset)
+    name = str(reference.pop("name"))
+    if name not in GENERATORS:
+        raise InvalidInput(
+            "new frames need fresh streets: an asset that is generated from a seed",
+            field="asset",
+            value=name,
+            limit=", ".join(GENERATORS),
+        )
+    return name, reference, int(reference.pop("seed", 0))

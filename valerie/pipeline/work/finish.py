@@ -1,0 +1,197 @@
+"""Finishing a run: its long table, the summary of the paper's section 6.2, and the report, stored as artifacts."""
+
+from __future__ import annotations
+
+import io
+from collections import defaultdict
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import orjson
+import structlog
+
+from valerie.analysis.analyze import Analysis, analyze
+from valerie.analysis.report import build_report
+from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
+from valerie.analysis.table import EvaluationTable
+from valerie.db import results, runs
+from valerie.db.engine import reading, writing
+from valerie.errors import NotFound, ValerieError
+from valerie.perception.base import FunctionCard
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.pictures import jpeg
+from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import RunState
+from valerie.storage.keys import run_key
+
+log = structlog.get_logger()
+
+_KIND_OF_PICTURE = {
+    PictureKind.PICTURE: "picture",
+    PictureKind.TRUTH: "truth-overlay",
+    PictureKind.PREDICTION: "overlay",
+}
+
+
+def finish_run(context: Context, run_id: str) -> None:
+    """Store table, summary and report of a run that has nothing left to do, and end it.
+
+    Safe to call twice: the artifacts are replaced by equal ones, and one conditional UPDATE ends the run.
+    """
+    with reading(context.engine) as connection:
+        try:
+            run = runs.get(connection, run_id)
+        except NotFound:
+            return
+        if run.state != RunState.FINISHING:
+            return
+        failures = results.failures(connection, run_id)
+    try:
+        summary = write_results(context, run, failures)
+        state, reason = (RunState.COMPLETED, None)
+        if failures:
+            roots = [one for one in failures if "cause" not in (one["error"] or {})]
+            state = RunState.COMPLETED_WITH_FAILURES
+            reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
+    except ValerieError as error:
+        log.exception("finish.failed", run=run_id)
+        summary, state, reason = None, RunState.FAILED, f"the results could not be written: {error}"
+    with writing(context.engine) as connection:
+        runs.change_state(
+            connection,
+            run_id,
+            expected=(RunState.FINISHING,),
+            state=state,
+            reason=reason,
+            summary=summary,
+            finished_at=runs.now_utc(),
+        )
+    log.info("run.finished", run=run_id, state=state)
+
+
+def write_results(context: Context, run: Any, failures: list[dict[str, Any]]) -> dict[str, Any]:
+    """Write table (Parquet, CSV), summary and report; returns the summary document."""
+    resolved = resolve_stored(run, context.settings)
+    cards = tuple(pinned_card(run.pins, name) for name in resolved.spec.functions)
+    table = read_table(context.engine, run.id, resolved)
+    classes = read_classes(context.engine, run.id, resolved, cards)
+    analysis = analyze(
+        table,
+        classes=classes,
+        precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
+        threshold=resolved.spec.detection_threshold,
+        seed=resolved.spec.seed,
+    )
+    document = summary_document(analysis)
+    for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
+        buffer = io.BytesIO()
+        write(buffer)
+        context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
+    context.store.put(run_key(run.id, "summary.json"), orjson.dumps(document), replace=True)
+    html = build_report(_report_input(context, run, resolved, cards, table, analysis, failures))
+    context.store.put(run_key(run.id, "report.html"), html.encode(), replace=True)
+    return document
+
+
+def summary_document(analysis: Analysis) -> dict[str, Any]:
+    """The numbers of a run as plain JSON types."""
+    text = orjson.dumps(
+        {"summary": analysis.summary.to_json(), "findings": analysis.findings.to_json()},
+        option=orjson.OPT_SERIALIZE_NUMPY,
+    )
+    document: dict[str, Any] = orjson.loads(text)
+    return document
+
+
+def _report_input(
+    context: Context,
+    run: Any,
+    resolved: ResolvedRun,
+    cards: tuple[FunctionCard, ...],
+    table: EvaluationTable,
+    analysis: Analysis,
+    failures: list[dict[str, Any]],
+) -> ReportInput:
+    spec = resolved.spec
+    with reading(context.engine) as connection:
+        rejected = runs.rejections(connection, run.id)
+    classes = {"image": run.pins["engine"]["numeric_class"], "ground truth": run.pins["truth"]["numeric_class"]}
+    classes |= {f"inference, {name}": run.pins["functions"][name]["numeric_class"] for name in spec.functions}
+    provenance = Provenance(
+        run_id=run.id,
+        spec_digest=run.spec_digest,
+        seed=spec.seed,
+        asset=resolved.manifest.name,
+        asset_digest=run.asset_digest,
+        renderer=_renderer(resolved, run.pins["engine"]["revision"]),
+        resolution=(spec.resolution.width, spec.resolution.height),
+        numeric_classes=classes,
+        functions=cards,
+        software=_version(),
+        submitted=run.created_at,
+        finished=runs.now_utc(),
+        more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
+    )
+    return ReportInput(
+        document=run.spec,
+        provenance=provenance,
+        table=table,
+        summary=analysis.summary,
+        trends=analysis.trends,
+        findings=analysis.findings,
+        variants=run.variant_count,
+        frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
+        rejections=rejected,
+        failures=_grouped(failures, run.id),
+        picture=_Pictures(context),
+    )
+
+
+class _Pictures:
+    """The gallery's pictures, from the artifact store."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
+        run_id, variant, camera, time = frame_id.split(".")
+        try:
+            place = (run_id, int(variant), int(camera), int(time))
+            source = frames.find(self._context, *place, kind=_KIND_OF_PICTURE[kind], function=function, sensor=sensor)
+            painted = frames.draw(self._context, source)
+        except ValerieError as error:
+            log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
+            return None
+        return jpeg(painted)
+
+
+def _grouped(failures: list[dict[str, Any]], run_id: str) -> tuple[Failure, ...]:
+    """Failures of the same kind together."""
+    groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
+    for one in failures:
+        error: Mapping[str, Any] = one["error"] or {}
+        message = str(error.get("message") or f"its input {error.get('cause')} failed")
+        key = (str(one["kind"]), message, int(error.get("attempts") or 0))
+        groups[key].append(f"{run_id}.{one['variant_index']}.{one['camera_index']}.{one['time_index']}")
+    return tuple(
+        Failure(stage=stage, error=message, attempts=attempts, count=len(where), example=where[0])
+        for (stage, message, attempts), where in sorted(groups.items(), key=lambda item: -len(item[1]))
+    )
+
+
+def _version() -> str:
+    try:
+        return f"valerie {version('valerie')}"
+    except PackageNotFoundError:
+        return "valerie (not installed)"
+
+
+def _renderer(resolved: ResolvedRun, revision: int) -> str:
+    """The engine as the report names it."""
+    settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
+    return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

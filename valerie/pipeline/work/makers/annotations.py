@@ -1,0 +1,74 @@
+"""Makes annotations of frames: from the scene, the camera and the ground truth that is stored already."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from valerie.db.products import Job
+from valerie.pipeline.reading.products import ProductReader
+from valerie.rendering.annotations.boxes import measure_boxes
+from valerie.rendering.annotations.joints import measure_joints
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.base import View
+from valerie.rendering.person_light import LightPass, measure_light
+from valerie.runs.motion import VELOCITY_SPAN_S
+from valerie.scene.graph.model import Scene
+from valerie.storage.annotations import Annotation, encode_annotation
+
+
+def annotate(
+    kind: AnnotationKind,
+    scene: Scene,
+    view: View,
+    *,
+    near: Callable[[float], Scene],
+    step: float,
+    truth: str,
+    reader: ProductReader,
+    truth_pass: Any,
+) -> bytes:
+    """The stored form of one annotation.
+
+    Args:
+        kind: which.
+        scene, view: of the frame.
+        near: the scene so many seconds later.
+        step: seconds until the next frame.
+        truth: digest of the frame's truth.
+        reader: reads it.
+        truth_pass: of this process (`valerie.rendering.ground_truth.TruthPass`).
+
+    Raises:
+        MissingInput: the truth's object is gone.
+    """
+    annotation: Annotation
+    if kind is AnnotationKind.NORMALS:
+        annotation = truth_pass.normals(scene, view)
+    elif kind is AnnotationKind.FLOW:
+        annotation = truth_pass.flow(scene, near(step), view, reader.truth(truth))
+    elif kind is AnnotationKind.VELOCITY:
+        annotation = truth_pass.velocity(scene, near(VELOCITY_SPAN_S), view, reader.truth(truth), VELOCITY_SPAN_S)
+    else:
+        measure = measure_joints if kind is AnnotationKind.JOINTS else measure_boxes
+        annotation = measure(scene, view, reader.truth(truth))
+    return encode_annotation(kind, annotation)
+
+
+def light_rows(
+    job: Job, scene: Scene, view: View, *, reader: ProductReader, light: LightPass
+) -> tuple[dict[str, Any], ...]:
+    """The rows of one product of kind ``light``, one per person who is drawn.
+
+    Args:
+        job: names the frame's background, layer and truth.
+        scene, view: of the frame.
+        reader: reads them.
+        light: of this process.
+
+    Raises:
+        MissingInput: an object is gone.
+    """
+    image, truth = reader.frame(job.background, job.layer), reader.truth(job.truth)
+    return tuple({"product": job.digest, **asdict(one)} for one in measure_light(truth, image, scene, view, light))

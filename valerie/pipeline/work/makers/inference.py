@@ -1,0 +1,130 @@
+"""Makes predictions: frame → sensor stage → picture → function under test."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from numpy import uint8
+from numpy.typing import NDArray
+
+from valerie.db.products import Finished, Job
+from valerie.errors import InferenceError, ValerieError
+from valerie.perception.running.batches import require_size
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
+from valerie.pipeline.functions.source import FunctionSource
+from valerie.pipeline.reading.capture import capture_of_job
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.run_cache import RunCache
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+
+#: A prediction, and the CPU seconds that it cost.
+Predicted = tuple[NDArray[uint8], float]
+
+
+class InferMaker:
+    """One network stays loaded; messages hold products of one function, so it seldom changes.
+
+    Where the function wants several pictures at once, those that are expected next are predicted with the one that is asked for,
+    and kept until it is their turn: claims, storing and failures stay with each product.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._runs = RunCache(context)
+        self._reader = ProductReader(context.store)
+        self._source = FunctionSource(context)
+        self._settings = context.settings
+        self._tell: Callable[[str], None] | None = None
+        self._loaded: tuple[tuple[str, ...], BoundedFunction] | None = None
+        self._expected: dict[str, Job] = {}
+        self._ahead: dict[str, Predicted] = {}
+
+    def expect(self, jobs: Sequence[Job]) -> None:
+        """See `valerie.pipeline.work.stages.LooksAhead`."""
+        self._expected = {job.digest: job for job in jobs}
+        self._ahead.clear()
+
+    def before_end(self, tell: Callable[[str], None]) -> None:
+        """See `valerie.pipeline.work.stages.MayEnd`."""
+        self._tell = tell
+
+    def make(self, job: Job) -> Finished:
+        """See `valerie.pipeline.work.stages.Maker`."""
+        self._expected.pop(job.digest, None)
+        prediction, seconds = self._ahead.pop(job.digest) if job.digest in self._ahead else self._predict(job)
+        started = time.process_time()
+        data = codecs.encode_prediction(prediction)
+        self._context.store.put(product_key("prediction", job.digest), data)
+        return Finished(job.digest, len(data), int(prediction.size), seconds + time.process_time() - started)
+
+    def _predict(self, job: Job) -> Predicted:
+        """The prediction of one product, and as a by-product those of some that are expected."""
+        started = time.process_time()
+        if job.sensor_index is None or job.function_index is None:
+            raise InferenceError(f"product {job.digest} is no prediction")
+        run = self._runs.run(job.run_id)
+        name = run.resolved.spec.functions[job.function_index]
+        function = self._function(name, run.pins["functions"][name])
+        pictures = {job.digest: self._picture(job)}
+        # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
+        size = function.batch_size if job.attempts == 1 else 1
+        if size > 1:
+            pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
+        predictions = self._predictions(function, list(pictures.values()))
+        each = (time.process_time() - started) / len(predictions)
+        first, *others = zip(pictures, predictions, strict=False)
+        self._ahead |= {digest: (labels, each) for digest, labels in others}
+        return first[1], each
+
+    def _predictions(self, function: BoundedFunction, pictures: Sequence[NDArray[uint8]]) -> Sequence[NDArray[uint8]]:
+        """Of all pictures; of the first alone where together they fail, so that one picture harms no other."""
+        predictions = None
+        if len(pictures) > 1:
+            try:
+                predictions = function.predict_many(pictures)
+            except Exception:  # a plug-in may raise anything, and each picture is to fail for itself
+                predictions = None
+        if predictions is None:
+            predictions = [function.predict(pictures[0])]
+        for prediction in predictions:
+            require_size(function.card.name, prediction, pictures[0])
+        return predictions
+
+    def _companions(self, job: Job, shape: tuple[int, ...], most: int) -> dict[str, NDArray[uint8]]:
+        """Pictures of the same size for the same function of the same run that are expected next."""
+        found: dict[str, NDArray[uint8]] = {}
+        for other in self._expected.values():
+            if len(found) == most:
+                break
+            same = (other.run_id, other.function_index, other.attempts) == (job.run_id, job.function_index, 1)
+            if not same or other.digest in self._ahead:
+                continue
+            try:
+                picture = self._picture(other)
+            except ValerieError:
+                continue  # will be told when it is asked for
+            if picture.shape == shape:
+                found[other.digest] = picture
+        return found
+
+    def _picture(self, job: Job) -> NDArray[uint8]:
+        """What the function sees."""
+        return capture_of_job(self._runs.run(job.run_id).resolved, job).picture(self._reader)
+
+    def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
+        key = (name, pin["digest"], pin["numeric_class"])
+        if self._loaded is None or self._loaded[0] != key:
+            if self._loaded is not None:
+                self._loaded[1].close()
+                self._loaded = None  # one network at a time, also while the next one is opened
+            opened = open_bounded(lambda: self._source.open(name, pin), self._settings, name=name, before_end=self._say)
+            self._loaded = (key, opened)
+        return self._loaded[1]
+
+    def _say(self, reason: str) -> None:
+        if self._tell is not None:
+            self._tell(f"{reason} (VALERIE_INFER_SECONDS)")

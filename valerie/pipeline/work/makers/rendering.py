@@ -1,0 +1,155 @@
+"""Makes backgrounds, movable layers, ground truth and annotations with the engines of this process."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any, Final
+
+from valerie import plugins
+from valerie.db.products import Finished, Job, Part
+from valerie.errors import TransientError
+from valerie.parameters.assignment import canonical_json
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.reading.person_views import no_person, view_row
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.run_cache import RunCache
+from valerie.pipeline.work.makers.annotations import annotate, light_rows
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.base import GroundTruth, Renderer, View
+from valerie.runs.spec import ResolvedRun
+from valerie.scene.variation.applying import apply
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+from valerie.storage.store import ArtifactStore
+
+#: Truths of statics whose digests are kept: as many as the truth pass keeps.
+_KEPT_STATICS: Final = 4
+
+_ANNOTATIONS: Final = frozenset(AnnotationKind)
+
+
+class RenderMaker:
+    """Engines are opened at their first use and stay open: one context per process and engine."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._runs = RunCache(context)
+        self._reader = ProductReader(context.store)
+        self._engines: dict[tuple[str, bytes], Renderer] = {}
+        self._truth: Any = None
+        self._statics = _Statics(context.store)
+
+    def make(self, job: Job) -> Finished:
+        """See `valerie.pipeline.work.stages.Maker`."""
+        started, elsewhere, engine = time.process_time(), 0.0, None
+        run = self._runs.run(job.run_id)
+        resolved = run.resolved
+        asset = self._runs.asset(run)
+        scene = apply(resolved.at(job.assignment, job.time_index), asset)
+        resolution = resolved.spec.resolution
+        view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
+        views: tuple[dict[str, Any], ...] = ()
+        part: Part | None = None
+        lights: tuple[dict[str, Any], ...] = ()
+        data = b""
+        if job.kind == "truth":
+            from valerie.rendering.visibility import measure
+
+            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            statics, layer = truth_pass.parts(scene, view)
+            truth = layer.over(statics)
+            views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
+            part = self._statics.stored(statics, again=job.attempts > 1)
+            data = codecs.encode_truth_layer(layer, part.digest)
+        elif job.kind == AnnotationKind.LIGHT:
+            light = self._light_pass(run.pins["truth"]["numeric_class"])
+            lights = light_rows(job, scene, view, reader=self._reader, light=light)
+        elif job.kind in _ANNOTATIONS:
+            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            kind = AnnotationKind(job.kind)
+            data = annotate(
+                kind,
+                scene,
+                view,
+                near=lambda seconds: apply(resolved.near(job.assignment, job.time_index, seconds), asset),
+                step=resolved.times.step or 0.0,
+                truth=job.truth,
+                reader=self._reader,
+                truth_pass=truth_pass,
+            )
+        else:
+            engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
+            elsewhere = _cpu_seconds_elsewhere(engine)
+            if job.kind == "background":
+                data = codecs.encode_image(engine.background(scene, view))
+            else:
+                data = codecs.encode_layer(engine.layer(scene, view))
+        if data:
+            self._context.store.put(product_key(job.kind, job.digest), data)
+        return Finished(
+            digest=job.digest,
+            bytes=len(data),
+            pixels=view.width * view.height,
+            cpu_seconds=time.process_time() - started + _cpu_seconds_elsewhere(engine) - elsewhere,
+            person_views=views,
+            part=part,
+            person_lights=lights,
+        )
+
+    def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
+        name = resolved.spec.engine
+        key = (name, canonical_json(resolved.engine_inputs))
+        if key not in self._engines:
+            self._engines[key] = plugins.create_renderer(name, resolved.spec.engine_settings)
+        engine = self._engines[key]
+        _require_class(name, engine.numeric_class, numeric_class)
+        return engine
+
+    def _light_pass(self, numeric_class: str) -> Any:
+        name = plugins.light_engine(numeric_class)
+        key = (name, canonical_json({}))
+        if key not in self._engines:
+            self._engines[key] = plugins.create_renderer(name)
+        _require_class("light", self._engines[key].numeric_class, numeric_class)
+        return self._engines[key]
+
+    def _truth_pass(self, numeric_class: str) -> Any:
+        if self._truth is None:
+            self._truth = plugins.create_truth_pass(numeric_class)
+        _require_class("truth", self._truth.numeric_class, numeric_class)
+        return self._truth
+
+
+class _Statics:
+    """Stores the truths of statics that truths are stored over, each once."""
+
+    def __init__(self, store: ArtifactStore) -> None:
+        self._store = store
+        self._known: deque[tuple[GroundTruth, str]] = deque(maxlen=_KEPT_STATICS)
+
+    def stored(self, statics: GroundTruth, *, again: bool) -> Part:
+        """Its part, whose object is in the store now.
+
+        Args:
+            again: the truth is not made for the first time; a damaged object is replaced.
+        """
+        digest = next((digest for one, digest in self._known if one is statics), None)
+        if digest is None:
+            digest = codecs.statics_digest(statics)
+            self._known.append((statics, digest))
+        key = product_key("statics", digest)
+        if again or not self._store.exists(key):
+            self._store.put(key, codecs.encode_truth(statics))
+        return Part(digest, "statics", self._store.head(key).size, statics.class_map.size)
+
+
+def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
+    """What an engine's other processes have used so far; see `valerie.rendering.base.Renderer`."""
+    return float(getattr(engine, "cpu_seconds_elsewhere", 0.0))
+
+
+def _require_class(name: str, actual: str, pinned: str) -> None:
+    """A driver that changed under a running worker must not mix its pixels into a run."""
+    if actual != pinned:
+        raise TransientError(f"{name} runs as {actual} here, but the run pinned {pinned}")

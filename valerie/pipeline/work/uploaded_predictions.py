@@ -1,0 +1,151 @@
+"""Predictions that people bring: label maps for the frames of a run whose function is of kind ``predictions``.
+
+Such a prediction is a product like any other, on a route that no worker serves. It is *ready* when its frame can be seen, and
+done when somebody uploads the label map; until then its run is ``awaiting-predictions``. When the run's deadline has passed,
+what is missing has failed for good, with the deadline as the reason.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from valerie.db import functions, results, runs
+from valerie.db.engine import reading
+from valerie.db.products import Finished, Job
+from valerie.errors import Conflict, InvalidInput, NotFound, TransientError, UnknownName
+from valerie.labels import VOID
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.label_png import decode_labels
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.deadlines import deadlines
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.work.stages import run_stage
+from valerie.runs.spec import ResolvedRun
+from valerie.storage import codecs
+from valerie.storage.keys import product_key
+
+
+def put_prediction(
+    context: Context,
+    run_id: str,
+    variant: int,
+    camera: int,
+    time_index: int,
+    data: bytes,
+    *,
+    function: str | None = None,
+    sensor: str | None = None,
+) -> bool:
+    """Take the label map of one frame.
+
+    Args:
+        context: of this process.
+        run_id, variant, camera, time_index: the frame.
+        data: PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void.
+        function: as the spec calls it; may be left out where only one of the run's is of this kind.
+        sensor: sensor setting; may be left out where there is one.
+
+    Returns:
+        Whether it is new; the same label map again changes nothing.
+
+    Raises:
+        NotFound: no such run or frame, or the function was removed.
+        UnknownName, InvalidInput: no such function or sensor; not a label map, another size, an id without a class.
+        Conflict: there is another label map for this frame already, the frame is not rendered yet, or the deadline passed.
+    """
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+        resolved = resolve_stored(run, context.settings)
+        place = _place(run, resolved, function, sensor)
+        rows = results.frame_evaluations(connection, run_id, variant, camera, time_index)
+        if not rows:
+            raise NotFound("frame", f"{run_id}.{variant}.{camera}.{time_index}")
+        digest = next(one.prediction for one in rows if (one.sensor_index, one.function_index) == place)
+        name = resolved.spec.functions[place[1]]
+        registered = functions.of_digest(connection, run.pins["functions"][name]["digest"])
+    if registered is None:
+        raise NotFound("version of the function", f"{name}: it was removed")
+    encoded, pixels = _encoded(data, FunctionDocument.model_validate(registered.document), resolved)
+    return _publish(context, digest, encoded, pixels)
+
+
+class _Given:
+    """The maker of a prediction that is there already."""
+
+    def __init__(self, context: Context, data: bytes, pixels: int) -> None:
+        self._context, self._data, self._pixels = context, data, pixels
+
+    def make(self, job: Job) -> Finished:
+        """See `valerie.pipeline.work.stages.Maker`."""
+        self._context.store.put(product_key("prediction", job.digest), self._data)
+        return Finished(job.digest, len(self._data), self._pixels, 0.0)
+
+
+def _place(run: Any, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
+    """(sensor index, function index)."""
+    awaited = tuple(deadlines(run.pins))
+    if not awaited:
+        raise Conflict(f"run {run.id} waits for no predictions")
+    sensors = [setting.name for setting in resolved.spec.sensors]
+    for what, given, known in (("function", function, awaited), ("sensor", sensor, sensors)):
+        if given is None and len(known) > 1:
+            raise InvalidInput(f"which {what}?", field=what, limit=", ".join(known))
+        if given is not None and given not in known:
+            raise UnknownName(what, given, known, field=what)
+    return (
+        0 if sensor is None else sensors.index(sensor),
+        resolved.spec.functions.index(awaited[0] if function is None else function),
+    )
+
+
+def _encoded(data: bytes, document: FunctionDocument, resolved: ResolvedRun) -> tuple[bytes, int]:
+    """The stored object of a label map, and its pixels."""
+    size, classes = resolved.spec.resolution, document.output.classes
+    ids = decode_labels(data, size.height, size.width, field="label map")
+    foreign = [number for number in np.unique(ids).tolist() if number >= len(classes) and number != VOID]
+    if foreign:
+        raise InvalidInput(
+            "an id that no class has",
+            field="label map",
+            value=", ".join(map(str, foreign[:8])),
+            limit=f"0…{len(classes) - 1} as {document.name} declares its classes, or {VOID} for void",
+        )
+    return codecs.encode_prediction(document.output.lookup[ids]), int(ids.size)
+
+
+def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool:
+    key = product_key("prediction", digest)
+    state = _state(context, digest)
+    if state == "done":
+        if context.store.get(key) != encoded:
+            raise Conflict(
+                "there is another prediction for this frame already, and results may rest on it; to bring others, register "
+                "the function anew with another document (its provenance, say) and submit a run with it"
+            )
+        return False
+    if state != "ready":
+        raise Conflict(_WHY_NOT.get(state, f"the prediction is {state}"))
+    # Left by an upload that was cut off before anybody could see it; the first that is published counts.
+    context.store.delete(key)
+    run_stage(context, _Given(context, encoded, pixels), [digest])
+    state = _state(context, digest)
+    if state == "parked":
+        raise Conflict(_WHY_NOT[state])
+    if state != "done":
+        raise TransientError("the prediction could not be stored at present; try again")
+    return True
+
+
+def _state(context: Context, digest: str) -> str:
+    with reading(context.engine) as connection:
+        return str(results.product(connection, digest).state)
+
+
+_WHY_NOT: Final = {
+    "waiting": "the frame is not rendered yet",
+    "running": "somebody else is storing the prediction of this frame",
+    "parked": "no running run waits for this prediction",
+    "failed": "the frame failed or its deadline has passed; `valerie retry` makes the run wait anew",
+}

@@ -1,0 +1,321 @@
+"""The manifest of an asset: what it is, what may vary, what moves, where one can stand.
+
+The same document is the ``manifest.yaml`` of a user's asset and the value that a generated asset makes. It is cheap:
+the API, the planner and the control loop read it without meshes, trimesh or GL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.labels import label_of_node_class
+from valerie.parameters.definitions import ParameterDefinition, ParameterType
+from valerie.parameters.paths import parse_path
+from valerie.scene.assets.attributes import Target, resolve
+from valerie.scene.assets.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
+from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
+from valerie.scene.graph.model import POSITIONS
+from valerie.scene.graph.naming import ROOT, is_node_name, parse_object_name
+from valerie.scene.light.solar import ANGLES, CLOCK_PATHS
+from valerie.scene.motion.trajectory import Trajectory, check_trajectory
+from valerie.validation import problem_of
+
+Point = tuple[Coordinate, Coordinate]
+Polygon = Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
+AssetName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=64)]
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Footprint(_Document):
+    """Ground that something occupies.
+
+    Attributes:
+        path: node that stands there, e.g. ``scene.car-2``; below one with a ``kind``, that of the kind which it is of.
+        polygon: corners (x, y) in metres, world; simple, either orientation.
+        reason: what is said of a person who would stand in it, e.g. ``inside building-3``; made from the path if empty.
+        height_m: how far it reaches above z = 0; None: farther than any camera.
+    """
+
+    path: str
+    polygon: Polygon
+    reason: str = ""
+    height_m: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    @property
+    def text(self) -> str:
+        """The reason as words: ``inside building-3``."""
+        parts = self.path.split(".")
+        return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
+
+
+class GroundRegion(_Document):
+    """A part of the ground at one height.
+
+    Attributes:
+        polygon: corners (x, y) in metres, world; its border belongs to it.
+        height: z in metres.
+    """
+
+    polygon: Polygon
+    height: float = Field(ge=-1000, le=1000, allow_inf_nan=False)
+
+
+class Manifest(_Document):
+    """What an asset declares about itself.
+
+    Attributes:
+        name: how specs call the asset.
+        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; empty for
+            generated assets.
+        placed_files: glTF files of a user's asset that are named and placed here.
+        bearing_deg: compass bearing of +y, clockwise from north.
+        extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
+        parameters: what may vary, with type, range, unit and default.
+        movable: nodes (with all below them) that belong to the movable layer instead of the background.
+        added: nodes that got parameters after products of a generated asset had been made. At their defaults these are inputs of
+            nothing, so that what was made stays valid.
+        obstacles: where no person can stand; and the ground that moves with what a parameter moves.
+        ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
+        ground: heights of the ground; later regions win, elsewhere z = 0.
+        persons: nodes that are pedestrians under test.
+        grounded: nodes whose z follows the ground below their (x, y); by default the persons.
+        person_radius_m: the circle that a standing person needs.
+        cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
+        placed_cameras: cameras that are in no file.
+        node_classes: class by path, for nodes whose names do not tell.
+        trajectories: how things move in runs that ask for a sequence or a time.
+
+    Raises:
+        InvalidInput, UnknownName: parts contradict each other; `parse_manifest` reports pydantic's findings so too.
+    """
+
+    manifest_version: Literal[1] = 1
+    name: AssetName
+    title: str = ""
+    description: str = ""
+    files: tuple[str, ...] = ()
+    placed_files: tuple[PlacedFile, ...] = ()
+    bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
+    extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+    parameters: tuple[ParameterDefinition, ...] = ()
+    added: tuple[str, ...] = ()
+    movable: tuple[str, ...] = ()
+    obstacles: tuple[Footprint, ...] = ()
+    ways: tuple[Footprint, ...] = ()
+    ground: tuple[GroundRegion, ...] = ()
+    persons: tuple[str, ...] = ()
+    grounded: tuple[str, ...] = ()
+    person_radius_m: float = Field(default=0.3, ge=0, le=5, allow_inf_nan=False)
+    cameras: tuple[str, ...] = Field(min_length=1)
+    placed_cameras: tuple[PlacedCamera, ...] = ()
+    node_classes: dict[str, str] = Field(default_factory=dict)
+    trajectories: tuple[Trajectory, ...] = ()
+
+    def __hash__(self) -> int:
+        # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
+        return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
+
+    def __copy__(self) -> Self:
+        copied = super().__copy__()
+        copied.__dict__.pop("by_path", None)  # what was derived belongs to the old parameters
+        return copied
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, given: Any) -> Any:
+        """Persons stand on the ground, and what an attribute's row tells need not be declared again."""
+        if not isinstance(given, dict):
+            return given
+        filled = dict(given)
+        if "persons" in filled:
+            filled.setdefault("grounded", filled["persons"])
+        placed = filled.get("placed_cameras")
+        if placed and isinstance(placed, list | tuple) and "cameras" not in filled:
+            filled["cameras"] = [camera.get("name") for camera in placed if isinstance(camera, dict)]
+        cameras, parameters = filled.get("cameras"), filled.get("parameters")
+        if isinstance(cameras, list | tuple) and isinstance(parameters, list | tuple):
+            filled["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
+        return filled
+
+    @field_validator("files")
+    @classmethod
+    def _plain_files(cls, files: tuple[str, ...]) -> tuple[str, ...]:
+        for index, file in enumerate(files):
+            require_gltf_name(file, field=f"files.{index}")
+        return files
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        x0, y0, x1, y1 = self.extent
+        if x0 >= x1 or y0 >= y1:
+            raise InvalidInput("not x0 < x1 and y0 < y1", field="extent", value=self.extent)
+        for field in ("added", "movable", "persons", "grounded"):
+            _check_paths(field, getattr(self, field))
+        for path, node_class in self.node_classes.items():
+            _check_paths("node_classes", (path,))
+            label_of_node_class(node_class, field=f"node_classes.{path}")
+        for index, camera in enumerate(self.cameras):
+            if not is_node_name(camera):
+                raise InvalidInput("not a camera name", field=f"cameras.{index}", value=camera, limit="as camera-1")
+        for path in self.grounded:
+            if path.count(".") != 1:
+                raise InvalidInput(
+                    "what follows the ground hangs directly below the scene", field="grounded", value=path
+                )
+        for field in ("cameras", "movable", "persons", "grounded", "files"):
+            _check_distinct(field, getattr(self, field))
+        _check_distinct("placed_files", [placed.node for placed in self.placed_files])
+        _check_distinct("placed_cameras", [placed.name for placed in self.placed_cameras])
+        for index, placed in enumerate(self.placed_cameras):
+            self.require_camera(placed.name, field=f"placed_cameras.{index}")
+        _check_distinct("parameters", [p.name for p in self.parameters])
+        _check_distinct("parameters", [p.path for p in self.parameters])
+        paths = {definition.path for definition in self.parameters}
+        for path in self.persons:
+            if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
+                # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
+                raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
+        for obstacle in self.obstacles:
+            changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
+            if changes and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
+                raise InvalidInput(
+                    "an obstacle that turns or changes its size declares pos.x and pos.y, about which it does",
+                    field="parameters",
+                    value=obstacle.path,
+                )
+        if not paths.isdisjoint(CLOCK_PATHS) and not paths.issuperset(ANGLES):
+            raise InvalidInput(
+                "a sun that varies by time and place declares its two angles too",
+                field="parameters",
+                limit=", ".join(ANGLES),
+            )
+        for index, definition in enumerate(self.parameters):
+            _check_attribute(definition, self.cameras, f"parameters.{index}")
+            if definition.path.removesuffix(".pos.z") in self.grounded:
+                raise InvalidInput(
+                    "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
+                )
+        _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
+        for index, trajectory in enumerate(self.trajectories):
+            check_trajectory(trajectory, self, field=f"trajectories.{index}")
+        return self
+
+    @property
+    def all_files(self) -> tuple[str, ...]:
+        """Every file once, in the order in which they are named."""
+        return tuple(dict.fromkeys((*self.files, *(placed.file for placed in self.placed_files))))
+
+    @cached_property
+    def by_path(self) -> Mapping[str, ParameterDefinition]:
+        """Declared parameters by path."""
+        return {definition.path: definition for definition in self.parameters}
+
+    def definition(self, path: str, *, field: str = "") -> ParameterDefinition:
+        """The declaration of a path.
+
+        Raises:
+            UnknownName: nothing of that path is declared; the message lists near matches.
+        """
+        try:
+            return self.by_path[path]
+        except KeyError:
+            raise UnknownName("parameter", path, self.by_path, field=field) from None
+
+    def require_camera(self, name: str, *, field: str = "") -> str:
+        """``name``, if it is a camera of this asset.
+
+        Raises:
+            UnknownName: it is not.
+        """
+        if name not in self.cameras:
+            raise UnknownName("camera", name, self.cameras, field=field)
+        return name
+
+    def is_movable(self, path: str) -> bool:
+        """Whether a node, or an attribute below it, belongs to the movable layer."""
+        return any(path == movable or path.startswith(movable + ".") for movable in self.movable)
+
+
+def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
+    """Validate a manifest read from YAML or JSON.
+
+    Args:
+        data: what the document holds.
+        source: named in errors, e.g. ``manifest.yaml``.
+
+    Raises:
+        InvalidInputs: every problem that was found, each with its dotted field.
+        InvalidInput, UnknownName: a contradiction.
+    """
+    if not isinstance(data, dict):
+        raise InvalidInput("the document is no mapping", field=source, value=type(data).__name__)
+    unknown = [str(key) for key in data if key not in Manifest.model_fields]
+    if unknown:
+        raise UnknownName("field", unknown[0], Manifest.model_fields, field=source)
+    try:
+        return Manifest.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInputs(
+            [
+                problem_of(detail, ".".join((source, *map(str, detail["loc"]))))
+                for detail in error.errors(include_url=False)
+            ]
+        ) from None
+
+
+def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
+    if not isinstance(parameter, dict):
+        return parameter
+    path = parameter.get("path", parameter.get("scene_graph_ref"))
+    if not isinstance(path, str):
+        return parameter
+    _, attribute = resolve(path, [str(camera) for camera in cameras], field=f"parameters.{path}")
+    return {"type": attribute.type, "unit": attribute.unit, "affects": attribute.affects, **parameter}
+
+
+def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], field: str) -> None:
+    """Type, unit, range and stage are those of the attribute's row: a wrong stage would reuse wrong products."""
+    _, attribute = resolve(definition.path, cameras, field=field)
+    for name in ("type", "unit", "affects"):
+        declared, own = getattr(definition, name), getattr(attribute, name)
+        if declared != own:
+            raise InvalidInput(
+                f"{definition.path} has another {name}", field=f"{field}.{name}", value=str(declared), limit=str(own)
+            )
+    low, high = attribute.minimum, attribute.maximum
+    if definition.type in (ParameterType.FLOAT, ParameterType.INT) and (
+        (low is not None and (definition.minimum is None or definition.minimum < low))
+        or (high is not None and (definition.maximum is None or definition.maximum > high))
+    ):
+        raise InvalidInput(
+            f"the range of {definition.path} is wider than sensible",
+            field=f"{field}.minimum",
+            value=definition.range_text,
+            limit=f"{low}…{high}",
+        )
+    row = SENSOR_PARAMETERS.get(definition.path.removeprefix(f"{SENSOR_ROOT}."))
+    known = row.choices if row is not None else POSITIONS if attribute.target is Target.ENVIRONMENT else None
+    for choice in definition.choices if known is not None else ():
+        if known is not None and choice not in known:
+            raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
+
+
+def _check_paths(field: str, paths: tuple[str, ...]) -> None:
+    for path in paths:
+        parts = parse_path(path, field=field)
+        if parts[0] != ROOT:
+            raise InvalidInput("not a node of the scene", field=field, value=path, limit="scene.…")
+
+
+def _check_distinct(field: str, names: list[str] | tuple[str, ...]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InvalidInput("named twice", field=field, value=", ".join(twice))

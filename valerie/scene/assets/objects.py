@@ -1,0 +1,172 @@
+"""From bare nodes to a labelled scene: who is what, what moves, what is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.labels import label_of_node_class
+from valerie.scene.assets.attributes import Target, resolve
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.draft import cloth_materials, paint_materials
+from valerie.scene.graph.model import Node, Scene
+from valerie.scene.graph.naming import ROOT, class_of_name, likely_name, object_labels
+
+
+def classified(nodes: Iterable[Node], node_classes: Mapping[str, str], movable: Sequence[str]) -> dict[str, Node]:
+    """Give nodes their label, instance, movability and effective visibility, all inherited from above.
+
+    Args:
+        nodes: parents before children; every parent is among them or is ``scene``.
+        node_classes: class by path, where names do not tell.
+        movable: paths that move with all below them.
+
+    Returns:
+        The nodes by path, in the same order.
+
+    Raises:
+        InvalidInput: a path twice, a node without its parent, or two objects with one instance id.
+        UnknownName: ``node_classes`` or ``movable`` name a node that is not there, or a class that does not exist.
+    """
+    given = list(nodes)
+    by_path: dict[str, Node] = {}
+    for node in given:
+        if node.path in by_path:
+            raise InvalidInput("two nodes have the same path", field=node.path)
+        if node.parent != ROOT and node.parent not in by_path:
+            raise InvalidInput("the node's parent is missing or comes later", field=node.path)
+        by_path[node.path] = node
+    for path in (*node_classes, *movable):
+        if path not in by_path:
+            raise UnknownName("node", path, by_path)
+    labels = object_labels(by_path, node_classes)
+    moving = set(movable)
+    for path, node in by_path.items():
+        parent = by_path.get(node.parent)
+        by_path[path] = replace(
+            node,
+            label_id=labels[path].label_id,
+            instance_id=labels[path].instance_id,
+            movable=path in moving or (parent is not None and parent.movable),
+            visible=node.visible and (parent is None or parent.visible),
+        )
+    return by_path
+
+
+def require_declared(scene: Scene, manifest: Manifest) -> None:
+    """Check that what a manifest speaks of is in the scene, and that everything drawn has a class.
+
+    Raises:
+        UnknownName: a node or camera that is not there.
+        InvalidInput: a node is drawn, but its name tells no class and the manifest gives none; or as `declared_problems`.
+        InvalidInputs: several of these.
+    """
+    problems: list[InvalidInput] = [
+        UnknownName(class_of_name(_last(path)) or "node", path, alike(path, scene), field=fields[0])
+        for path, fields in missing_nodes(scene, manifest).items()
+    ]
+    problems += declared_problems(scene, manifest)
+    nameless = unclassified(scene)
+    if nameless:
+        problems.append(
+            InvalidInput(
+                f"{len(nameless)} drawn nodes have no class, first {nameless[0]}: "
+                "name them ObjectClass-ID (as building-3) or list them in node_classes",
+                field="node_classes",
+                value=", ".join(nameless[:5]),
+            )
+        )
+    if problems:
+        raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
+
+
+def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]]:
+    """Paths of nodes that the manifest names and the scene lacks, each with the fields that name it.
+
+    What hangs below a missing node is not listed: it is missing for the same reason.
+    """
+    attributes = (resolve(parameter.path, manifest.cameras) for parameter in manifest.parameters)
+    named: dict[str, Iterable[str]] = {
+        "persons": manifest.persons,
+        "movable": manifest.movable,
+        "grounded": manifest.grounded,
+        "node_classes": manifest.node_classes,
+        "parameters": [path for path, attribute in attributes if attribute.target is Target.NODE],
+    }
+    missing: dict[str, list[str]] = {}
+    for field, paths in named.items():
+        for path in dict.fromkeys(paths):
+            if path not in scene.nodes:
+                missing.setdefault(path, []).append(field)
+    return {
+        path: tuple(fields)
+        for path, fields in missing.items()
+        if not any(path.startswith(f"{other}.") for other in missing)
+    }
+
+
+def alike(path: str, scene: Scene) -> list[str]:
+    """Nodes that a missing one may be: of its name's class, or with a name near that; those without class for one without."""
+    kind = class_of_name(_last(path))
+    if kind is None:
+        return [other for other in scene.nodes if class_of_name(_last(other)) is None]
+    label = label_of_node_class(kind)
+    nameless = {other: likely_name(_last(other)) for other, node in scene.nodes.items() if not node.label_id}
+    return [
+        other
+        for other, node in scene.nodes.items()
+        if (node.label_id == label.id and not _inherits(node, scene))
+        or class_of_name(nameless.get(other) or "") == kind
+    ]
+
+
+def declared_problems(scene: Scene, manifest: Manifest) -> list[InvalidInput]:
+    """Cameras that are not there, and materials that are not a node's alone though its parameters change them."""
+    cameras: list[InvalidInput] = [
+        UnknownName("camera", camera, scene.cameras, field="cameras")
+        for camera in manifest.cameras
+        if camera not in scene.cameras
+    ]
+    return [*cameras, *_shared_materials(scene, manifest)]
+
+
+def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput]:
+    """What cloth and colour parameters change must be that node's alone: else other nodes, even the background, change."""
+    clothed = {path.partition(".cloth.")[0] for path in manifest.by_path if ".cloth." in path}
+    painted = {path.removesuffix(".colour") for path in manifest.by_path if path.endswith(".colour")}
+    for owner in sorted((clothed | painted) & scene.nodes.keys()):
+        own: set[str] = set()
+        if owner in clothed:
+            own |= set(cloth_materials(scene, owner))
+            if not own:
+                yield InvalidInput("nothing worn below it: no material whose name starts with cloth-", field=owner)
+        if owner in painted:
+            coats = paint_materials(scene, owner)
+            if not coats:
+                yield InvalidInput("nothing painted below it: no material whose name starts with paint-", field=owner)
+            own |= set(coats)
+        for path, node in scene.nodes.items():
+            shared = own.intersection(mesh.material for mesh in node.meshes)
+            if shared and path != owner and not path.startswith(f"{owner}."):
+                yield InvalidInput(
+                    f"{path} is drawn with a material that {owner} wears or is painted with, and varies; give it one of its own",
+                    field=owner,
+                    value=min(shared),
+                )
+                break
+
+
+def unclassified(scene: Scene) -> list[str]:
+    """Paths of nodes with meshes that no class is known of."""
+    return [path for path, node in scene.nodes.items() if node.meshes and node.label_id == 0]
+
+
+def _inherits(node: Node, scene: Scene) -> bool:
+    """Whether a node has its class from the one above."""
+    parent = scene.nodes.get(node.parent)
+    return parent is not None and bool(parent.label_id)
+
+
+def _last(path: str) -> str:
+    return path.rpartition(".")[2]

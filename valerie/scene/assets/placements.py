@@ -1,0 +1,107 @@
+"""What a manifest adds to its files: models of others, named and placed, and cameras that no file has."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from valerie.errors import InvalidInput
+from valerie.scene.graph.model import Camera, Matrix
+from valerie.scene.graph.naming import ROOT, is_node_name
+from valerie.scene.graph.transforms import camera_transform, place, rotation
+
+#: Largest |x|, |y| in metres that a manifest may mention: float32 positions stay exact to about a millimetre.
+MAX_COORDINATE_M: Final = 10_000.0
+
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
+
+
+class PlacedFile(BaseModel):
+    """A model made without the naming convention: all that its file draws hangs below one node of a name that tells.
+
+    Attributes:
+        file: relative to the manifest; one file may be placed many times.
+        node: name of the new node directly below the scene, e.g. ``car-1``.
+        position: of the model's origin, metres, world.
+        heading_deg: of the node, as every heading: 0 faces +y.
+        turn_deg: turns the model within its node, about its origin; 180 for a model whose front is glTF's +Z.
+        scale: of the model within its node; 0.01 for one in centimetres.
+        offset: moves the turned and scaled model within its node, metres: a person's feet belong at the origin.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    file: str
+    node: str
+    position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    heading_deg: Angle = 0.0
+    turn_deg: Angle = 0.0
+    scale: float = Field(default=1.0, gt=0.0, le=10_000.0, allow_inf_nan=False)
+    offset: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+
+    @field_validator("file")
+    @classmethod
+    def _is_gltf(cls, file: str) -> str:
+        return require_gltf_name(file, field="placed_files.file")
+
+    @field_validator("node")
+    @classmethod
+    def _is_name(cls, node: str) -> str:
+        if not is_node_name(node):
+            raise InvalidInput("not a node name", field="placed_files.node", value=node, limit="as car-1")
+        return node
+
+    @property
+    def path(self) -> str:
+        return f"{ROOT}.{self.node}"
+
+    def node_transform(self) -> Matrix:
+        """(4, 4) node to world."""
+        return place(*self.position, self.heading_deg)
+
+    def model_transform(self) -> Matrix:
+        """(4, 4) the file's world to the node."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation(0.0, 0.0, self.turn_deg) * self.scale
+        matrix[:3, 3] = self.offset
+        return matrix
+
+
+class PlacedCamera(BaseModel):
+    """A camera at a place.
+
+    Attributes:
+        name: e.g. ``camera-1``.
+        position: optical centre, metres, world.
+        yaw_deg, pitch_deg, roll_deg: see `valerie.scene.graph.transforms.camera_transform`; at 0 it looks along +y.
+        focal_length_mm, sensor_width_mm: see `valerie.scene.graph.model.Camera`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    position: tuple[Coordinate, Coordinate, Coordinate]
+    yaw_deg: Angle = 0.0
+    pitch_deg: float = Field(default=0.0, ge=-90.0, le=90.0, allow_inf_nan=False)
+    roll_deg: Angle = 0.0
+    focal_length_mm: float = Field(default=35.0, ge=1.0, le=2_000.0, allow_inf_nan=False)
+    sensor_width_mm: float = Field(default=36.0, ge=1.0, le=100.0, allow_inf_nan=False)
+
+    def camera(self) -> Camera:
+        """As a part of a scene."""
+        transform = camera_transform(self.position, self.yaw_deg, self.pitch_deg, self.roll_deg)
+        return Camera(f"{ROOT}.{self.name}", transform, self.focal_length_mm, self.sensor_width_mm)
+
+
+def require_gltf_name(file: str, *, field: str) -> str:
+    """``file``, if it is named as a glTF file.
+
+    Raises:
+        InvalidInput: it is not.
+    """
+    if not file.lower().endswith((".glb", ".gltf")):
+        raise InvalidInput("not a glTF file", field=field, value=file, limit=".glb or .gltf")
+    return file

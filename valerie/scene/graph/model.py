@@ -1,0 +1,369 @@
+"""The scene: a renderer-neutral, immutable value that every engine translates and none changes.
+
+Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
+its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
+
+A `Scene` is one concrete variant: `valerie.scene.variation.applying.apply` makes it from an asset and an assignment. Meshes,
+materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
+identity what it uploaded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Final, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+
+Array = TypeVar("Array", bound=NDArray[Any])
+
+
+def freeze(array: Array) -> Array:
+    """Mark an array read-only and return it (what is published is never written again)."""
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """An image that materials refer to by name.
+
+    Attributes:
+        image: (H, W, 3) or (H, W, 4) uint8, first row at the top (v = 0, as in glTF); sRGB for colour, linear for data.
+    """
+
+    name: str
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Metallic-roughness appearance (glTF 2.0 section 3.9), with Blender's specular tint.
+
+    Attributes:
+        base_color: linear RGB factor in [0, 1].
+        base_color_texture: texture name, multiplied with ``base_color`` after sRGB decoding.
+        normal_texture: tangent-space normals, linear.
+        roughness_texture: linear; its green channel is multiplied with ``roughness``, its blue one with ``metallic``
+            (glTF's metallicRoughnessTexture). Red is not read.
+        metallic, roughness: in [0, 1].
+        specular: reflectance at normal incidence relative to 4 % (1 = 0.04), in [0, 2].
+        specular_tint: 0 white highlights … 1 highlights in the base colour, in [0, 1].
+        emissive: linear RGB radiance.
+        alpha_cutoff: None for opaque; else texels with alpha below it are cut (never blended: labels stay exact).
+        double_sided: draw back faces too, with the normal turned to the viewer.
+        transmission: share of light that passes straight through a thin pane, in [0, 1]: glass. Labels and depth are the
+            pane's. Engines without it draw the pane opaque.
+    """
+
+    name: str
+    base_color: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    base_color_texture: str | None = None
+    normal_texture: str | None = None
+    roughness_texture: str | None = None
+    metallic: float = 0.0
+    roughness: float = 0.8
+    specular: float = 1.0
+    specular_tint: float = 0.0
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    alpha_cutoff: float | None = None
+    double_sided: bool = False
+    transmission: float = 0.0
+
+    @property
+    def textures(self) -> tuple[str, ...]:
+        """Names of all textures that it has."""
+        named = (self.base_color_texture, self.normal_texture, self.roughness_texture)
+        return tuple(name for name in named if name is not None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles of one material, in object coordinates.
+
+    Attributes:
+        positions: (V, 3) float32, metres.
+        normals: (V, 3) float32, unit length.
+        uvs: (V, 2) float32; v grows downwards in the texture, as in glTF.
+        faces: (F, 3) uint32, counter-clockwise seen from outside.
+        material: name of a material of the scene.
+    """
+
+    positions: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    uvs: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+    material: str
+
+    def __post_init__(self) -> None:
+        for array in (self.positions, self.normals, self.uvs, self.faces):
+            freeze(array)
+
+    def with_material(self, name: str) -> Mesh:
+        """The same triangles, sharing their arrays, of another material."""
+        return replace(self, material=name)
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """How a figure holds itself.
+
+    Attributes:
+        pose: one of `POSES`.
+        gait_phase: for walking, 0…1: how far in the cycle of two steps, from the figure's own first instant on, shortly
+            after a heel has struck and with both feet on the ground.
+        carries: one of `CARRIED`; ``own`` is what the figure comes with.
+    """
+
+    pose: str = "walking"
+    gait_phase: float = 0.0
+    carries: str = "own"
+
+
+#: Poses that `Stance.pose` names.
+POSES: Final = ("walking", "standing", "phone", "waving")
+#: What `Stance.carries` names.
+CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
+
+
+#: The joints of a figure, left and right being its own. ``head`` is where the skull sits on the neck, ``toes`` the ball of
+#: the foot.
+JOINTS: Final = (
+    "pelvis", "spine", "chest", "neck", "head", "head_top", "left_eye", "right_eye",
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_toes", "right_toes",
+)  # fmt: skip
+
+
+class Figure(Protocol):
+    """A body that can hold itself in more than one way; a node's meshes are those of its figure's stance."""
+
+    @property
+    def stance(self) -> Stance: ...
+
+    @property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Of this stance; the same objects each time, and made when their arrays are first looked at."""
+        ...
+
+    @property
+    def joints(self) -> NDArray[np.float64]:
+        """(len(JOINTS), 3) metres in the frame of ``meshes``: where the joints are in this stance."""
+        ...
+
+    def taking(self, stance: Stance) -> Figure:
+        """The figure in another stance."""
+        ...
+
+    def renamed(self, rename: Callable[[str], str]) -> Figure:
+        """The figure with other names for its materials."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """A lamp at its node's origin, shining along the node's +y: forwards, as a vehicle drives.
+
+    Light falls with the square of the distance. Across, it is full within ``inner`` and nothing beyond ``outer``, with the
+    square of a straight line in the cosine between them (glTF's KHR_lights_punctual). A dipped beam fills this cone as a
+    vehicle's does: dark above a cut-off through the axis, level with the node's x (`valerie.rendering.beams`).
+
+    Attributes:
+        color: linear RGB, relative; its luminance is taken as 1.
+        intensity: candela along the axis; of a dipped beam, where it is brightest.
+        inner, outer: radians from the axis; ``outer`` π shines everywhere.
+        beam: one of `BEAMS`.
+        radius: metres, of the shining surface.
+        switch: which switch of `Environment` turns it on, a key of `SWITCHES`; empty: always on.
+        glowing: names of the materials that are seen to shine while it is on.
+        luminance: cd/m² of those.
+    """
+
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    intensity: float = 100.0
+    inner: float = 0.0
+    outer: float = math.pi
+    beam: str = "cone"
+    radius: float = 0.05
+    switch: str = ""
+    glowing: tuple[str, ...] = ()
+    luminance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A named object in the scene graph.
+
+    Attributes:
+        path: dotted path from the root, e.g. ``scene.car-3.door-1``; its last part is ``class-instance`` or plain.
+        transform: (4, 4) local to parent.
+        meshes: drawn with this node's world transform.
+        label_id: Cityscapes label id of every pixel; what a person carries is the person's. Inherited when loading.
+        instance_id: label id × 1000 + n, or 0 for classes without instances.
+        movable: declared by the manifest (inherited): part of the movable layer, not of the background.
+        visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
+        figure: what ``meshes`` come from, where a stance can be chosen.
+        joints: (len(JOINTS), 3) metres in the node's frame: of a body that holds one pose, as a rider does; None where there is
+            a figure, or no skeleton is known.
+        light: a lamp at the node's origin.
+    """
+
+    path: str
+    transform: Matrix
+    meshes: tuple[Mesh, ...] = ()
+    label_id: int = 0
+    instance_id: int = 0
+    movable: bool = False
+    visible: bool = True
+    figure: Figure | None = None
+    joints: NDArray[np.float64] | None = None
+    light: Light | None = None
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+    @property
+    def parent(self) -> str:
+        return self.path.rpartition(".")[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pin-hole camera.
+
+    Attributes:
+        path: e.g. ``scene.camera-1``.
+        transform: (4, 4) camera to world; looks along −z, y up.
+        focal_length_mm, sensor_width_mm: the horizontal field of view is 2·atan(sensor_width / (2·focal_length)).
+        near, far: clipping distances in metres.
+    """
+
+    path: str
+    transform: Matrix
+    focal_length_mm: float
+    sensor_width_mm: float = 36.0
+    near: float = 0.1
+    far: float = 600.0
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) optical centre in the world, metres."""
+        return np.asarray(self.transform[:3, 3], np.float64)
+
+    def focal_length_px(self, width: int) -> float:
+        """Focal length in pixels (square pixels) for an image ``width`` pixels wide."""
+        return self.focal_length_mm / self.sensor_width_mm * width
+
+    def vertical_fov(self, width: int, height: int) -> float:
+        """Vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
+        return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """A directional light with a disc.
+
+    Attributes:
+        azimuth: radians, clockwise from north seen from above; the street's bearing (of +y) is in `Environment`.
+        elevation: radians above the horizon.
+        irradiance: W/m² on a surface facing the sun, in scene units (the default exposure is made for 1.0: clear noon).
+        angular_diameter: radians; sets the softness of shadows.
+    """
+
+    azimuth: float
+    elevation: float
+    irradiance: float = 1.0
+    angular_diameter: float = math.radians(0.53)
+
+
+#: How a lamp fills its cone: evenly, or as the dipped beam of a vehicle does.
+BEAMS: Final = ("cone", "dipped")
+#: Lamps by the switch that they hang on, and the illuminance of the ground in lux below which ``auto`` turns them on. Street
+#: lamps: the usual twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
+SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})
+#: Positions of a switch.
+POSITIONS: Final = ("auto", "on", "off")
+
+#: Metres of visibility that stand for no fog: the air is then what turbidity says.
+CLEAR_VISIBILITY_M: Final = 100_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """Light and weather that belong to no object.
+
+    Attributes:
+        bearing: compass bearing of the world's +y axis, radians clockwise from north.
+        turbidity: haze of the analytic sky, 2 (clear) … 10 (hazy).
+        sky_strength: factor on the sky's radiance.
+        cloud_cover: share of the sky under cloud, 0 (clear) … 1 (overcast: no sun, no shadows).
+        visibility: metres at which fog leaves 2 % of a black object's contrast (Koschmieder); `CLEAR_VISIBILITY_M` is no fog.
+        rain: mm/h; wets what faces up, adds extinction and drops in the air.
+        street_lamps, car_lamps: ``on``, ``off``, or ``auto``: on when it is dark, see `SWITCHES`.
+    """
+
+    bearing: float = 0.0
+    turbidity: float = 3.0
+    sky_strength: float = 1.0
+    cloud_cover: float = 0.0
+    visibility: float = CLEAR_VISIBILITY_M
+    rain: float = 0.0
+    street_lamps: str = "auto"
+    car_lamps: str = "auto"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Scene:
+    """One concrete variant of an asset.
+
+    Attributes:
+        nodes: path to node, parents before children; the root is ``scene``.
+        materials, textures: by name.
+        cameras: by camera name, e.g. ``camera-1``.
+    """
+
+    nodes: Mapping[str, Node]
+    materials: Mapping[str, Material]
+    textures: Mapping[str, Texture]
+    cameras: Mapping[str, Camera]
+    sun: Sun
+    environment: Environment = field(default_factory=Environment)
+
+    def __post_init__(self) -> None:
+        for name in ("nodes", "materials", "textures", "cameras"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __repr__(self) -> str:
+        """A line: every array of a street, written out, takes minutes."""
+        return f"<Scene: {len(self.nodes)} nodes, {len(self.materials)} materials, cameras {', '.join(self.cameras)}>"
+
+    def world_transform(self, path: str) -> Matrix:
+        """(4, 4) object to world of the node at ``path``."""
+        node = self.nodes[path]
+        if node.parent in self.nodes:
+            return self.world_transform(node.parent) @ node.transform
+        return node.transform
+
+    def sun_direction(self) -> NDArray[np.float64]:
+        """(3,) unit vector in the world from the scene towards the sun.
+
+        With bearing b of +y and azimuth a (both clockwise from north), the horizontal direction is
+        (sin(a − b), cos(a − b)) in (x, y): x lies to the right of y seen from above.
+        """
+        relative = self.sun.azimuth - self.environment.bearing
+        horizontal = math.cos(self.sun.elevation)
+        return np.array(
+            [horizontal * math.sin(relative), horizontal * math.cos(relative), math.sin(self.sun.elevation)]
+        )

@@ -1,0 +1,133 @@
+"""Whether what moves can be where it is: no vehicle in a house, a parked car or another vehicle, nor off its ground; no house in
+what stands beside it, nor on a pavement.
+
+Two rules keep an asset's own placement legal, whatever its outlines are worth. Only what a variant speaks of is judged; and what
+overlaps, or does not stand level, where the asset's author put it and shows it, is not judged against that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import shapely
+
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.manifest import Footprint, Manifest
+from valerie.scene.legality.ground import ground_height, level_ground
+from valerie.scene.legality.movers import Mover
+from valerie.scene.legality.obstacles import Outlines
+
+_Polygons = tuple[shapely.Polygon, ...]
+
+
+class MoverRules:
+    """The rules of one manifest.
+
+    Args:
+        manifest: tells extent and ground.
+        resting: obstacles that no parameter moves or hides.
+        movers: all others.
+    """
+
+    def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
+        self._extent = manifest.extent
+        self._resting = Outlines(resting)
+        self._ways = Outlines(manifest.ways)
+        self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
+        self._spoken_of = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
+        own = [rule.own for rule in self._rules]
+        self._together = frozenset(
+            (i, j) for j, one in enumerate(own) for i, other in enumerate(own[:j]) if _overlap(one, other)
+        )
+
+    def reason(self, assignment: Mapping[str, Value]) -> str | None:
+        """Why what moves cannot be there, in words (``car-101 and bicycle-101 overlap``); None if it can."""
+        if self._spoken_of.isdisjoint(assignment):
+            return None
+        shown: list[tuple[int, bool, _Polygons]] = []
+        for number, rule in enumerate(self._rules):
+            varied = not rule.mover.paths.isdisjoint(assignment)
+            judged = varied and rule.mover.has_place
+            polygons = rule.mover.polygons(assignment) if varied else rule.own
+            if judged and (reason := self._alone(rule, polygons, assignment)):
+                return reason
+            for other, too, others in shown:
+                if (judged or too) and (other, number) not in self._together and _overlap(others, polygons):
+                    return f"{self._rules[other].mover.name} and {rule.mover.name} overlap"
+            shown.append((number, judged, polygons))
+        return None
+
+    def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
+        """Why it cannot be there, whatever else moves."""
+        name = rule.mover.name
+        if rule.keeps_within and not _within(polygons, self._extent):
+            return f"{name} is outside the asset"
+        if rule.grounds and not _stand_on(rule.mover.polygons(assignment, standing=True), rule.grounds):
+            return f"{name} leaves its level ground"
+        for polygon in polygons:
+            found = self._resting.first(polygon, but=rule.among)
+            if found is None and rule.ways is not None:
+                found = self._ways.first(polygon, but=rule.ways)
+            if found is not None:
+                return f"{name} stands {found.text}"
+        return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rule:
+    """What one mover is judged by.
+
+    Attributes:
+        own: its outlines where the author put it; none if it is hidden there.
+        keeps_within: whether its middle has to be within the asset's extent: not if its own place is outside.
+        grounds: it stands on one of these; empty if that is not judged: it is lifted by a parameter, or stands uneven on its own
+            place.
+        among: numbers of the obstacles at rest that it overlaps on its own place.
+        ways: numbers of the ways that it overlaps on its own place, and need not keep off; None: it keeps off none.
+    """
+
+    mover: Mover
+    own: _Polygons
+    keeps_within: bool
+    grounds: tuple[shapely.Geometry, ...]
+    among: frozenset[int]
+    ways: frozenset[int] | None
+
+
+def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -> _Rule:
+    own, grounds = mover.polygons({}), _grounds(manifest, mover)
+    return _Rule(
+        mover,
+        own,
+        _within(own, manifest.extent),
+        grounds if _stand_on(mover.polygons({}, standing=True), grounds) else (),
+        frozenset(number for polygon in own for number in resting.below(polygon)),
+        frozenset(number for polygon in own for number in ways.below(polygon)) if mover.is_built else None,
+    )
+
+
+def _grounds(manifest: Manifest, mover: Mover) -> tuple[shapely.Geometry, ...]:
+    """The pieces of level ground that it may stand on: of its own height, or each of all heights if it follows the ground."""
+    if f"{mover.path}.pos.z" in manifest.by_path:
+        return ()
+    if mover.path in manifest.grounded:
+        heights = sorted({0.0, *(region.height for region in manifest.ground)})
+    else:
+        middle = shapely.Polygon(mover.outlines[0].footprint.polygon).centroid
+        heights = [ground_height(manifest, middle.x, middle.y)]
+    return tuple(level_ground(manifest, height) for height in heights)
+
+
+def _within(polygons: _Polygons, extent: tuple[float, float, float, float]) -> bool:
+    x0, y0, x1, y1 = extent
+    middles = (polygon.centroid for polygon in polygons)
+    return all(x0 <= middle.x <= x1 and y0 <= middle.y <= y1 for middle in middles)
+
+
+def _stand_on(standing: _Polygons, grounds: Sequence[shapely.Geometry]) -> bool:
+    return all(any(ground.covers(polygon) for ground in grounds) for polygon in standing)
+
+
+def _overlap(one: _Polygons, other: _Polygons) -> bool:
+    return any(polygon.intersects(another) for polygon in one for another in other)

@@ -1,0 +1,76 @@
+"""Obstacles at rest: widened by the room that somebody needs, in a grid over the ground, and as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence, Set
+from typing import Final
+
+import shapely
+
+from valerie.scene.assets.manifest import Footprint
+
+#: Edge of a grid cell, metres.
+_CELL_M: Final = 2.0
+
+
+class ObstacleMap:
+    """Obstacles at rest, found by grid cell: a place costs one look-up and few point-in-polygon tests.
+
+    Args:
+        obstacles: none of which moves.
+        radius: metres by which each is widened.
+    """
+
+    def __init__(self, obstacles: Iterable[Footprint], radius: float) -> None:
+        self._cells: dict[tuple[int, int], list[tuple[shapely.Polygon, Footprint]]] = {}
+        for obstacle in obstacles:
+            polygon = widened(obstacle, radius)
+            for cell in _cells_of(polygon):
+                self._cells.setdefault(cell, []).append((polygon, obstacle))
+
+    def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
+        """The first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
+        for polygon, obstacle in self._cells.get((int(x // _CELL_M), int(y // _CELL_M)), ()):
+            if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
+                return obstacle
+        return None
+
+
+class Outlines:
+    """Obstacles at rest as they are, found by what overlaps them.
+
+    Args:
+        obstacles: none of which moves.
+    """
+
+    def __init__(self, obstacles: Sequence[Footprint]) -> None:
+        self._obstacles = tuple(obstacles)
+        self._tree = shapely.STRtree([shapely.make_valid(shapely.Polygon(obstacle.polygon)) for obstacle in obstacles])
+
+    def first(self, polygon: shapely.Polygon, but: Set[int] = frozenset()) -> Footprint | None:
+        """The first obstacle, in the manifest's order, that a polygon (metres, world) overlaps.
+
+        Args:
+            but: numbers of obstacles that do not count.
+        """
+        numbers = self.below(polygon) - but
+        return self._obstacles[min(numbers)] if numbers else None
+
+    def below(self, polygon: shapely.Polygon) -> frozenset[int]:
+        """Numbers of all obstacles that a polygon (metres, world) overlaps."""
+        return frozenset(self._tree.query(polygon, predicate="intersects").tolist())
+
+
+def widened(obstacle: Footprint, radius: float) -> shapely.Polygon:
+    """The ground that an obstacle and ``radius`` metres around it take, made for fast tests."""
+    polygon = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
+    shapely.prepare(polygon)
+    return polygon
+
+
+def _cells_of(polygon: shapely.Polygon) -> Iterator[tuple[int, int]]:
+    x0, y0, x1, y1 = (int(bound // _CELL_M) for bound in polygon.bounds)
+    for i in range(x0, x1 + 1):
+        for j in range(y0, y1 + 1):
+            if polygon.intersects(shapely.box(i * _CELL_M, j * _CELL_M, (i + 1) * _CELL_M, (j + 1) * _CELL_M)):
+                yield i, j

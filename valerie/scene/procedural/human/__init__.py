@@ -1,6 +1,0 @@
-"""Pedestrians: real human bodies from MakeHuman's data, posed and clothed (see `figure` and `catalogue`)."""
-
-from valerie.scene.procedural.human.characters import CHARACTERS, REVISION, Character, build_character, seat_character
-from valerie.scene.procedural.human.figure import Figure, figure
-
-__all__ = ["CHARACTERS", "REVISION", "Character", "Figure", "build_character", "figure", "seat_character"]

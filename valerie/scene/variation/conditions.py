@@ -1,0 +1,78 @@
+"""What a variant's light and weather come to, in numbers that tables can hold: no meshes, no pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.naming import ENVIRONMENT_PATH
+from valerie.scene.light.solar import ANGLES, AZIMUTH, CLOCK_PATHS, ELEVATION, SunAngles
+from valerie.scene.light.weather import road_friction
+from valerie.scene.variation.applying import complete
+
+_RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
+_DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
+
+
+class Conditions(NamedTuple):
+    """Metadata of a variant; None where the asset does not declare what it follows from.
+
+    Attributes:
+        sun_azimuth_deg: clockwise from north, whichever way the sun was given.
+        sun_elevation_deg: above the horizon.
+        road_friction: peak friction of new tyres on the road at 50 km/h (`valerie.scene.light.weather.road_friction`).
+    """
+
+    sun_azimuth_deg: float | None
+    sun_elevation_deg: float | None
+    road_friction: float | None
+
+
+def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Conditions:
+    """The conditions of a variant: path to value, what is missing takes its default.
+
+    Raises:
+        UnknownName, InvalidInput: as `valerie.scene.variation.applying.complete`.
+    """
+    return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
+
+
+def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
+    """Which of the `Conditions` differ between variants in which the parameters at these paths do."""
+    by_time = any(path in varied for path in CLOCK_PATHS)
+    differs = {
+        "sun_azimuth_deg": by_time or AZIMUTH in varied,
+        "sun_elevation_deg": by_time or ELEVATION in varied,
+        "road_friction": _RAIN in varied,
+    }
+    return tuple(name for name in Conditions._fields if differs[name])
+
+
+@lru_cache(maxsize=1024)
+def _conditions(given: tuple[tuple[str, Value], ...], manifest: Manifest) -> Conditions:
+    values = complete(dict(given), manifest)
+    rain = _number(values, _RAIN)
+    return Conditions(
+        _number(values, AZIMUTH), _number(values, ELEVATION), None if rain is None else road_friction(rain)
+    )
+
+
+def with_sun_angles(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
+    """An assignment in which a sun that is given by time and place has its two angles beside them."""
+    angles = sun_by_time(assignment, manifest)
+    return {**assignment, **dict(zip(ANGLES, angles or (), strict=False))}
+
+
+def sun_by_time(assignment: Mapping[str, Value], manifest: Manifest) -> SunAngles | None:
+    """The angles of a sun that is given by time and place; None if it is not."""
+    if not any(path in assignment for path in CLOCK_PATHS):
+        return None
+    values = complete({path: assignment[path] for path in _DECIDING if path in assignment}, manifest)
+    return SunAngles(*(float(values[path]) for path in ANGLES))
+
+
+def _number(values: Mapping[str, Value], path: str) -> float | None:
+    return float(values[path]) if path in values else None
