@@ -16,7 +16,7 @@ import yaml
 
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
-from valerie.scene.gltf import save_gltf
+from valerie.scene.gltf.writer import save_gltf
 from valerie.settings import load_settings
 from valerie.testing.assets import simple_asset
 

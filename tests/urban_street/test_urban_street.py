@@ -19,7 +19,7 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.assembling import load_gltf
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.gltf import save_gltf
+from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import JOINTS, Scene
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.paints import PAINTS

@@ -166,7 +166,7 @@ def export(
     arguments: Argument = None,
 ) -> None:
     """Write an asset as one binary glTF file."""
-    from valerie.scene.gltf import save_gltf
+    from valerie.scene.gltf.writer import save_gltf
 
     if path.suffix.lower() != ".glb":
         raise InvalidInput("not a file name of binary glTF", field="FILE.glb", value=str(path), limit="….glb")

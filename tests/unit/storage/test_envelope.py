@@ -61,7 +61,7 @@ def test_views_that_are_not_contiguous_are_packed_by_their_values() -> None:
 
 def test_equal_input_gives_equal_bytes_in_every_process() -> None:
     program = (
-        "import sys, numpy as np; from valerie.storage import frames\n"
+        "import sys, numpy as np; from valerie.storage import envelope\n"
         "arrays = {'b': np.arange(12, dtype=np.uint8), 'a': np.ones(3, np.float16)}\n"
         "sys.stdout.buffer.write(envelope.pack('image', arrays, {'z': 1, 'a': 2, 'm': 3, 'q': 4}))"
     )

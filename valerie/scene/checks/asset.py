@@ -34,7 +34,8 @@ def asset_findings(folder: Path) -> list[Finding]:
         folder: with ``manifest.yaml`` and the files that it lists.
     """
     from valerie.scene.assets.assembling import merge
-    from valerie.scene.gltf import FilePart, read_gltf
+    from valerie.scene.gltf.common import FilePart
+    from valerie.scene.gltf.reader import read_gltf
 
     try:
         manifest, asset_digest, files = read_manifest(folder)

@@ -64,7 +64,7 @@ def draft_manifest(folder: Path) -> Path:
 def manifest_draft(folder: Path) -> dict[str, Any]:
     """The document that `draft_manifest` writes."""
     from valerie.scene.assets.assembling import merge
-    from valerie.scene.gltf import read_gltf
+    from valerie.scene.gltf.reader import read_gltf
 
     files = sorted(
         file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.suffix.lower() in (".glb", ".gltf")

@@ -9,7 +9,7 @@ from valerie.errors import InvalidInput
 from valerie.scene.assets.asset import load_asset
 from valerie.scene.checks import Severity, asset_findings
 from valerie.scene.checks.manifest_draft import draft_manifest, manifest_draft
-from valerie.scene.gltf import save_gltf
+from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Node, Scene
 from valerie.scene.legality.judging import rejection_reason
 from valerie.testing.assets import simple_asset

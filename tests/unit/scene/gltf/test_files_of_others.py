@@ -14,8 +14,8 @@ import trimesh
 from valerie.errors import InvalidInput
 from valerie.scene.assets.assembling import load_gltf
 from valerie.scene.checks.shapes import world_points
-from valerie.scene.gltf import read_gltf
 from valerie.scene.gltf.common import vectors_from_y_up
+from valerie.scene.gltf.reader import read_gltf
 
 PROMISED = os.environ.get("VALERIE_TEST_ASSIMP_MODELS")
 MODELS = Path(PROMISED or "/usr/share/assimp/models")

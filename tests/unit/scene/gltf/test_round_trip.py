@@ -14,8 +14,10 @@ import trimesh
 
 from valerie.errors import InvalidInput
 from valerie.scene.assets.assembling import load_gltf
-from valerie.scene.gltf import EXTRAS_KEY, read_gltf, save_gltf
+from valerie.scene.gltf.common import EXTRAS_KEY
 from valerie.scene.gltf.meshes import unrolled, with_face_normals
+from valerie.scene.gltf.reader import read_gltf
+from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Environment, Light, Material, Mesh, Node, Scene
 from valerie.scene.graph.transforms import Pose
 from valerie.scene.variation.applying import apply
