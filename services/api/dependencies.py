@@ -13,7 +13,7 @@ from fastapi import Depends, Path, Query, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 
-from services.api import examples
+from services.api.schemas.base import FRAME_ID, RUN_ID
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
 
@@ -51,21 +51,17 @@ def _declared(dependant: Dependant) -> Iterator[str]:
 
 
 ContextDependency = Annotated[Context, Depends(_context)]
-RunId = Annotated[
-    str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[examples.RUN_ID])
-]
+RunId = Annotated[str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[RUN_ID])]
 FrameId = Annotated[
     str,
     Path(
         pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$",
         description="run.variant.camera.time",
-        examples=[examples.FRAME_ID],
+        examples=[FRAME_ID],
     ),
 ]
 Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
-Cursor = Annotated[
-    str | None, Query(max_length=400, description="`next` of the page before", examples=[examples.CURSOR])
-]
+Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the page before", examples=["WzVd"])]
 
 
 def split_frame_id(frame_id: str) -> tuple[str, int, int, int]:

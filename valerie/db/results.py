@@ -25,6 +25,7 @@ from sqlalchemy.orm import aliased
 
 from valerie.db.links import velocity_of_frame
 from valerie.db.models import (
+    Base,
     Evaluation,
     Frame,
     FrameAnnotation,
@@ -36,6 +37,7 @@ from valerie.db.models import (
     Variant,
 )
 from valerie.errors import InvalidInput, NotFound, UnknownName
+from valerie.measures import Source, measures_from, names_from
 from valerie.rendering.annotations.kinds import AnnotationKind
 
 _OF_FRAME = and_(
@@ -57,6 +59,14 @@ _LIGHT_OF_PERSON = and_(
 )
 _OF_VARIANT = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
 
+#: The table that holds the measures from each source.
+_TABLES: Final[dict[Source, type[Base]]] = {
+    Source.PLACE: PersonView,
+    Source.PIXELS: PersonView,
+    Source.LIGHT: PersonLight,
+    Source.PERSON_SCORE: PersonScore,
+    Source.FRAME_SCORE: Score,
+}
 #: Columns of the long table that can be filtered and sorted by, and what they are in the database.
 COLUMNS: Final[dict[str, Any]] = {
     "variant_index": Frame.variant_index,
@@ -65,33 +75,7 @@ COLUMNS: Final[dict[str, Any]] = {
     "sensor_index": Evaluation.sensor_index,
     "function_index": Evaluation.function_index,
     "instance_id": PersonView.instance_id,
-    "pixel_area": PersonView.pixel_area,
-    "pixel_area_percent": PersonView.pixel_area_percent,
-    "pixel_area_amodal": PersonView.pixel_area_amodal,
-    "occlusion_rate": PersonView.occlusion_rate,
-    "truncation_rate": PersonView.truncation_rate,
-    "distance_m": PersonView.distance_m,
-    "depth_m": PersonView.depth_m,
-    "bearing_deg": PersonView.bearing_deg,
-    "aspect_deg": PersonView.aspect_deg,
-    "irradiance": PersonLight.irradiance,
-    "shadow_share": PersonLight.shadow_share,
-    "contrast": PersonLight.contrast,
-    "undefined_reason": PersonView.undefined_reason,
-    "tp": PersonScore.tp,
-    "fn": PersonScore.fn,
-    "pacc": PersonScore.pacc,
-    "frame_tp": Score.tp,
-    "frame_fp": Score.fp,
-    "frame_fn": Score.fn,
-    "frame_tn": Score.tn,
-    "frame_pacc": Score.pacc,
-    "precision": Score.precision,
-    "iou": Score.iou,
-    "pixel_accuracy": Score.pixel_accuracy,
-    "miou": Score.miou,
-    "fwiou": Score.fwiou,
-    "macc": Score.macc,
+    **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
 
 #: What tells the rows of one run's long table apart.
@@ -340,9 +324,7 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
         select(
             *Frame.__table__.columns,
             *PersonView.__table__.columns,
-            PersonLight.irradiance,
-            PersonLight.shadow_share,
-            PersonLight.contrast,
+            *(COLUMNS[name] for name in names_from(Source.LIGHT)),
             Variant.assignment,
             velocity_of_frame(),
         )

@@ -8,7 +8,6 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Response
 
-from services.api import examples
 from services.api.dependencies import (
     ContextDependency,
     Cursor,
@@ -21,11 +20,13 @@ from services.api.dependencies import (
     split_frame_id,
 )
 from services.api.openapi import binary, problems
-from services.api.schemas import FrameDetail, FramePage, FrameRead, VariantPage, VariantRead
+from services.api.schemas.base import DIGEST
+from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
+from valerie.measures import Source, names_from
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading import frames
@@ -225,7 +226,7 @@ def artifact(
     ],
     digest: Annotated[
         str,
-        Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs", examples=[examples.DIGEST]),
+        Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs", examples=[DIGEST]),
     ],
     context: ContextDependency,
     conditions: ConditionsDependency,
@@ -244,7 +245,7 @@ def artifact(
 
 def _light(row: Any) -> dict[str, float | None]:
     """The columns of `PersonRead` that only runs with the annotation ``light`` have."""
-    return {name: getattr(row, name, None) for name in ("irradiance", "shadow_share", "contrast")}
+    return {name: getattr(row, name, None) for name in names_from(Source.LIGHT)}
 
 
 def _evaluation(

@@ -12,6 +12,7 @@ from sqlalchemy import Connection
 from valerie.analysis.where import Where, compile_where
 from valerie.db import results
 from valerie.errors import InvalidInput, UnknownName
+from valerie.measures import OF_PERSON, names_from
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.tables import character_of, frame_id, table_row
 from valerie.runs.spec import ResolvedRun
@@ -189,12 +190,6 @@ def _scored(
 
 
 def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict[str, Any]:
-    nobody = row.instance_id == 0
-    seen = ("instance_id", "pixel_area", "pixel_area_percent", "pixel_area_amodal")
-    always = (
-        "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
-        "shadow_share", "contrast", "box", "amodal_box", "undefined_reason",
-    )  # fmt: skip
     return {
         "run_id": run_id,
         "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
@@ -204,7 +199,7 @@ def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict
         "time_s": resolved.seconds(row.assignment, row.time_index),
         "sensor": sensor,
         "character": character_of(row.instance_id, row.assignment, resolved),
-        **{name: None if nobody else getattr(row, name) for name in seen},
-        **{name: getattr(row, name) for name in always},
+        "instance_id": row.instance_id or None,
+        **{name: getattr(row, name) for name in (*names_from(*OF_PERSON), "box", "amodal_box")},
         **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
     }

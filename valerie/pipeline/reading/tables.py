@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from sqlalchemy import Engine
@@ -14,12 +14,16 @@ from valerie.analysis.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import PERSON
+from valerie.measures import OF_PERSON, Source, names_from
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
+
+#: Columns of the long table that the database holds by the same name.
+_STORED: Final = names_from(*OF_PERSON, Source.PERSON_SCORE, Source.FRAME_SCORE)
 
 
 def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
@@ -69,39 +73,21 @@ def varied_types(resolved: ResolvedRun) -> dict[str, str]:
 
 def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
     """One row of the long table from one row of the database."""
-    nobody = row.instance_id == 0
-    character = character_of(row.instance_id, row.assignment, resolved)
     return {
         "run_id": run_id,
         "variant_index": row.variant_index,
         "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
         "camera": resolved.cameras[row.camera_index],
         "time_s": resolved.seconds(row.assignment, row.time_index),
-        "character": character,
+        "character": character_of(row.instance_id, row.assignment, resolved),
         "sensor": resolved.spec.sensors[row.sensor_index].name,
         "function": resolved.spec.functions[row.function_index],
-        "instance_id": None if nobody else row.instance_id,
-        "pixel_area": None if nobody else row.pixel_area,
-        "pixel_area_percent": None if nobody else row.pixel_area_percent,
-        "pixel_area_amodal": None if nobody else row.pixel_area_amodal,
-        "occlusion_rate": row.occlusion_rate,
-        "truncation_rate": row.truncation_rate,
-        "distance_m": row.distance_m,
-        "depth_m": row.depth_m,
-        "bearing_deg": row.bearing_deg,
-        "aspect_deg": row.aspect_deg,
-        "irradiance": row.irradiance,
-        "shadow_share": row.shadow_share,
-        "contrast": row.contrast,
-        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
+        "instance_id": row.instance_id or None,
+        **{name: getattr(row, name) for name in _STORED},
+        # A person who is not there has no counts.
         "tp": row.tp or 0,
         "fn": row.fn or 0,
-        "pacc": row.pacc,
-        "undefined_reason": row.undefined_reason,
-        "precision": row.precision,
-        "iou": row.iou,
-        "pixel_accuracy": row.pixel_accuracy,
-        "fp": row.frame_fp,
+        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
         **{path: row.assignment.get(path) for path in varied},
     }
 

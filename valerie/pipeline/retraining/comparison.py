@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from valerie.analysis.before_after import Comparison, aligned, compare, row_keys
 from valerie.analysis.region import Region
-from valerie.analysis.table import COLUMNS, EvaluationTable
+from valerie.analysis.table import EvaluationTable
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
 from valerie.labels import to_train_ids
+from valerie.measures import MEASURES
 from valerie.metrics.collection import collection_scores
 from valerie.metrics.confusion import confusion_matrix
-from valerie.metrics.instances import person_counts
+from valerie.metrics.instances import InstanceCounts, person_counts
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scores import frame_scores
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
@@ -234,19 +235,13 @@ def _look(
             counted = {one.instance_id: one for one in person_counts(truth, labels)}
             for person in frame.persons:
                 seen = measured_again(person, truth) if capture.distorted else person
-                counts = counted.get(person["instance_id"])
-                tp, fn = (counts.tp, counts.fn) if counts is not None else (0, 0)
+                counts = counted.get(person["instance_id"], InstanceCounts(0, 0, 0))
                 row = {
                     **seen,
                     **{path: frame.assignment.get(path) for path in varied},
                     "function": name,
-                    "tp": tp,
-                    "fn": fn,
-                    "pacc": pacc(tp, fn),
-                    "precision": scores.precision,
-                    "iou": scores.iou,
-                    "pixel_accuracy": scores.pixel_accuracy,
-                    "fp": scores.counts.fp,
+                    **counts.columns,
+                    **scores.columns,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
@@ -256,4 +251,4 @@ def _look(
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:
-    return (*(name for name, *_ in COLUMNS), *varied)
+    return (*(measure.name for measure in MEASURES), *varied)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from valerie.db import results
@@ -14,7 +15,7 @@ from valerie.labels import to_train_ids
 from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scores import frame_scores
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.reading.capture import capture_of_job
@@ -54,14 +55,7 @@ class EvaluateMaker:
             cpu_seconds=time.process_time() - started,
             score={"digest": job.digest, "confusion": packed, **_ratios(matrix, card.judged_ids)},
             person_scores=tuple(
-                {
-                    "digest": job.digest,
-                    "instance_id": person.instance_id,
-                    "tp": person.tp,
-                    "fn": person.fn,
-                    "pacc": pacc(person.tp, person.fn),
-                }
-                for person in persons
+                {"digest": job.digest, "instance_id": person.instance_id, **person.columns} for person in persons
             ),
             person_views=self._views(job, truth) if capture.distorted else (),
         )
@@ -75,16 +69,4 @@ class EvaluateMaker:
 
 def _ratios(matrix: ConfusionMatrix, judged: Sequence[int]) -> dict[str, Any]:
     scores = frame_scores(matrix, classes=judged)
-    return {
-        "tp": scores.counts.tp,
-        "fp": scores.counts.fp,
-        "fn": scores.counts.fn,
-        "tn": scores.counts.tn,
-        "pacc": scores.pacc,
-        "precision": scores.precision,
-        "iou": scores.iou,
-        "pixel_accuracy": scores.pixel_accuracy,
-        "miou": scores.miou,
-        "fwiou": scores.fwiou,
-        "macc": scores.macc,
-    }
+    return {**asdict(scores.counts), "pacc": scores.pacc, **scores.columns}
