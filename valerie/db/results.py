@@ -362,7 +362,7 @@ def predictions(
 def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, bytes, float | None]]:
     """(sensor, function, packed confusion matrix, mean IoU) of everything that is evaluated."""
     query = (
-        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, Score.miou)
+        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, COLUMNS["miou"])
         .join(Score, Score.digest == Evaluation.scores)
         .where(Evaluation.run_id == run_id)
     )

@@ -39,5 +39,6 @@ def measured(*sources: Source) -> Any:
 
 def _field(measure: Measure) -> tuple[Any, Any]:
     kind: Any = measure.type.python
-    description = {"description": measure.description, "examples": [measure.example]}
-    return (kind, Field(**description)) if measure.required else (kind | None, Field(None, **description))
+    optional: dict[str, Any] = {} if measure.required else {"default": None}
+    field = Field(description=measure.description, examples=[measure.example], **optional)
+    return (kind if measure.required else kind | None, field)
