@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, console, context_of, settings_of
+from valerie.cli.deployment import context_of
+from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:

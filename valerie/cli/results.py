@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from valerie.cli.datasets import Where
+from valerie.cli.deployment import context_of
 from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, context_of, say
+from valerie.cli.shell import DataDir, Json, console, say
 from valerie.errors import Conflict, InvalidInput
 
 
