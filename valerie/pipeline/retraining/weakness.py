@@ -164,16 +164,16 @@ def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
     Raises:
         InvalidInput: it is not generated from a seed, so there are no fresh streets.
     """
-    from valerie.scene.assets.asset import GENERATORS
+    from valerie.scene.assets.asset import PACKS, is_generated
 
     asset = resolved.spec.asset
     reference = {"name": asset} if isinstance(asset, str) else dict(asset)
     name = str(reference.pop("name"))
-    if name not in GENERATORS:
+    if not is_generated(name):
         raise InvalidInput(
             "new frames need fresh streets: an asset that is generated from a seed",
             field="asset",
             value=name,
-            limit=", ".join(GENERATORS),
+            limit=", ".join(PACKS.names()),
         )
     return name, reference, int(reference.pop("seed", 0))
