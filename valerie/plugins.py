@@ -21,7 +21,7 @@ from pydantic import BaseModel, ValidationError
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.perception.shipped import FUNCTIONS, load_function
 from valerie.settings import load_settings
 from valerie.spelling import package_name
 from valerie.validation import problem_of

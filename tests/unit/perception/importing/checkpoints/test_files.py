@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from torch import nn
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.stored import read_stored
+from valerie.perception.importing.checkpoints.files import read_stored
 
 
 def weights() -> dict[str, torch.Tensor]:
