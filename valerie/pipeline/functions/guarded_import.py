@@ -52,8 +52,6 @@ SUFFIXES: Final = frozenset((_ONNX, *_CHECKPOINTS, *_RUNS_CODE))
 _ACCEPTED: Final = ", ".join((_ONNX, *_CHECKPOINTS))
 #: Variables that a converter needs; everything else in the environment is hidden from it.
 _ENVIRONMENT: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "PYTHONPATH")
-#: Exit statuses of a child that ran out of time, or that the system killed for its memory.
-_OUT_OF_BOUNDS: Final = (124, 137)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +208,7 @@ def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
     try:
         outcome = ImportAnswer.model_validate_json(answer_file.read_bytes()).outcome
     except (OSError, ValidationError):
-        if process.returncode < 0 or process.returncode in _OUT_OF_BOUNDS:
+        if process.returncode < 0:  # ended by a signal: its timer, or the system for want of memory
             raise _out_of_bounds(settings) from None
         last = (process.stderr.strip().splitlines() or ["no message"])[-1]
         raise InvalidInput(f"the process that converts and checks it ended ({last[:300]})", field="payload") from None

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import resource
+import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ import numpy as np
 
 from valerie.errors import InvalidInput, MissingDependency, ValerieError
 from valerie.perception.documents.function import FunctionDocument, parse_function
-from valerie.perception.running.limits import limit_memory, time_limit
+from valerie.perception.running.limits import limit_memory
 from valerie.perception.running.opening import open_function
 from valerie.pipeline.functions.import_job import (
     ImportAnswer,
@@ -36,14 +37,14 @@ def main(arguments: list[str]) -> int:
     """Do the job on standard input and write the answer to the file that is named."""
     job = ImportJob.model_validate_json(sys.stdin.read())
     _bound(job)
-    with time_limit(job.seconds, what="the import"):
-        answer = ImportAnswer(outcome=_outcome(job))
+    answer = ImportAnswer(outcome=_outcome(job))
     Path(arguments[0]).write_text(answer.model_dump_json())
     return 0
 
 
 def _bound(job: ImportJob) -> None:
     limit_memory(job.memory_mb)
+    signal.setitimer(signal.ITIMER_REAL, job.seconds)  # the kernel ends this process, also within compiled code
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # This process writes a payload (at most fp32 of an fp16 file) and the answer.
     largest = 4 * job.max_bytes + (1 << 20)

@@ -180,6 +180,38 @@ def test_memory_is_bounded(tmp_path: Path, work: Path) -> None:
         bring(small_onnx(tmp_path)[1], work, settings)
 
 
+def nested_tuples(depth: int) -> bytes:
+    """A pickle of a few hundred bytes: a dictionary whose key has 2 to the power of ``depth`` leaves."""
+    pair_of_the_one_before = b"q\x00h\x00\x86"
+    return b"\x80\x02}N" + pair_of_the_one_before * depth + b"Ns."
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        b"\x80\x02]r\xf0\xff\xff\xff.",  # remember an object under number 4,294,967,280
+        b"\x80\x04\x8e" + (1 << 50).to_bytes(8, "little") + b"x.",  # a string of a petabyte, so it says
+        nested_tuples(60),
+    ],
+    ids=["memory", "length", "time"],
+)
+def test_a_pickle_that_exhausts_memory_or_time_ends_the_child_alone(tmp_path: Path, work: Path, pickled: bytes) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=4)
+    path = tmp_path / "bomb.pkl"
+    path.write_bytes(pickled)
+    with pytest.raises(InvalidInput, match=r"too much memory or time|MemoryError"):
+        bring(path, work, settings, "")
+
+
+def test_an_onnx_file_of_millions_of_operators_ends_the_child_alone(tmp_path: Path, work: Path) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=40)
+    nodes = b"\x0a\x00" * (1 << 24)
+    path = tmp_path / "bomb.onnx"
+    path.write_bytes(b"\x3a\x80\x80\x80\x10" + nodes + b"\x42\x02\x10\x11")
+    with pytest.raises(InvalidInput, match=r"bomb\.onnx: not an ONNX file .*alloc|too much memory"):
+        bring(path, work, settings)
+
+
 def test_secrets_of_the_environment_do_not_reach_the_child(
     tmp_path: Path, work: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
