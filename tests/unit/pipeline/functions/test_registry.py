@@ -72,6 +72,15 @@ class TestTheRegistry:
         assert again == first
         assert first.version == 1
 
+    def test_a_function_that_cannot_say_person_is_not_registered(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        mute = {"classes": ["road", "human"], "class_map": {"human": "void"}}
+        with pytest.raises(
+            InvalidInput, match=r"output\.class_map: no class of the function is a person.*human: person"
+        ):
+            register(pipeline, tmp_path, output=mute)
+        with reading(pipeline.context.engine) as connection:
+            assert registry.listed(connection) == []
+
     def test_another_document_is_the_next_version_and_both_stay(self, pipeline: Pipeline, tmp_path: Path) -> None:
         first = register(pipeline, tmp_path)
         second = register(pipeline, tmp_path, provenance={"trained": "longer"})
