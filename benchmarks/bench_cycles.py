@@ -27,7 +27,7 @@ from benchmarks.cycles_parts import Parts
 from benchmarks.cycles_render import Studio
 from valerie import plugins
 from valerie.errors import ValerieError
-from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.shipped import FUNCTIONS
 from valerie.rendering.base import View
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer

@@ -27,7 +27,7 @@ from valerie.errors import MissingDependency
 from valerie.labels import to_train_ids
 from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
-from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.perception.shipped import FUNCTIONS, load_function
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind

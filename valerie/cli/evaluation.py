@@ -48,7 +48,7 @@ def evaluate(
     from valerie.cli.datasets import Lines
     from valerie.cli.deployment import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
-    from valerie.pipeline.functions.opening import open_pinned, open_reference
+    from valerie.pipeline.functions.references import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
 
     folder = CityscapesFolder(dataset, split or _split(dataset))

@@ -3,9 +3,9 @@ from typing import Any
 import pytest
 
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import function_card, function_document
 from valerie.perception.documents.cards import card_rows
 from valerie.perception.documents.function import parse_function
+from valerie.perception.shipped import function_card, function_document
 
 PAYLOAD = {"sha256": "ab" * 32, "bytes": 16_042_000, "format": "onnx"}
 

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.catalog import function_card, load_function
 from valerie.perception.importing.function_file import function_file_bytes
-from valerie.perception.importing.loaders import load_network
+from valerie.perception.importing.network_weights import load_network
+from valerie.perception.shipped import function_card, load_function
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 

@@ -10,15 +10,15 @@ from valerie import plugins
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.opening import open_function
-from valerie.perception.training.beginning import require_trainable
+from valerie.perception.shipped import FUNCTIONS, file_document, function_path
+from valerie.perception.training.start_weights import require_trainable
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
+from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.functions.registry import SHORT
-from valerie.pipeline.functions.source import FunctionSource
 from valerie.spelling import plain_name
 
 _SUFFIX: Final = ".safetensors"
@@ -46,7 +46,7 @@ def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tu
         with reading(context.engine) as connection:
             document = registry.of_digest(connection, pin["digest"], name).document
         require_trainable(document)
-        return document, FunctionSource(context).file(document)
+        return document, FunctionLoader(context).file(document)
     if name not in FUNCTIONS:
         raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
     path = function_path(name)
@@ -102,7 +102,7 @@ def open_reference(reference: str, *, context: Context, threads: int | None = No
 
 def _open_pinned(name: str, pin: Mapping[str, Any], context: Context, threads: int | None) -> PerceptionFunction:
     try:
-        function = FunctionSource(context).open(name, pin, threads=threads)
+        function = FunctionLoader(context).open(name, pin, threads=threads)
     except TransientError as error:
         raise _unlike(str(error)) from None
     pinned = pin.get("revision", 1)
@@ -132,4 +132,4 @@ def _open(reference: str, context: Context, threads: int | None) -> PerceptionFu
         if reference.partition("@")[0] not in known:
             raise UnknownName("function", reference, {*installed, *known}, field="function")
         document = registry.find(connection, reference).document
-    return FunctionSource(context).open_document(document, threads=threads)
+    return FunctionLoader(context).open_document(document, threads=threads)

@@ -11,11 +11,11 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput
-from valerie.perception.catalog import file_document
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.importing.function_file import read_tensors
-from valerie.perception.importing.loaders import filled_network, load_network
-from valerie.perception.training.beginning import beginning
+from valerie.perception.importing.network_weights import filled_network, load_network
+from valerie.perception.shipped import file_document
+from valerie.perception.training.start_weights import beginning
 
 
 @pytest.fixture

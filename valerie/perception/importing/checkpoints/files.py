@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_kind
+from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
 
 #: Larger files are refused unread. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
@@ -49,7 +49,7 @@ class StoredCheckpoint:
     format: str
 
 
-def read_stored(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
+def read_stored_checkpoint(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
     """Read a checkpoint; nothing in it is run, and no more memory is taken than the file is long (bfloat16: twice that).
 
     Raises:
@@ -74,34 +74,13 @@ def read_stored(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
         if start[8:9] == b"{" and (start[4:8] == bytes(4) or start[:1] != b"\x80"):
             return _read_safetensors(path, int.from_bytes(start[:8], "little"), size)
         if start.startswith(b"\x80"):
-            bounded = _Bounded(stream, size)
-            first = load_plain(bounded, field=field)
+            first = load_plain(stream, field=field)
             if first == _STREAM_MAGIC:
-                return _weights(_read_torch_stream(bounded, field), "torch", field)
+                return _weights(_read_torch_stream(stream, field), "torch", field)
             return _weights(first, "pickle", field)
     raise InvalidInput(
         "not a checkpoint", field=field, limit="safetensors, a file of torch.save, or a pickle of numpy arrays"
     )
-
-
-class _Bounded:
-    """Reads of a file that never ask for more than is left: a stated length reserves no memory."""
-
-    def __init__(self, stream: IO[bytes], size: int) -> None:
-        self._stream, self._size = stream, size
-
-    def read(self, count: int = -1, /) -> bytes:
-        left = self._size - self._stream.tell()
-        return self._stream.read(left if count < 0 else min(count, left))
-
-    def readline(self) -> bytes:
-        return self._stream.readline()
-
-    def tell(self) -> int:
-        return self._stream.tell()
-
-    def seek(self, offset: int, /) -> int:
-        return self._stream.seek(offset)
 
 
 def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
@@ -130,13 +109,13 @@ def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
             def storage(pid: Any) -> Storage:
                 _, kind, key, _, count = pid
                 if key not in storages:
-                    storages[key] = storage_kind(kind, count)
+                    storages[key] = storage_of(kind, count)
                 elif (storages[key].kind, storages[key].count) != (kind.name, count):
                     raise ValueError(f"storage {key!r} is described in two ways")
                 return storages[key]
 
             with archive.open(pickled) as inner:
-                objects = load_plain(_Bounded(inner, pickled.file_size), field=field, storage=storage)
+                objects = load_plain(inner, field=field, storage=storage)
             for key, made in storages.items():
                 made.fill(archive.read(f"{root}/data/{key}"), field=f"{field}: storage {key}")
             return objects
@@ -172,7 +151,7 @@ def _refuse_programs(names: Mapping[str, object], field: str) -> None:
         )
 
 
-def _read_torch_stream(stream: _Bounded, field: str) -> Any:
+def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
     """The objects of torch.save's older format: pickles one after another, then the numbers of each storage."""
     version = load_plain(stream, field=field)
     if version != _STREAM_VERSION:
@@ -186,7 +165,7 @@ def _read_torch_stream(stream: _Bounded, field: str) -> Any:
         _, kind, key, _, count, view = pid
         if view is not None:
             raise ValueError("a view of a storage, as only very old versions of torch wrote them")
-        return storages.setdefault(key, storage_kind(kind, count))
+        return storages.setdefault(key, storage_of(kind, count))
 
     objects = load_plain(stream, field=field, storage=storage)
     keys = load_plain(stream, field=field)

@@ -14,19 +14,19 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.opening import open_function, require_payload
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
-from valerie.pipeline.functions.cache import FunctionCache
+from valerie.pipeline.functions.payload_cache import PayloadCache
 from valerie.settings import Settings
 
 _FOLDER: Final = "functions"
 
 
-class FunctionSource:
+class FunctionLoader:
     """Loads what runs pinned; knows functions that were registered after this process started."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         settings = context.settings
-        self._cache = FunctionCache(
+        self._cache = PayloadCache(
             context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
         )
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.importing.loaders import filled_network, load_network, tensor_shapes
+from valerie.perception.importing.network_weights import filled_network, load_network, tensor_shapes
 from valerie.perception.networks.architectures import build_network
 
 

@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.catalog import function_path
 from valerie.perception.documents.class_maps import CLASS_LISTS
 from valerie.perception.documents.function import FunctionDocument, Payload
-from valerie.perception.importing.checkpoints.importing import convert, import_checkpoint
+from valerie.perception.importing.checkpoints.conversion import convert, import_checkpoint
+from valerie.perception.importing.checkpoints.files import StoredCheckpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS
-from valerie.perception.importing.checkpoints.stored import StoredCheckpoint
 from valerie.perception.importing.function_file import read_header, read_tensors
-from valerie.perception.importing.loaders import load_payload, tensor_shapes
+from valerie.perception.importing.network_weights import load_payload, tensor_shapes
+from valerie.perception.shipped import function_path
 
 CITYSCAPES = CLASS_LISTS["cityscapes"]
 

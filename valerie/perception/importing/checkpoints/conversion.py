@@ -16,11 +16,16 @@ from numpy.typing import NDArray
 from valerie.errors import InvalidInput, UnknownName
 from valerie.perception.documents.class_maps import CLASS_LISTS
 from valerie.perception.importing.checkpoints.configuration import config_values
+from valerie.perception.importing.checkpoints.files import MAX_BYTES, StoredCheckpoint, read_stored_checkpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS, Layout, PictureUnits
-from valerie.perception.importing.checkpoints.stored import MAX_BYTES, StoredCheckpoint, read_stored
 from valerie.perception.importing.function_file import FORMAT as FUNCTION_FORMAT
 from valerie.perception.importing.function_file import safetensors_bytes
-from valerie.perception.importing.loaders import differing_tensors, filled_network, require_same_shapes, tensor_shapes
+from valerie.perception.importing.network_weights import (
+    differing_tensors,
+    filled_network,
+    require_same_shapes,
+    tensor_shapes,
+)
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 from valerie.perception.networks.deeplabv3plus import DeepLabSettings
 
@@ -106,7 +111,9 @@ def import_checkpoint(
             fails the self-check.
         UnknownName: ``architecture``.
     """
-    return convert(read_stored(path, max_bytes=max_bytes), field=path.name, architecture=architecture, classes=classes)
+    return convert(
+        read_stored_checkpoint(path, max_bytes=max_bytes), field=path.name, architecture=architecture, classes=classes
+    )
 
 
 def convert(

@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from torch import nn
 
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.checkpoints.stored import read_stored
+from valerie.perception.importing.checkpoints.files import read_stored_checkpoint
 
 
 def weights() -> dict[str, torch.Tensor]:
@@ -30,7 +30,7 @@ def weights() -> dict[str, torch.Tensor]:
 
 
 def require_equal(path: Path) -> None:
-    stored = read_stored(path)
+    stored = read_stored_checkpoint(path)
     assert list(stored.tensors) == list(weights())
     for name, tensor in weights().items():
         np.testing.assert_array_equal(stored.tensors[name], tensor.numpy())
@@ -70,7 +70,9 @@ def test_torch_files_of_both_formats_come_back(save, zipped: bool, container: st
 @pytest.mark.parametrize("zipped", [True, False])
 def test_bfloat16_comes_back_as_float32(save, zipped: bool) -> None:
     tensor = torch.tensor([1.0, -2.5, 3.0e38]).bfloat16()
-    np.testing.assert_array_equal(read_stored(save({"a": tensor}, zipped=zipped)).tensors["a"], tensor.float().numpy())
+    np.testing.assert_array_equal(
+        read_stored_checkpoint(save({"a": tensor}, zipped=zipped)).tensors["a"], tensor.float().numpy()
+    )
 
 
 def test_a_pickle_of_arrays_comes_back(tmp_path: Path) -> None:
@@ -78,13 +80,13 @@ def test_a_pickle_of_arrays_comes_back(tmp_path: Path) -> None:
     arrays = {name: tensor.numpy() for name, tensor in weights().items()}
     path.write_bytes(pickle.dumps({"model": arrays, "__author__": "somebody"}))
     require_equal(path)
-    assert read_stored(path).entries == {"__author__": "somebody"}
+    assert read_stored_checkpoint(path).entries == {"__author__": "somebody"}
 
 
 def test_safetensors_come_back_with_their_header(tmp_path: Path) -> None:
     path = tmp_path / "f.safetensors"
     save_file({"a": np.ones(3, np.float32)}, path, metadata={"format": "x"})
-    stored = read_stored(path)
+    stored = read_stored_checkpoint(path)
     assert (stored.format, stored.entries) == ("safetensors", {"format": "x"})
     np.testing.assert_array_equal(stored.tensors["a"], np.ones(3, np.float32))
 
@@ -101,7 +103,7 @@ def test_what_training_keeps_beside_the_weights_does_no_harm(save, zipped: bool)
         "cur_itrs": 30_000,
         "meta": {"CLASSES": ("road", "person"), "nested": {"mean": [1, 2]}},
     }
-    stored = read_stored(save(whole, zipped=zipped))
+    stored = read_stored_checkpoint(save(whole, zipped=zipped))
     assert set(stored.tensors) == set(nn.BatchNorm2d(4).state_dict())
     assert stored.entries["best_score"] == 0.75
     assert stored.entries["meta.CLASSES"] == ("road", "person")
@@ -112,22 +114,24 @@ def test_a_dictionary_in_many_places_is_entered_once(save) -> None:
     inner: dict[str, object] = {"leaf": 1}
     for _ in range(30):
         inner = {str(place): inner for place in range(30)}  # 30 to the power of 30 leaves
-    assert list(read_stored(save({"state_dict": weights(), "meta": inner})).entries.values()) == [1]
+    assert list(read_stored_checkpoint(save({"state_dict": weights(), "meta": inner})).entries.values()) == [1]
 
 
 def test_a_dictionary_that_holds_itself_is_entered_once(save) -> None:
     itself: dict[str, object] = {"epoch": 3}
     itself["again"] = itself
-    assert read_stored(save({"state_dict": weights(), "meta": itself})).entries == {"meta.epoch": 3}
+    assert read_stored_checkpoint(save({"state_dict": weights(), "meta": itself})).entries == {"meta.epoch": 3}
 
 
 def test_the_prefix_of_data_parallel_training_is_dropped(save) -> None:
-    stored = read_stored(save({"state_dict": {f"module.{name}": tensor for name, tensor in weights().items()}}))
+    stored = read_stored_checkpoint(
+        save({"state_dict": {f"module.{name}": tensor for name, tensor in weights().items()}})
+    )
     assert list(stored.tensors) == list(weights())
 
 
 def test_parameters_are_tensors(save) -> None:
-    stored = read_stored(save({"a": nn.Parameter(torch.ones(2))}))
+    stored = read_stored_checkpoint(save({"a": nn.Parameter(torch.ones(2))}))
     assert stored.tensors["a"].tolist() == [1.0, 1.0]
 
 
@@ -144,14 +148,14 @@ def test_a_call_in_a_torch_file_is_refused_and_not_made(save, tmp_path: Path, zi
     mark = tmp_path / "mark"
     path = save({"state_dict": weights(), "meta": Touches(mark)}, zipped=zipped)
     with pytest.raises(InvalidInput, match=r"holds (posix|nt)\.system"):
-        read_stored(path)
+        read_stored_checkpoint(path)
     assert not mark.exists()
 
 
 def test_a_file_above_the_limit_is_refused_unread(save) -> None:
     path = save(weights())
     with pytest.raises(InvalidInput, match="too large"):
-        read_stored(path, max_bytes=path.stat().st_size - 1)
+        read_stored_checkpoint(path, max_bytes=path.stat().st_size - 1)
 
 
 def test_a_huge_file_with_a_hole_is_refused_unread(tmp_path: Path) -> None:
@@ -159,7 +163,7 @@ def test_a_huge_file_with_a_hole_is_refused_unread(tmp_path: Path) -> None:
     with path.open("wb") as stream:
         stream.truncate(1 << 40)
     with pytest.raises(InvalidInput, match="too large"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_a_compressed_archive_is_refused_before_it_grows(rewritten) -> None:
@@ -168,7 +172,7 @@ def test_a_compressed_archive_is_refused_before_it_grows(rewritten) -> None:
     )
     assert path.stat().st_size < 100_000
     with pytest.raises(InvalidInput, match="compressed or encrypted"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_entries_that_share_their_bytes_are_refused(save, tmp_path: Path) -> None:
@@ -181,7 +185,7 @@ def test_entries_that_share_their_bytes_are_refused(save, tmp_path: Path) -> Non
     tail = struct.pack("<4s4H2IH", b"PK\x05\x06", 0, 0, count * 50, count * 50, size * 50, start, 0)
     path.write_bytes(data[:start] + directory * 50 + tail)
     with pytest.raises(InvalidInput, match=r"larger than the file|not a readable zip"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_a_tensor_larger_than_its_storage_is_refused(rewritten) -> None:
@@ -189,7 +193,7 @@ def test_a_tensor_larger_than_its_storage_is_refused(rewritten) -> None:
         return data.replace(b"K\x04\x85", b"J\x00\x00\x00\x01\x85") if name.endswith("data.pkl") else data
 
     with pytest.raises(InvalidInput, match=r"a tensor of \[16777216\] in a storage of 4 numbers"):
-        read_stored(rewritten(lie))
+        read_stored_checkpoint(rewritten(lie))
 
 
 class ChangedLater:
@@ -205,7 +209,7 @@ def test_a_tensor_cannot_be_changed_after_it_was_checked(save) -> None:
         warnings.simplefilter("ignore")  # typed storages are deprecated, and what torch.save writes
         path = save({"a": ChangedLater()})
     with pytest.raises(InvalidInput, match="a change of Tensor"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_a_storage_larger_than_its_data_is_refused(rewritten) -> None:
@@ -213,13 +217,13 @@ def test_a_storage_larger_than_its_data_is_refused(rewritten) -> None:
         return data.replace(b"K\x04", b"J\x00\x00\x00\x01") if name.endswith("data.pkl") else data
 
     with pytest.raises(InvalidInput, match="another length; got 16; limit: 16777216 numbers of 4 bytes"):
-        read_stored(rewritten(lie))
+        read_stored_checkpoint(rewritten(lie))
 
 
 @pytest.mark.parametrize("zipped", [True, False])
 def test_one_number_that_poses_as_a_vast_tensor_is_refused(save, zipped: bool) -> None:
     with pytest.raises(InvalidInput, match="in a storage of 1 numbers"):
-        read_stored(save({"a": torch.zeros(1).expand(1 << 40)}, zipped=zipped))
+        read_stored_checkpoint(save({"a": torch.zeros(1).expand(1 << 40)}, zipped=zipped))
 
 
 def test_older_torch_files_cannot_lie_about_lengths(save) -> None:
@@ -229,10 +233,10 @@ def test_older_torch_files_cannot_lie_about_lengths(save) -> None:
     assert data.endswith(stated)
     path.write_bytes(data[: -len(stated)] + struct.pack("<q", 1 << 40) + stated[8:])
     with pytest.raises(InvalidInput, match="two lengths of one storage"):
-        read_stored(path)
+        read_stored_checkpoint(path)
     path.write_bytes(data[:-4])
     with pytest.raises(InvalidInput, match="another length"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 @pytest.mark.parametrize("header", [1 << 62, 1 << 40, 10_000_000])
@@ -240,7 +244,7 @@ def test_a_safetensors_header_longer_than_the_file_is_refused(tmp_path: Path, he
     path = tmp_path / "f.safetensors"
     path.write_bytes(struct.pack("<Q", header) + b'{"a":{}}')
     with pytest.raises(InvalidInput, match="longer than it can be"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 @pytest.mark.parametrize("padding", range(8))
@@ -249,7 +253,7 @@ def test_a_header_of_any_length_is_told_from_a_pickle(tmp_path: Path, padding: i
     header = b'{"a":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}'
     header += b" " * (0x80 + 8 * padding - len(header))  # a length of 128 begins as a pickle does
     path.write_bytes(struct.pack("<Q", len(header)) + header + bytes(4))
-    assert read_stored(path).format == "safetensors"
+    assert read_stored_checkpoint(path).format == "safetensors"
 
 
 def test_a_safetensors_tensor_outside_the_file_is_refused(tmp_path: Path) -> None:
@@ -257,7 +261,7 @@ def test_a_safetensors_tensor_outside_the_file_is_refused(tmp_path: Path) -> Non
     header = json.dumps({"a": {"dtype": "F32", "shape": [1 << 30], "data_offsets": [0, 1 << 32]}}).encode()
     path.write_bytes(struct.pack("<Q", len(header)) + header + bytes(16))
     with pytest.raises(InvalidInput, match="not a readable safetensors file"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_torchscript_is_refused_by_name(tmp_path: Path) -> None:
@@ -266,7 +270,7 @@ def test_torchscript_is_refused_by_name(tmp_path: Path) -> None:
         warnings.simplefilter("ignore")
         torch.jit.save(torch.jit.trace(nn.Conv2d(1, 1, 1), torch.zeros(1, 1, 2, 2)), path)
     with pytest.raises(InvalidInput, match=r"TorchScript archive.*ONNX"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_an_exported_program_is_refused_by_name(tmp_path: Path) -> None:
@@ -275,7 +279,7 @@ def test_an_exported_program_is_refused_by_name(tmp_path: Path) -> None:
         warnings.simplefilter("ignore")
         torch.export.save(torch.export.export(nn.Conv2d(1, 1, 1), (torch.zeros(1, 1, 2, 2),)), path)
     with pytest.raises(InvalidInput, match=r"exported program \(\.pt2\).*ONNX"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 @pytest.mark.parametrize("data", [b"", b"x", b"\x89PNG\r\n\x1a\n and so on", b"PK\x03\x04 no archive", b"\x80\x02N."])
@@ -283,14 +287,14 @@ def test_what_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "f.pth"
     path.write_bytes(data)
     with pytest.raises(InvalidInput, match=r"f\.pth"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_a_truncated_archive_is_refused(save) -> None:
     path = save(weights())
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(InvalidInput, match="not a readable zip archive"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_a_damaged_storage_is_refused(save) -> None:
@@ -299,7 +303,7 @@ def test_a_damaged_storage_is_refused(save) -> None:
     place = data.index(np.arange(64, dtype="<f4").tobytes())
     path.write_bytes(data[: place + 9] + b"\xff" + data[place + 10 :])
     with pytest.raises(InvalidInput, match="Bad CRC-32"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_another_zip_archive_is_refused(tmp_path: Path) -> None:
@@ -307,19 +311,19 @@ def test_another_zip_archive_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("readme.txt", "hello")
     with pytest.raises(InvalidInput, match=r"not of torch\.save"):
-        read_stored(path)
+        read_stored_checkpoint(path)
 
 
 def test_numbers_in_another_byte_order_are_refused(rewritten) -> None:
     with pytest.raises(InvalidInput, match="byte order"):
-        read_stored(rewritten(lambda name, data: b"big" if name.endswith("byteorder") else data))
+        read_stored_checkpoint(rewritten(lambda name, data: b"big" if name.endswith("byteorder") else data))
 
 
 def test_a_file_without_weights_is_refused(save) -> None:
     with pytest.raises(InvalidInput, match="holds no weights"):
-        read_stored(save({"epoch": 3}))
+        read_stored_checkpoint(save({"epoch": 3}))
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match=r"g\.pth"):
-        read_stored(tmp_path / "g.pth")
+        read_stored_checkpoint(tmp_path / "g.pth")

@@ -15,7 +15,7 @@ from valerie.storage.store import ArtifactStore
 _PIECE_BYTES = 1 << 24
 
 
-class FunctionCache:
+class PayloadCache:
     """Files by digest; several processes may share the folder.
 
     Args:

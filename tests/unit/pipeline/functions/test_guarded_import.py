@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from valerie.errors import InvalidInput
-from valerie.perception.catalog import function_path
-from valerie.perception.importing.onnx_files import check_onnx
-from valerie.pipeline.functions import importing
-from valerie.pipeline.functions.importing import Brought, Imported, import_function
+from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.shipped import function_path
+from valerie.pipeline.functions import guarded_import
+from valerie.pipeline.functions.guarded_import import ImportedFunction, ImportRequest, import_function
+from valerie.pipeline.functions.import_job import Trial
 from valerie.settings import Settings, load_settings
 from valerie.testing.onnx_function import small_onnx
 
@@ -42,8 +43,8 @@ class Touch:
         return os.mkdir, (str(self._path),)
 
 
-def bring(path: Path, work: Path, settings: Settings, document: str = SIDE, **more: Any) -> Imported:
-    return import_function(Brought(path, path.name, document, **more), work, settings)
+def bring(path: Path, work: Path, settings: Settings, document: str = SIDE, **more: Any) -> ImportedFunction:
+    return import_function(ImportRequest(path, path.name, document, **more), work, settings)
 
 
 def test_an_onnx_file_is_taken_as_it_is_and_tried_out(tmp_path: Path, work: Path, settings: Settings) -> None:
@@ -51,7 +52,7 @@ def test_an_onnx_file_is_taken_as_it_is_and_tried_out(tmp_path: Path, work: Path
     found = bring(path, work, settings)
     assert found.payload == path
     assert (found.document.name, found.document.kind) == ("small", "onnx")
-    assert found.check["picture"] == [256, 128]
+    assert found.trial.picture == (256, 128)
     assert found.document.provenance["source"] == "small.onnx"
 
 
@@ -66,7 +67,7 @@ def test_a_checkpoint_becomes_a_document_with_a_file_of_our_format(
     assert found.document.provenance["note"] == "tried"
     assert found.document.payload is not None
     assert found.payload == work / "payload.safetensors"
-    assert found.check["numeric_class"].startswith("torch-")
+    assert (found.trial.numeric_class or "").startswith("torch-")
 
 
 def test_equal_files_under_equal_names_are_one_version(tmp_path: Path, work: Path, settings: Settings) -> None:
@@ -89,7 +90,7 @@ def test_a_pickle_that_would_run_something_is_refused_and_nothing_ran(
 def test_formats_that_are_programs_are_not_even_opened(
     tmp_path: Path, work: Path, settings: Settings, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importing, "_run_child", lambda *_: pytest.fail("it was opened"))
+    monkeypatch.setattr(guarded_import, "_run_child", lambda *_: pytest.fail("it was opened"))
     path = tmp_path / name
     path.write_bytes(b"import os")
     with pytest.raises(
@@ -121,13 +122,15 @@ def test_programs_of_torch_are_kept_as_onnx_where_the_operator_allows_them(
 ) -> None:
     path = saved_program(tmp_path, suffix)
     side = SIDE + "input: {mode: resize, size: [96, 64]}\n"
-    with pytest.raises(InvalidInput, match="who operates this deployment can allow it with VALERIE_IMPORT_PROGRAMS"):
+    with pytest.raises(InvalidInput, match="the operator of this deployment can allow it with VALERIE_IMPORT_PROGRAMS"):
         bring(path, work, settings, side)
     found = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
     assert found.document.kind == "onnx"
     assert found.payload == work / "payload.onnx"
-    assert check_onnx(found.payload).inputs == (("picture", (1, 3, 64, 96)),)
-    assert found.check["numeric_class"].startswith("onnxruntime-")
+    (picture,) = read_onnx(found.payload).graph.input
+    assert picture.name == "picture"
+    assert [axis.dim_value for axis in picture.type.tensor_type.shape.dim] == [1, 3, 64, 96]
+    assert (found.trial.numeric_class or "").startswith("onnxruntime-")
 
 
 def test_a_safetensors_file_with_a_lying_header_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:
@@ -177,11 +180,43 @@ def test_memory_is_bounded(tmp_path: Path, work: Path) -> None:
         bring(small_onnx(tmp_path)[1], work, settings)
 
 
+def nested_tuples(depth: int) -> bytes:
+    """A pickle of a few hundred bytes: a dictionary whose key has 2 to the power of ``depth`` leaves."""
+    pair_of_the_one_before = b"q\x00h\x00\x86"
+    return b"\x80\x02}N" + pair_of_the_one_before * depth + b"Ns."
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        b"\x80\x02]r\xf0\xff\xff\xff.",  # remember an object under number 4,294,967,280
+        b"\x80\x04\x8e" + (1 << 50).to_bytes(8, "little") + b"x.",  # a string of a petabyte, so it says
+        nested_tuples(60),
+    ],
+    ids=["memory", "length", "time"],
+)
+def test_a_pickle_that_exhausts_memory_or_time_ends_the_child_alone(tmp_path: Path, work: Path, pickled: bytes) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=4)
+    path = tmp_path / "bomb.pkl"
+    path.write_bytes(pickled)
+    with pytest.raises(InvalidInput, match=r"too much memory or time|MemoryError"):
+        bring(path, work, settings, "")
+
+
+def test_an_onnx_file_of_millions_of_operators_ends_the_child_alone(tmp_path: Path, work: Path) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=40)
+    nodes = b"\x0a\x00" * (1 << 24)
+    path = tmp_path / "bomb.onnx"
+    path.write_bytes(b"\x3a\x80\x80\x80\x10" + nodes + b"\x42\x02\x10\x11")
+    with pytest.raises(InvalidInput, match=r"bomb\.onnx: not an ONNX file .*alloc|too much memory"):
+        bring(path, work, settings)
+
+
 def test_secrets_of_the_environment_do_not_reach_the_child(
     tmp_path: Path, work: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: dict[str, str] = {}
-    run = importing.subprocess.run
+    run = guarded_import.subprocess.run
 
     def watched(*arguments: Any, env: dict[str, str], **options: Any) -> Any:
         seen.update(env)
@@ -189,7 +224,7 @@ def test_secrets_of_the_environment_do_not_reach_the_child(
 
     monkeypatch.setenv("VALERIE_API_TOKEN", "t" * 20)
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "s")
-    monkeypatch.setattr(importing.subprocess, "run", watched)
+    monkeypatch.setattr(guarded_import.subprocess, "run", watched)
     bring(small_onnx(tmp_path)[1], work, settings)
     assert "PATH" in seen
     assert not {"VALERIE_API_TOKEN", "AWS_SECRET_ACCESS_KEY"} & seen.keys()
@@ -197,12 +232,12 @@ def test_secrets_of_the_environment_do_not_reach_the_child(
 
 def test_a_document_alone_is_enough_where_there_is_no_file(work: Path, settings: Settings) -> None:
     text = "name: elsewhere\nkind: predictions\noutput: {classes: [road, person]}"
-    found = import_function(Brought(None, document=text), work, settings)
+    found = import_function(ImportRequest(None, document=text), work, settings)
     assert found.payload is None
-    assert found.check == {"skipped": "nothing to open: kind predictions"}
+    assert found.trial == Trial(skipped="nothing to open: kind predictions")
 
 
 def test_a_document_that_needs_a_file_says_so(work: Path, settings: Settings) -> None:
     text = "name: a\nkind: huggingface\narchitecture: segformer\noptions: {config: {}}"
     with pytest.raises(InvalidInput):
-        import_function(Brought(None, document=text), work, settings)
+        import_function(ImportRequest(None, document=text), work, settings)
