@@ -55,8 +55,8 @@ from valerie.pipeline.reading.tables import read_table
 from valerie.rendering.annotations.joints import LIMBS, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.scene.graph.model import JOINTS
-from valerie.scene.variation.applying import apply
 from valerie.scene.variation.conditions import with_sun_angles
+from valerie.scene.variation.variant import apply
 
 Format = Literal["cityscapes", "coco", "parquet"]
 FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "parquet")
