@@ -34,7 +34,7 @@ from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.asset import SceneAsset, load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.settings import load_settings
 
 STEPS = ("render", "score", "reach")

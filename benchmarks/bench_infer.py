@@ -104,7 +104,7 @@ def render(folder: Path, width: int, height: int) -> None:
     from valerie import plugins
     from valerie.rendering.base import View
     from valerie.scene.assets.asset import load_asset
-    from valerie.scene.variation.applying import apply
+    from valerie.scene.variation.variant import apply
     from valerie.sensing.sensor import develop
     from valerie.sensing.settings import SensorSetting
 

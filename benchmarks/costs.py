@@ -36,7 +36,7 @@ from valerie.rendering.person_light import measure_light
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.visibility import measure
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs

@@ -57,8 +57,8 @@ from valerie.rendering.annotations.joints import LIMBS, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey, FrameProducts
 from valerie.scene.graph.model import JOINTS
-from valerie.scene.variation.applying import apply
 from valerie.scene.variation.conditions import with_sun_angles
+from valerie.scene.variation.variant import apply
 
 Format = Literal["cityscapes", "coco", "parquet"]
 FORMATS: Final[tuple[Format, ...]] = ("cityscapes", "coco", "parquet")

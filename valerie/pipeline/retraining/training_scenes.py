@@ -30,8 +30,8 @@ from valerie.scene.graph.deferred import DeferredTexture
 from valerie.scene.graph.model import Camera, Material, Node, Scene, Texture
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, is_cloth
 from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.

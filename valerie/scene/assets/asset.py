@@ -34,7 +34,7 @@ class SceneAsset:
     Attributes:
         manifest: what may vary, what moves, where one can stand.
         digest: stands for everything that the base scene depends on; 32 hexadecimal characters.
-        base: the scene as it was built or read, before any parameter (`valerie.scene.variation.applying.apply`).
+        base: the scene as it was built or read, before any parameter (`valerie.scene.variation.variant.apply`).
     """
 
     manifest: Manifest
@@ -87,7 +87,7 @@ PACKS: Final = PluginKind("asset", "valerie.assets")
 
 def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
     """Return the names that `load_asset` knows: the packs, then the folders of ``asset_dir`` with a manifest, sorted."""
-    from valerie.scene.assets.asset_files import MANIFEST_FILE
+    from valerie.scene.assets.asset_folder import MANIFEST_FILE
 
     packs, folders = PACKS.names(), list[str]()
     if asset_dir is not None and asset_dir.is_dir():
@@ -123,7 +123,7 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
     name, arguments = _parse_reference(reference)
     if is_generated(name):
         return _generated_manifest(name, canonical_json(_settings(name, arguments).model_dump(mode="json")))
-    from valerie.scene.assets.asset_files import read_manifest
+    from valerie.scene.assets.asset_folder import read_manifest
 
     manifest, files_digest, _ = read_manifest(_asset_folder(name, arguments, asset_dir))
     return manifest, files_digest
@@ -139,7 +139,7 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
         manifest, asset_digest = asset_manifest(reference)
         scene = load_pack(name).make_scene(_settings(name, arguments), manifest)
     else:
-        from valerie.scene.assets.asset_files import read_manifest, read_scene
+        from valerie.scene.assets.asset_folder import read_manifest, read_scene
 
         folder = _asset_folder(name, arguments, asset_dir)
         manifest, asset_digest, files = read_manifest(folder)

@@ -11,7 +11,7 @@ import shapely
 from valerie.errors import InvalidInput, ValerieError
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.assets.asset_files import read_manifest
+from valerie.scene.assets.asset_folder import read_manifest
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import declared_problems, missing_nodes
@@ -21,8 +21,8 @@ from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
 from valerie.scene.graph.draft import Draft
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 
 
 def asset_findings(folder: Path) -> list[Finding]:
@@ -33,7 +33,7 @@ def asset_findings(folder: Path) -> list[Finding]:
     Args:
         folder: with ``manifest.yaml`` and the files that it lists.
     """
-    from valerie.scene.assets.assembling import merge
+    from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.common import FilePart
     from valerie.scene.gltf.reader import read_gltf
 

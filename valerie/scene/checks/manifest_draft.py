@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, PERSON
-from valerie.scene.assets.asset_files import MANIFEST_FILE
+from valerie.scene.assets.asset_folder import MANIFEST_FILE
 from valerie.scene.assets.manifest import parse_manifest
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Scene
@@ -63,7 +63,7 @@ def draft_manifest(folder: Path) -> Path:
 
 def manifest_draft(folder: Path) -> dict[str, Any]:
     """The document that `draft_manifest` writes."""
-    from valerie.scene.assets.assembling import merge
+    from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.reader import read_gltf
 
     files = sorted(

@@ -3,7 +3,7 @@
 Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
-A `Scene` is one concrete variant: `valerie.scene.variation.applying.apply` makes it from an asset and an assignment. Meshes,
+A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
 materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
 identity what it uploaded.
 """

@@ -11,7 +11,7 @@ from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH
 from valerie.scene.light.solar import ANGLES, AZIMUTH, CLOCK_PATHS, ELEVATION, SunAngles
 from valerie.scene.light.weather import road_friction
-from valerie.scene.variation.applying import complete
+from valerie.scene.variation.variant import complete
 
 _RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
 _DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
@@ -35,7 +35,7 @@ def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Condition
     """The conditions of a variant: path to value, what is missing takes its default.
 
     Raises:
-        UnknownName, InvalidInput: as `valerie.scene.variation.applying.complete`.
+        UnknownName, InvalidInput: as `valerie.scene.variation.variant.complete`.
     """
     return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
 

@@ -14,7 +14,7 @@ from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROO
 from valerie.scene.graph.model import POSITIONS, Scene
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, SUN_PATH
 from valerie.scene.motion.trajectory import Motion
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,14 +13,14 @@ import pytest
 import trimesh
 
 from valerie.errors import InvalidInput
-from valerie.scene.assets.assembling import load_gltf
+from valerie.scene.assets.gltf_scene import load_gltf
 from valerie.scene.gltf.common import EXTRAS_KEY
 from valerie.scene.gltf.meshes import unrolled, with_face_normals
 from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Environment, Light, Material, Mesh, Node, Scene
 from valerie.scene.graph.transforms import Pose
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.scenes import assert_same_scene
 

@@ -18,7 +18,7 @@ from valerie.pipeline.work.makers.annotations import annotate, light_rows
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.runs.spec import ResolvedRun
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore

@@ -13,11 +13,11 @@ import yaml
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import digest
 from valerie.scene.assets.asset import asset_manifest, asset_names, load_asset
-from valerie.scene.assets.asset_files import MANIFEST_FILE, REVISION
+from valerie.scene.assets.asset_folder import MANIFEST_FILE, REVISION
 from valerie.scene.gltf.images import encode_png
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Scene
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.scenes import assert_same_scene
 

@@ -9,7 +9,7 @@ import pytest
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
 from valerie.parameters.definitions import Value
-from valerie.scene.variation.applying import apply, complete, split
+from valerie.scene.variation.variant import apply, complete, split
 from valerie.testing.assets import simple_asset
 
 ASSET = simple_asset()

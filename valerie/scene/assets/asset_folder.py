@@ -74,7 +74,7 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> S
     Raises:
         InvalidInput: a file is broken, or two files contradict each other.
     """
-    from valerie.scene.assets.assembling import merge
+    from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.reader import read_gltf
 
     return merge({name: read_gltf(path, folder) for name, path in files.items()}, manifest)

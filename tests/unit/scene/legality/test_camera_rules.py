@@ -8,7 +8,7 @@ from shapely import affinity
 from valerie.parameters.definitions import Value
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Footprint, Manifest
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.testing.assets import simple_manifest
 
 PLACE = (2.0, 8.0)

@@ -7,7 +7,7 @@ import shapely
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.scene.assets.manifest import Footprint, Manifest
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.testing.assets import simple_manifest
 
 MANIFEST = simple_manifest()

@@ -2,7 +2,7 @@
 
 Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
 radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in
-`valerie.scene.legality.moving`, what looks in `valerie.scene.legality.cameras`.
+`valerie.scene.legality.mover_rules`, what looks in `valerie.scene.legality.camera_rules`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from valerie.parameters.definitions import Value
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Footprint, Manifest
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.legality.cameras import CameraRules
+from valerie.scene.legality.camera_rules import CameraRules
+from valerie.scene.legality.mover_rules import MoverRules
 from valerie.scene.legality.movers import Mover, sort_obstacles
-from valerie.scene.legality.moving import MoverRules
 from valerie.scene.legality.obstacles import ObstacleMap
 
 
