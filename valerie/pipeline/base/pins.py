@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
-from valerie.plugins import ENGINE_HINTS
+from valerie.plugins import known_engine
 from valerie.runs.documents import engine_name
 from valerie.runs.states import BROUGHT_ROUTE
 
@@ -39,8 +39,9 @@ def choose_pins(
     functions = {name: _function(name, offers, registered.get(name)) for name in spec["functions"]}
     missing = []
     if engine is None:
-        hint = ENGINE_HINTS.get(name)
-        missing.append(f"a render worker with the engine {name!r}" + (f" ({hint})" if hint else ""))
+        declared = known_engine(name)
+        hint = f" ({declared.install_hint})" if declared is not None and declared.install_hint else ""
+        missing.append(f"a render worker with the engine {name!r}{hint}")
     if truth is None:
         missing.append("a render worker with the truth pass")
     for function, offer in functions.items():
