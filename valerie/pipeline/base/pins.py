@@ -10,7 +10,7 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
 from valerie.plugins import known_engine
 from valerie.runs.documents import engine_name
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
@@ -72,8 +72,8 @@ def _function(
     if document is None:
         return _first(offers, "infer", name)
     if document.kind == "predictions":
-        # Whoever brings them made them: there is nothing of ours that could change a bit.
-        offer: dict[str, Any] | None = {"numeric_class": "brought", "revision": 1, "route": BROUGHT_ROUTE}
+        # They are made elsewhere: nothing here could change a bit of them.
+        offer: dict[str, Any] | None = {"numeric_class": "uploaded", "revision": 1, "route": UPLOADED_ROUTE}
     else:
         offer = _first(offers, "infer", inference_name(document))
     if offer is None:
