@@ -1,4 +1,4 @@
-"""Functions under test: register, list, read, remove; and predictions that people bring."""
+"""Functions under test: register, list, read, remove; and upload predictions."""
 
 from __future__ import annotations
 
@@ -162,9 +162,9 @@ def remove(reference: Reference, context: ContextDependency) -> None:
         **problems(404, 409, 413, 422, 507),
         200: {"model": PredictionRead, "description": "the same label map was there already"},
     },
-    summary="Bring the prediction of a frame, for functions of kind predictions",
+    summary="Upload the prediction of a frame, for functions of kind predictions",
 )
-def bring(
+def upload(
     key: FrameDependency,
     request: Request,
     response: Response,
