@@ -99,7 +99,7 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     from rich.table import Table
     from rich.text import Text
 
-    from valerie.analysis.all_classes import classes_text
+    from valerie.analysis.wording import classes_text
     from valerie.labels import TRAIN_LABELS
 
     here = f"{result.root.name}/{result.split}"
