@@ -175,9 +175,9 @@ def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -
     return FunctionEntry(
         **asdict(card),
         card=card_rows(card, document),
-        kind=document and document.kind,
-        classes=output and output.reached,
-        unmapped=output and output.unmapped,
+        kind=None if document is None else document.kind,
+        classes=None if output is None else output.reached,
+        unmapped=None if output is None else output.unmapped,
         **more,
     )
 

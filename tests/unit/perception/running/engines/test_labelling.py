@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from valerie.perception.running.labelling import label_maps, largest_channel, normalised
+from valerie.perception.running.engines.labelling import label_maps, largest_channel, normalised
 
 MEAN, STD = torch.tensor([0.5, 0.5, 0.5]), torch.tensor([0.25, 0.5, 1.0])
 
