@@ -32,9 +32,9 @@ class SceneAsset:
     """A scene that variants are made from.
 
     Attributes:
-        manifest: what may vary, what moves, where one can stand.
-        digest: stands for everything that the base scene depends on; 32 hexadecimal characters.
-        base: the scene as it was built or read, before any parameter (`valerie.scene.variation.variant.apply`).
+        manifest: declares what may vary, what moves, and where people can stand.
+        digest: 32 hexadecimal characters that stand for everything that the base scene depends on.
+        base: the scene as it was built or read, before any parameter is applied (`valerie.scene.variation.variant.apply`).
     """
 
     manifest: Manifest
@@ -96,7 +96,7 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
 
 
 def is_generated(name: str) -> bool:
-    """Whether an asset of this name comes from a pack, which makes a new one from every seed."""
+    """Return whether an asset of this name comes from a pack, which makes a new one from every seed."""
     return name in PACKS.names()
 
 
@@ -114,7 +114,7 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
 
     Args:
         reference: a name, a mapping of name and arguments of a pack, or (without ``asset_dir``) a folder's path.
-        asset_dir: where users' assets lie; names then never lead outside of it.
+        asset_dir: folder of users' assets; names then never lead outside of it.
 
     Raises:
         UnknownName: no such asset, or an argument that its pack does not take.
@@ -130,9 +130,9 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
 
 
 def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> SceneAsset:
-    """Build or read a whole asset; takes seconds, so callers keep what they load (by digest).
+    """Build or read a whole asset; this takes seconds, so callers keep assets by digest.
 
-    Args and errors: as `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
+    Arguments and errors are those of `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
     """
     name, arguments = _parse_reference(reference)
     if is_generated(name):

@@ -1,4 +1,4 @@
-"""Users' assets on disk: one folder with ``manifest.yaml`` and the glTF files that it lists."""
+"""Users' assets on disk: a folder with ``manifest.yaml`` and the glTF files that it lists."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.scene.graph.model import Scene
 
 MANIFEST_FILE: Final = "manifest.yaml"
 MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
-#: Raised by hand whenever the same files are read as another scene; part of every such asset's digest.
+#: Raised by hand whenever the same files give another scene; part of the digest of every such asset.
 REVISION: Final = 2
 
 
@@ -28,7 +28,7 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
         The manifest, the digest over the bytes of all files of the asset, and the glTF files by name.
 
     Raises:
-        InvalidInput: no or no valid manifest, a file that is missing, too large or outside the folder.
+        InvalidInput: the manifest is missing or invalid; a file is missing, too large or outside the folder.
     """
     path = _inside(folder, MANIFEST_FILE, limit=MAX_MANIFEST_BYTES, field=MANIFEST_FILE)
     try:
@@ -50,17 +50,12 @@ def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
             problems.append(problem)
             continue
         hashes[name] = _file_digest(files[name])
-        found, missing = _references(files[name], folder, name)
+        external, missing = _references(files[name], folder, name)
         problems += missing
-        hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in found.items()}
+        hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in external.items()}
     if problems:
         raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
-    document = manifest.model_dump(mode="json")
-    # Assets without them have the digest that they had before these were known.
-    for later in ("placed_files", "placed_cameras"):
-        if not document[later]:
-            del document[later]
-    return manifest, digest("asset-files", document, hashes, REVISION), files
+    return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes, REVISION), files
 
 
 def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:
@@ -69,7 +64,7 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> S
     Args:
         manifest: of the asset.
         files: glTF files by name (`read_manifest`).
-        folder: of the asset, which nothing that a file refers to lies outside of.
+        folder: of the asset; no file may refer to anything outside of it.
 
     Raises:
         InvalidInput: a file is broken, or two files contradict each other.
@@ -81,18 +76,18 @@ def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> S
 
 
 def _references(path: Path, folder: Path, name: str) -> tuple[Mapping[str, Path], list[InvalidInput]]:
-    """Files that a glTF file refers to, and what is wrong with them; its JSON is read again only when the file changed."""
+    """Return the files that a glTF file refers to, and the problems with them; its JSON is read again only when it changed."""
     state = path.stat()
     uris = _uris(path, name, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
     resources = Resources(path, folder)
-    found: dict[str, Path] = {}
+    external: dict[str, Path] = {}
     problems = []
     for field, uri in uris:
         try:
-            found[uri] = resources.find(uri, field=field)
+            external[uri] = resources.find(uri, field=field)
         except InvalidInput as problem:
             problems.append(problem)
-    return found, problems
+    return external, problems
 
 
 @lru_cache(maxsize=256)
@@ -101,7 +96,11 @@ def _uris(path: Path, name: str, *_state: int) -> tuple[tuple[str, str], ...]:
 
 
 def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
-    """The file ``name`` of ``folder``, if it is a regular file inside of it (links followed) and not too large."""
+    """Return the file ``name`` of ``folder``.
+
+    Raises:
+        InvalidInput: it is no regular file inside the folder (links followed), or too large.
+    """
     root = folder.resolve()
     path = (root / name).resolve()
     if not path.is_relative_to(root):
@@ -115,7 +114,7 @@ def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
 
 
 def _file_digest(path: Path) -> str:
-    """SHA-256; read again only when the file's identity, size or time of change says so (a request asks for it each time)."""
+    """Return the SHA-256 of a file; every request asks for it, so it is read again only when identity, size or time changed."""
     state = path.stat()
     return _sha256(path, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
 

@@ -1,4 +1,4 @@
-"""Files to one labelled scene."""
+"""From glTF files to one labelled scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.graph.model import Camera, Environment, Light, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.naming import ROOT
 
-#: Where a file has no sun: a late morning.
+#: The sun where a file has none: a late morning.
 DEFAULT_SUN = Sun(azimuth=math.radians(150.0), elevation=math.radians(40.0))
 
 
@@ -27,8 +27,8 @@ def load_gltf(
 
     Args:
         path: a .glb or .gltf.
-        node_classes: class by path, for nodes whose names do not tell.
-        movable: paths that move; None takes what the file itself marks.
+        node_classes: class by path, for nodes whose names state none.
+        movable: paths that move; None: those that the file itself marks.
 
     Raises:
         InvalidInput: see `read_gltf`; or two nodes of one path or instance id.
@@ -38,28 +38,28 @@ def load_gltf(
 
 
 def merge(parts: Mapping[str, FilePart], manifest: Manifest) -> Scene:
-    """Several files as one scene, labelled as the manifest says.
+    """Join several files into one scene, labelled as the manifest says.
 
-    Nodes and cameras must differ by path. Where there are several files, materials and textures get their file's name
-    as a prefix, and materials of a placed file the name of its node: each may be varied alone. The first sun wins;
-    the street's bearing is the manifest's. Cameras and suns of placed files are left out: they belong to the model.
-    Nodes that the manifest names and no file has are passed over: `require_declared` says them all.
+    Nodes and cameras must differ by path. Where there are several files, materials and textures get the name of their file as a
+    prefix, and materials of a placed file the name of its node, so that each can vary alone. The first sun is taken, and the
+    manifest's bearing. Cameras and suns of placed files are left out: they belong to the model. Nodes that the manifest names
+    and no file has are skipped; `require_declared` lists them all.
 
     Args:
         parts: file name to content.
         manifest: of the asset.
 
     Raises:
-        InvalidInput: two files bring the same node or camera.
+        InvalidInput: two files have the same node or camera.
     """
     prefixes = _prefixes(tuple(parts))
-    ordered = [(name, _prefixed(parts[name], prefixes[name], prefixes[name])) for name in manifest.files]
-    for placed in manifest.placed_files:
-        part = _prefixed(parts[placed.file], placed.node, prefixes[placed.file] or Path(placed.file).stem)
-        ordered.append((placed.file, _placed(part, placed)))
-    there = {node.path for _, part in ordered for node in part.nodes}
-    node_classes = {path: kind for path, kind in manifest.node_classes.items() if path in there}
-    scene = _scene(ordered, node_classes, [path for path in manifest.movable if path in there])
+    contents = [(name, _prefixed(parts[name], prefixes[name], prefixes[name])) for name in manifest.files]
+    for entry in manifest.placed_files:
+        part = _prefixed(parts[entry.file], entry.node, prefixes[entry.file] or Path(entry.file).stem)
+        contents.append((entry.file, _placed(part, entry)))
+    paths = {node.path for _, part in contents for node in part.nodes}
+    node_classes = {path: kind for path, kind in manifest.node_classes.items() if path in paths}
+    scene = _scene(contents, node_classes, [path for path in manifest.movable if path in paths])
     cameras = dict(scene.cameras)
     for camera in manifest.placed_cameras:
         if camera.name in cameras:
@@ -78,9 +78,9 @@ def _scene(parts: Sequence[tuple[str, FilePart]], node_classes: Mapping[str, str
         nodes += part.nodes
         materials.update(part.materials)
         textures.update(part.textures)
-        twice = cameras.keys() & part.cameras.keys()
-        if twice:
-            raise InvalidInput("two cameras of one name", field=file, value=min(twice))
+        repeated = cameras.keys() & part.cameras.keys()
+        if repeated:
+            raise InvalidInput("two cameras of one name", field=file, value=min(repeated))
         cameras.update(part.cameras)
     return Scene(
         nodes=classified(nodes, node_classes, movable),
@@ -92,23 +92,23 @@ def _scene(parts: Sequence[tuple[str, FilePart]], node_classes: Mapping[str, str
     )
 
 
-def _placed(part: FilePart, placed: PlacedFile) -> FilePart:
-    """The same things below the node that the manifest names."""
-    model = placed.model_transform()
+def _placed(part: FilePart, entry: PlacedFile) -> FilePart:
+    """Return the content of a file below the node that the manifest names."""
+    model = entry.model_transform()
     below = [
         replace(
             node,
-            path=f"{placed.path}{node.path.removeprefix(ROOT)}",
+            path=f"{entry.path}{node.path.removeprefix(ROOT)}",
             transform=model @ node.transform if node.parent == ROOT else node.transform,
         )
         for node in part.nodes
     ]
-    nodes = (Node(placed.path, placed.node_transform()), *below)
+    nodes = (Node(entry.path, entry.node_transform()), *below)
     return replace(part, nodes=nodes, cameras={}, sun=None, environment=None, movable=())
 
 
 def _prefixes(files: Sequence[str]) -> dict[str, str]:
-    """What tells the materials of each file apart: nothing for one file, its stem, or its whole name where stems are equal."""
+    """Return prefixes that tell the materials of files apart: none for a single file, else the stem, else the whole name."""
     if len(files) == 1:
         return {files[0]: ""}
     stems = [Path(file).stem for file in files]
@@ -116,7 +116,7 @@ def _prefixes(files: Sequence[str]) -> dict[str, str]:
 
 
 def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart:
-    """The same content with materials and textures called ``prefix/name``; shared meshes stay shared."""
+    """Return the content with materials and textures called ``prefix/name``; shared meshes stay shared."""
     if not for_materials:
         return part
 
@@ -125,13 +125,13 @@ def _prefixed(part: FilePart, for_materials: str, for_textures: str) -> FilePart
 
     meshes: dict[int, Mesh] = {}
 
-    def mesh(given: Mesh) -> Mesh:
-        return meshes.setdefault(id(given), replace(given, material=f"{for_materials}/{given.material}"))
+    def mesh(original: Mesh) -> Mesh:
+        return meshes.setdefault(id(original), replace(original, material=f"{for_materials}/{original.material}"))
 
-    def light(given: Light | None) -> Light | None:
-        if given is None:
+    def light(original: Light | None) -> Light | None:
+        if original is None:
             return None
-        return replace(given, glowing=tuple(f"{for_materials}/{name}" for name in given.glowing))
+        return replace(original, glowing=tuple(f"{for_materials}/{name}" for name in original.glowing))
 
     return replace(
         part,

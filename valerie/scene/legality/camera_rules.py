@@ -1,4 +1,4 @@
-"""Whether a camera can look from where it is: not from within a house, a parked car or a vehicle that moves."""
+"""Rules for the places of cameras: none is inside a house, a parked car or a moving vehicle."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from valerie.scene.graph.naming import ROOT
 from valerie.scene.legality.movers import sort_obstacles
 from valerie.scene.legality.obstacles import ObstacleMap
 
-#: A camera needs less room than a person.
+#: Room that a camera needs around its centre, metres.
 _RADIUS_M: Final = 0.05
 
 
 class CameraRules:
-    """The rules of one manifest, for its cameras of which all three coordinates may vary.
+    """The rules of one manifest for its cameras whose three coordinates are all parameters.
 
     Args:
-        manifest: tells where cameras and obstacles are.
+        manifest: declares cameras and obstacles.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -32,21 +32,21 @@ class CameraRules:
             for name, paths in places.items()
             if all(path in manifest.by_path for path in paths)
         )
-        judged = [camera.paths for camera in self._cameras] + [mover.paths for mover in self._movers]
-        self._spoken_of = frozenset[str]().union(*judged) if self._cameras else frozenset[str]()
+        groups = [camera.paths for camera in self._cameras] + [mover.paths for mover in self._movers]
+        self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Why a camera cannot be there, in words (``camera-1 is inside car-101``); None if it can."""
-        if self._spoken_of.isdisjoint(assignment):
+        """Return why a camera cannot be at its place, in words (``camera-1 is inside car-101``); None if all can."""
+        if self._relevant.isdisjoint(assignment):
             return None
-        told = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
+        moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
         for camera in self._cameras:
             varied = not camera.paths.isdisjoint(assignment)
             x, y, z = (float(assignment.get(path, default)) for path, default in camera.place.items())
             if varied and (obstacle := self._resting.at(x, y, z)):
                 return f"{camera.name} is {obstacle.text}"
             for number, mover in enumerate(self._movers):
-                if not (varied or told[number]) or number in camera.within:
+                if not (varied or moves[number]) or number in camera.within:
                     continue
                 if footprint := mover.holds(x, y, assignment, z):
                     return f"{camera.name} is {footprint.text}"
@@ -61,12 +61,12 @@ class CameraRules:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Camera:
-    """One camera, looked up once.
+    """One camera.
 
     Attributes:
         paths: of its coordinates.
         place: path of x, y and z to default, metres.
-        within: numbers of the movers that hold it where the author put both: it is theirs, and not judged against them.
+        within: indices of the movers that hold it where the author put both: it belongs to them, and is not judged against them.
     """
 
     name: str

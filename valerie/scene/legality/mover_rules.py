@@ -1,8 +1,8 @@
-"""Whether what moves can be where it is: no vehicle in a house, a parked car or another vehicle, nor off its ground; no house in
-what stands beside it, nor on a pavement.
+"""Rules for the places of movers: no vehicle stands in a house, a parked car or another vehicle, nor leaves its level ground; no
+house stands in its neighbour or on a pavement.
 
-Two rules keep an asset's own placement legal, whatever its outlines are worth. Only what a variant speaks of is judged; and what
-overlaps, or does not stand level, where the asset's author put it and shows it, is not judged against that.
+Two rules keep an asset's own placement legal, however rough its outlines are. Only movers whose parameters a variant gives are
+judged. And where a mover overlaps something, or does not stand level, at its default place, it is not judged against that.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class MoverRules:
     """The rules of one manifest.
 
     Args:
-        manifest: tells extent and ground.
+        manifest: declares extent, ground and ways.
         resting: obstacles that no parameter moves or hides.
         movers: all others.
     """
@@ -35,15 +35,15 @@ class MoverRules:
         self._resting = Outlines(resting)
         self._ways = Outlines(manifest.ways)
         self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
-        self._spoken_of = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
+        self._relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
         own = [rule.own for rule in self._rules]
         self._together = frozenset(
-            (i, j) for j, one in enumerate(own) for i, other in enumerate(own[:j]) if _overlap(one, other)
+            (i, j) for j, polygons in enumerate(own) for i, others in enumerate(own[:j]) if _overlap(polygons, others)
         )
 
     def reason(self, assignment: Mapping[str, Value]) -> str | None:
-        """Why what moves cannot be there, in words (``car-101 and bicycle-101 overlap``); None if it can."""
-        if self._spoken_of.isdisjoint(assignment):
+        """Return why a mover cannot be at its place, in words (``car-101 and bicycle-101 overlap``); None if all can."""
+        if self._relevant.isdisjoint(assignment):
             return None
         shown: list[tuple[int, bool, _Polygons]] = []
         for number, rule in enumerate(self._rules):
@@ -59,32 +59,32 @@ class MoverRules:
         return None
 
     def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
-        """Why it cannot be there, whatever else moves."""
+        """Return why a mover cannot be at its place, whatever else moves; None if it can."""
         name = rule.mover.name
         if rule.keeps_within and not _within(polygons, self._extent):
             return f"{name} is outside the asset"
         if rule.grounds and not _stand_on(rule.mover.polygons(assignment, standing=True), rule.grounds):
             return f"{name} leaves its level ground"
         for polygon in polygons:
-            found = self._resting.first(polygon, but=rule.among)
-            if found is None and rule.ways is not None:
-                found = self._ways.first(polygon, but=rule.ways)
-            if found is not None:
-                return f"{name} stands {found.text}"
+            obstacle = self._resting.first(polygon, but=rule.among)
+            if obstacle is None and rule.ways is not None:
+                obstacle = self._ways.first(polygon, but=rule.ways)
+            if obstacle is not None:
+                return f"{name} stands {obstacle.text}"
         return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rule:
-    """What one mover is judged by.
+    """The rule for one mover.
 
     Attributes:
-        own: its outlines where the author put it; none if it is hidden there.
-        keeps_within: whether its middle has to be within the asset's extent: not if its own place is outside.
-        grounds: it stands on one of these; empty if that is not judged: it is lifted by a parameter, or stands uneven on its own
-            place.
-        among: numbers of the obstacles at rest that it overlaps on its own place.
-        ways: numbers of the ways that it overlaps on its own place, and need not keep off; None: it keeps off none.
+        own: its outlines at the default place; none if it is hidden there.
+        keeps_within: whether its middle has to be within the asset's extent: not if the default place is outside.
+        grounds: the pieces of ground of which it has to stand on one; empty where a parameter lifts it, or where it stands uneven
+            at its default place.
+        among: indices of the obstacles at rest that it overlaps at its default place.
+        ways: indices of the ways that it overlaps at its default place, and need not keep off; None: it need not keep off any.
     """
 
     mover: Mover
@@ -108,7 +108,7 @@ def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -
 
 
 def _grounds(manifest: Manifest, mover: Mover) -> tuple[shapely.Geometry, ...]:
-    """The pieces of level ground that it may stand on: of its own height, or each of all heights if it follows the ground."""
+    """Return the pieces of level ground that a mover may stand on: of its own height, or of every height if it is grounded."""
     if f"{mover.path}.pos.z" in manifest.by_path:
         return ()
     if mover.path in manifest.grounded:
@@ -129,5 +129,5 @@ def _stand_on(standing: _Polygons, grounds: Sequence[shapely.Geometry]) -> bool:
     return all(any(ground.covers(polygon) for ground in grounds) for polygon in standing)
 
 
-def _overlap(one: _Polygons, other: _Polygons) -> bool:
-    return any(polygon.intersects(another) for polygon in one for another in other)
+def _overlap(first: _Polygons, second: _Polygons) -> bool:
+    return any(polygon.intersects(other) for polygon in first for other in second)

@@ -1,8 +1,8 @@
-"""Whether a variant can be: nobody stands in a wall, a car, another person or outside the asset; no car, house or camera does.
+"""Rejection of impossible variants: no person, vehicle, house or camera is inside something else or outside the asset.
 
-Decided from the manifest alone, without meshes or GL, for every variant of a run: obstacles are widened once by the
-radius that a person needs, and a grid over the ground tells which few of them are near a point. What moves is judged in
-`valerie.scene.legality.mover_rules`, what looks in `valerie.scene.legality.camera_rules`.
+The manifest alone decides, without meshes or GL, for every variant of a run. Obstacles are widened once by the room that a person
+needs, and a grid over the ground finds the few of them near a point. Movers are judged by `valerie.scene.legality.mover_rules`,
+cameras by `valerie.scene.legality.camera_rules`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from valerie.scene.legality.obstacles import ObstacleMap
 
 
 def rejection_reason(assignment: Mapping[str, Value], manifest: Manifest) -> str | None:
-    """Why a variant cannot be, in words (``person-1 stands inside building-3``); None if it can.
+    """Return why a variant is impossible, in words (``person-1 stands inside building-3``); None if it is possible.
 
-    A person is judged if its position varies, a vehicle that is shown if the variant says anything of its place, heading, kind or
-    visibility, and a camera if all three of its coordinates vary: against everything where the variant says one of them, else
-    against those vehicles. Others stay where the asset's author put them.
+    A person is judged if its position is a parameter. A visible vehicle is judged if the variant gives its place, heading, kind
+    or visibility. A camera is judged if its three coordinates are parameters: against everything where the variant gives one of
+    them, else against those vehicles. Everything else stays where the asset's author put it.
 
     Args:
-        assignment: path to value, valid for the manifest; what is missing takes its default.
-        manifest: tells where persons, obstacles and cameras are.
+        assignment: path to value, valid for the manifest; missing values take their defaults.
+        manifest: declares persons, obstacles and cameras.
     """
     prepared = _prepare(manifest)
     x0, y0, x1, y1 = manifest.extent
@@ -65,7 +65,7 @@ def _overlap(standing: list[tuple[str, float, float]], distance: float) -> str |
 
 @dataclass(frozen=True, slots=True)
 class _Person:
-    """Paths and defaults of one person, looked up once."""
+    """Paths and defaults of one person."""
 
     name: str
     x: str
@@ -80,13 +80,13 @@ class _Person:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """What follows from a manifest alone.
+    """Everything that follows from a manifest alone.
 
     Attributes:
-        settled: obstacles at rest, and what is built where its author put it.
+        settled: obstacles at rest, and houses at their default places.
         resting: obstacles at rest alone.
-        built, vehicles: what parameters move or hide.
-        of_built: paths of the poses of what is built.
+        built, vehicles: movers that are houses and the like, and all others.
+        of_built: paths of the poses of ``built``.
     """
 
     persons: tuple[_Person, ...]
@@ -99,16 +99,16 @@ class _Prepared:
     cameras: CameraRules
 
     def at(self, x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
-        """What a person at (x, y) would stand in."""
+        """Return the footprint that a person at (x, y) would stand in; None if there is room."""
         if self.of_built.isdisjoint(assignment):
-            found = self.settled.at(x, y)
+            footprint = self.settled.at(x, y)
         else:
-            found = self.resting.at(x, y) or _first(self.built, x, y, assignment)
-        return found or _first(self.vehicles, x, y, assignment)
+            footprint = self.resting.at(x, y) or _first(self.built, x, y, assignment)
+        return footprint or _first(self.vehicles, x, y, assignment)
 
 
 def _first(movers: tuple[Mover, ...], x: float, y: float, assignment: Mapping[str, Value]) -> Footprint | None:
-    return next((held for mover in movers if (held := mover.holds(x, y, assignment))), None)
+    return next((footprint for mover in movers if (footprint := mover.holds(x, y, assignment))), None)
 
 
 @lru_cache(maxsize=16)
@@ -116,10 +116,12 @@ def _prepare(manifest: Manifest) -> _Prepared:
     radius = manifest.person_radius_m
     resting, movers = sort_obstacles(manifest, radius)
     built = tuple(mover for mover in movers if mover.is_built)
-    settled = {id(one) for one in resting} | {id(outline.footprint) for mover in built for outline in mover.shown({})}
+    settled = {id(obstacle) for obstacle in resting} | {
+        id(outline.footprint) for mover in built for outline in mover.shown({})
+    }
     return _Prepared(
         persons=tuple(_person(manifest, path) for path in manifest.persons if f"{path}.pos.x" in manifest.by_path),
-        settled=ObstacleMap([one for one in manifest.obstacles if id(one) in settled], radius),
+        settled=ObstacleMap([obstacle for obstacle in manifest.obstacles if id(obstacle) in settled], radius),
         resting=ObstacleMap(resting, radius),
         built=built,
         vehicles=tuple(mover for mover in movers if not mover.is_built),

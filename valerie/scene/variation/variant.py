@@ -1,7 +1,7 @@
-"""From an assignment to a scene, and to the inputs of each product.
+"""The scene of a variant, and the inputs of each of its products.
 
-Both see an assignment in one canonical form: every declared parameter with its value or default, angles within their
-turn, and nothing of what cannot be seen: the pose of an absent person is no input of anything.
+Both follow from the assignment in its canonical form: every declared parameter with its value or default, angles within one turn,
+and no parameter without visible effect, such as the pose of an absent person.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from valerie.scene.light.solar import CLOCK_PATHS, angles_of, require_one_notati
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What of a variant each product of one camera's frame depends on: path to canonical value, ready to be hashed.
+    """The inputs of each product of one camera's frame: path to canonical value, ready to be hashed.
 
     Attributes:
         geometry: of the truth: poses, characters, the camera's pose and focal length.
-        background: of the background: everything of the scene that is not below a movable node.
-        layer: of the movable layer: everything of the scene.
+        background: of the background: all parameters of the scene that are not below a movable node.
+        layer: of the movable layer: all parameters of the scene.
         sensor: of the picture: ``sensor.*``.
     """
 
@@ -41,15 +41,15 @@ class Inputs:
 
 
 def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
-    """The canonical form: declared paths in the manifest's order, without those that a hidden node makes irrelevant.
+    """Return the canonical form: declared paths in the manifest's order, without those that a hidden node makes irrelevant.
 
     Args:
-        assignment: path to value (degrees); what is missing takes its default.
+        assignment: path to value (degrees); missing values take their defaults.
         manifest: declares the paths.
 
     Raises:
-        UnknownName: a path that the manifest does not declare, or no such choice.
-        InvalidInput: a value of the wrong type or out of range, or a sun that is given both by angles and by time.
+        UnknownName: the manifest does not declare a path, or a value is none of its choices.
+        InvalidInput: a value has the wrong type or is out of range, or the sun is given both by angles and by time.
     """
     prepared = _prepare(manifest)
     values = dict(prepared.defaults)
@@ -61,20 +61,20 @@ def complete(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, V
 
 
 def _set_sun(values: dict[str, Value], assignment: Mapping[str, Value], clock: tuple[str, ...]) -> None:
-    """Time and place become the two angles, so that one sun is one input, whichever way it was given."""
-    given = {path: values.pop(path) for path in clock}
-    if not given.keys().isdisjoint(assignment):
+    """Replace time and place by the two angles, so that both notations of a sun give the same inputs."""
+    notation = {path: values.pop(path) for path in clock}
+    if not notation.keys().isdisjoint(assignment):
         require_one_notation(set(assignment))
-        values.update(angles_of(given))
+        values.update(angles_of(notation))
 
 
 def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> Inputs:
-    """Which values are inputs of which product of the frame that ``camera`` takes.
+    """Return the inputs of the products of the frame that ``camera`` takes.
 
-    Other cameras' parameters are inputs of none of them.
+    Parameters of other cameras are inputs of none of them.
 
     Raises:
-        UnknownName: no such camera, or as `complete`.
+        UnknownName: there is no such camera; or as `complete`.
         InvalidInput: as `complete`.
     """
     values = complete(assignment, manifest)
@@ -84,56 +84,56 @@ def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> I
     except KeyError:
         manifest.require_camera(camera)
         raise
-    # Most values are defaults, whose text is there already.
+    # Most values are defaults, whose text is prepared.
     defaults, keys, texts = prepared.defaults, prepared.keys, prepared.texts
-    said = {
+    entries = {
         path: texts[path] if value is defaults[path] else keys[path] + canonical_json(value)
         for path, value in values.items()
     }
     return Inputs(
-        geometry=_object(said, paths.geometry),
-        background=_object(said, paths.background),
-        layer=_object(said, paths.layer),
+        geometry=_object(entries, paths.geometry),
+        background=_object(entries, paths.background),
+        layer=_object(entries, paths.layer),
         sensor={path: values[path] for path in prepared.sensor if path in values},
     )
 
 
-def _object(said: Mapping[str, bytes], paths: tuple[str, ...]) -> CanonicalJson:
-    """The canonical JSON of an object; ``paths`` are sorted."""
-    return CanonicalJson(b"{%b}" % b",".join([said[path] for path in paths if path in said]))
+def _object(entries: Mapping[str, bytes], paths: tuple[str, ...]) -> CanonicalJson:
+    """Return the canonical JSON of an object; ``paths`` are sorted."""
+    return CanonicalJson(b"{%b}" % b",".join([entries[path] for path in paths if path in entries]))
 
 
 def apply(assignment: Mapping[str, Value], asset: SceneAsset) -> Scene:
-    """The scene of one variant; the asset does not change.
+    """Return the scene of one variant; the asset does not change.
 
-    Equal canonical assignments give equal scenes. What no parameter touches keeps its identity.
+    Equal canonical assignments give equal scenes. Nodes, materials and cameras that no parameter touches keep their identity.
 
     Raises:
-        UnknownName, InvalidInput: as `complete`, or the manifest declares what the scene does not have.
+        UnknownName, InvalidInput: as `complete`; or the manifest declares something that the scene does not have.
     """
     manifest = asset.manifest
     defaults = _prepare(manifest).complete_defaults
     values = complete(assignment, manifest)
     if values == defaults:
         return _default_scene(asset)
-    changed = {
+    things = {
         _prepare(manifest).attributes[path][0]
         for path in values.keys() | defaults.keys()
         if values.get(path) != defaults.get(path)
     }
-    return _written(_default_scene(asset), values, changed, manifest)
+    return _written(_default_scene(asset), values, things, manifest)
 
 
 @lru_cache(maxsize=4)
 def _default_scene(asset: SceneAsset) -> Scene:
-    """The base scene with every parameter at its default."""
+    """Return the base scene with every parameter at its default."""
     prepared = _prepare(asset.manifest)
     things = {*(thing for thing, _ in prepared.attributes.values()), *asset.manifest.grounded}
     return _written(asset.base, prepared.complete_defaults, things, asset.manifest)
 
 
 def _written(scene: Scene, values: Mapping[str, Value], things: set[str], manifest: Manifest) -> Scene:
-    """Write *all* values of the given things, so that the result depends on the values alone, not on what changed."""
+    """Write *all* values of the given things, so that the result depends on the values alone, not on the previous ones."""
     draft = Draft(scene)
     for path, value in values.items():
         thing, attribute = _prepare(manifest).attributes[path]
@@ -150,13 +150,13 @@ def _on_ground(pose: Pose, manifest: Manifest) -> Pose:
     return replace(pose, position=(x, y, ground_height(manifest, x, y)))
 
 
-#: Parameters that hide something: path, and per value the paths that become irrelevant.
+#: Paths of parameters that hide something, and for each value the paths that become irrelevant.
 _Switches = tuple[tuple[str, dict[Value, tuple[str, ...]]], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class _CameraPaths:
-    """Inputs of one camera's products, each sorted."""
+    """The paths of the inputs of one camera's products, sorted."""
 
     geometry: tuple[str, ...]
     background: tuple[str, ...]
@@ -165,15 +165,17 @@ class _CameraPaths:
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """What follows from a manifest alone, for hot loops.
+    """Everything that follows from a manifest alone, for hot loops.
 
     Attributes:
-        defaults: every declared path and its default.
-        keys: every declared path as the key of a JSON object, with its colon.
-        texts: the same with the default.
-        complete_defaults: every declared path and its default, without what hidden nodes make irrelevant.
-        attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
-        switches: for parameters that hide something: path, and per value the paths that become irrelevant.
+        defaults: declared path to default.
+        keys: declared path to the key of a JSON object, with its colon.
+        texts: declared path to key and default in JSON.
+        complete_defaults: the canonical form of the empty assignment.
+        attributes: declared path to the path of its node, camera …, and its attribute.
+        switches: of parameters that hide something.
+        cameras: camera to the inputs of its products.
+        sensor: declared paths of the sensor.
         clock: declared paths of the sun's notation by time and place; never part of a canonical form.
     """
 
@@ -226,7 +228,7 @@ def _camera_paths(manifest: Manifest, camera: str, attributes: Mapping[str, tupl
 def _switches(
     manifest: Manifest, attributes: Mapping[str, tuple[str, Attribute]]
 ) -> Iterator[tuple[str, dict[Value, tuple[str, ...]]]]:
-    """Hidden switches hide the switches below them, so those nearer to the root come first."""
+    """Yield the parameters that hide something. Those nearer to the root come first: a hidden switch hides those below it."""
     for path in sorted(attributes, key=lambda path: path.count(".")):
         thing, attribute = attributes[path]
         below = [other for other in attributes if other != path and other.startswith(f"{thing}.")]

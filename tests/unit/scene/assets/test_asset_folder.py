@@ -178,9 +178,9 @@ def test_a_texture_beside_the_file_belongs_to_the_digest(folder: Path) -> None:
     assert asset_manifest(str(folder))[1] != before
 
 
-def test_the_digest_is_of_the_manifest_without_empty_placements_the_files_and_how_they_are_read(folder: Path) -> None:
+def test_the_digest_covers_the_manifest_the_files_and_the_revision_of_their_reader(folder: Path) -> None:
     manifest, found = asset_manifest(str(folder))
-    document = manifest.model_dump(mode="json", exclude={"placed_files", "placed_cameras"})
+    document = manifest.model_dump(mode="json")
     hashes = {"simple.glb": hashlib.sha256((folder / "simple.glb").read_bytes()).hexdigest()}
     assert found == digest("asset-files", document, hashes, REVISION)
 

@@ -96,6 +96,14 @@ def test_lamps_and_switches_survive(tmp_path: Path, light: Light) -> None:
     assert read.environment == scene.environment
 
 
+def test_a_switch_in_a_position_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    save_gltf(with_lamp(LAMP), tmp_path / "lamp.glb")
+    document, binary = chunks_of(tmp_path / "lamp.glb")
+    document["scenes"][0]["extras"][EXTRAS_KEY]["environment"]["car_lamps"] = "dim"
+    with pytest.raises(InvalidInput, match=r"environment\.car_lamps: no such position of a switch; got dim"):
+        load_gltf(embedded(tmp_path / "lamp.glb", document, binary))
+
+
 def test_a_lamp_of_another_program_shines_where_its_minus_z_points(tmp_path: Path) -> None:
     save_gltf(with_lamp(LAMP), tmp_path / "lamp.glb")
     document, binary = chunks_of(tmp_path / "lamp.glb")

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
 from valerie.parameters.definitions import Value
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.variation.traverse import traverse
 from valerie.scene.variation.variant import apply, complete, split
 from valerie.testing.assets import simple_asset
 
@@ -38,6 +41,45 @@ def test_a_person_stands_on_the_ground_wherever_it_is(x: float, height: float) -
 def test_heading_turns_the_person_counter_clockwise(heading: float, faces: tuple[int, int]) -> None:
     scene = apply({f"{PERSON}.heading": heading}, ASSET)
     assert (scene.world_transform(PERSON)[:3, :3] @ [0, 1, 0])[:2].tolist() == list(faces)
+
+
+def test_a_colour_gives_the_paint_of_a_vehicle_the_look_that_the_manifest_declares() -> None:
+    materials = {**ASSET.base.materials, "paint-car": replace(ASSET.base.materials["paint"], name="paint-car")}
+    nodes = {
+        path: replace(node, meshes=tuple(mesh.with_material("paint-car") for mesh in node.meshes))
+        if path.startswith("scene.car-1")
+        else node
+        for path, node in ASSET.base.nodes.items()
+    }
+    document = ASSET.manifest.model_dump()
+    colour = {"path": "scene.car-1.colour", "choices": ["sand", "red"], "default": "sand"}
+    paints = {
+        "sand": {"base_color": (0.3, 0.3, 0.2)},
+        "red": {"base_color": (0.5, 0.0, 0.0), "metallic": 0.25, "roughness": 0.125},
+    }
+    manifest = Manifest.model_validate({**document, "parameters": [*document["parameters"], colour], "paints": paints})
+    asset = replace(
+        ASSET, manifest=manifest, base=replace(ASSET.base, nodes=nodes, materials=materials, paints=manifest.paints)
+    )
+    assert apply({}, asset).materials["paint-car"].base_color == (0.3, 0.3, 0.2)
+    scene = apply({"scene.car-1.colour": "red"}, asset)
+    paint = scene.materials["paint-car"]
+    assert (paint.base_color, paint.metallic, paint.roughness) == ((0.5, 0.0, 0.0), 0.25, 0.125)
+    (row,) = (entry for entry in traverse(asset) if entry.path == "scene.car-1.colour")
+    assert (row.value, row.choices) == ("sand", ("sand", "red"))
+    (undeclared,) = (entry for entry in traverse(asset) if entry.path == "scene.car-1.door-1.colour")
+    assert (undeclared.value, undeclared.choices, undeclared.declared) == ("sand", ("sand", "red"), False)
+
+
+def test_a_gait_phase_is_an_input_in_poses_with_a_gait_only() -> None:
+    document = ASSET.manifest.model_dump()
+    pose = {"path": f"{PERSON}.pose", "choices": ["striding", "still"], "default": "striding"}
+    phase = {"path": f"{PERSON}.gait_phase", "minimum": 0, "maximum": 1, "default": 0}
+    manifest = Manifest.model_validate(
+        {**document, "parameters": [*document["parameters"], pose, phase], "gaits": ["striding"]}
+    )
+    assert complete({f"{PERSON}.gait_phase": 0.5}, manifest)[f"{PERSON}.gait_phase"] == 0.5
+    assert f"{PERSON}.gait_phase" not in complete({f"{PERSON}.pose": "still", f"{PERSON}.gait_phase": 0.5}, manifest)
 
 
 def test_a_character_shows_one_child_and_hides_the_others() -> None:
