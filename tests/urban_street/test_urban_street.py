@@ -17,7 +17,7 @@ from urban_street.varied_houses import varied_houses
 from urban_street.vehicles.paints import PAINTS
 from valerie.labels import CITYSCAPES, VOID
 from valerie.parameters.definitions import ParameterType, Value
-from valerie.pipeline.retraining.training_scenes import crowd_asset
+from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
