@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import onnx
 
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.documents.options import OnnxOptions
 from valerie.perception.importing.onnx_files import read_onnx
 from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.graph import whole_graph
@@ -57,7 +58,7 @@ class NetworkFile:
             given=self._given,
             piece=piece,
             labels=labels,
-            output=str(self.document.options.get("output", "")),
+            output=options.output if isinstance(options := self.document.options, OnnxOptions) else "",
         )
         graph: bytes = model.SerializeToString()
         return graph
