@@ -15,7 +15,7 @@ import pytest
 import typer.main
 import yaml
 
-from tests.plugin_package import write_package
+from tests.plugin_package import look_again, write_package
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
@@ -23,7 +23,6 @@ from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
-from valerie.perception.training.__main__ import command_parser
 from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
@@ -133,8 +132,6 @@ def test_named_options_of_commands_exist(document: Path) -> None:
     known = commands()
     for line in names_in(document.read_text("utf-8"), r"^valerie ([a-z][^\n#]*)"):
         words = line.split()
-        if words[0] == "train":
-            continue  # its options are of another parser: the next test
         command = known.get(tuple(words[:2]), known.get(tuple(words[:1])))
         assert command is not None, line
         options = {option for parameter in command.params for option in parameter.opts}
@@ -145,7 +142,8 @@ def test_named_options_of_commands_exist(document: Path) -> None:
 def test_commands_that_make_frames_and_networks_are_accepted_as_they_stand(document: Path) -> None:
     for block in blocks(document.read_text("utf-8"), "sh"):
         for line in re.findall(r"^valerie train ((?:frames|fit) [^\n#]+)", block.replace("\\\n", " "), re.MULTILINE):
-            command_parser("valerie train").parse_args(shlex.split(line))
+            name, *arguments = shlex.split(line)
+            commands()["train", name].make_context(name, arguments)
 
 
 @EVERY
@@ -291,14 +289,11 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
     monkeypatch.syspath_prepend(str(write_package(tmp_path, "my-package", modules=modules, entry_points=groups)))
     for variable, value in re.findall(r"^export (VALERIE_PLUGINS)=(\S+)$", EXTENDING, re.MULTILINE):
         monkeypatch.setenv(variable, value)
-    caches = (plugins._installed, plugins._allowed, plugins.samplers)
-    for cached in caches:
-        cached.cache_clear()
+    look_again()
     try:
         (offered,) = probe_function("dark-is-person")
         assert (offered["name"], offered["revision"], offered["numeric_class"]) == ("dark-is-person", 1, "numpy-uint8")
         assert "warm" in plugins.renderer_names()
         assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
     finally:
-        for cached in caches:
-            cached.cache_clear()
+        look_again()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from valerie.measures import MEASURES, OF_FUNCTION, names_from
-from valerie.parameters.constraints import Constraint, Spoken, compile_constraint
+from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 
 #: Columns that are known as soon as the truth is made, without any function.
@@ -79,7 +79,7 @@ def compile_where(
         InvalidInput: the text does not follow the grammar, or compares values of different types.
         UnknownName: a name is neither a column nor a parameter, or a text is none of the choices.
     """
-    names: dict[str, Spoken] = {}
+    names: dict[str, Operand] = {}
     for definition in definitions:
         names |= {definition.path: definition, definition.name: definition}
     for measure in MEASURES:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from valerie.cli.deployment import context_of
 from valerie.cli.frames import Annotations, annotation_names
-from valerie.cli.shell import DataDir, Json, context_of, say
+from valerie.cli.shell import DataDir, Json, say
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ def export(
 
     The folder appears when it is complete; an interrupted export goes on when it is asked for again.
     """
-    from valerie.pipeline.export.datasets import FORMATS, ExportSettings, export_run
+    from valerie.pipeline.export.datasets import export_run
+    from valerie.pipeline.export.plan import FORMATS, ExportSettings
 
     for name in formats or ():
         if name not in FORMATS:

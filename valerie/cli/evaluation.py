@@ -46,9 +46,9 @@ def evaluate(
     function is the version that the run saw, run as it was there.
     """
     from valerie.cli.datasets import Lines
-    from valerie.cli.specs import deployment_or_empty
+    from valerie.cli.deployment import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
-    from valerie.pipeline.functions.opening import open_pinned, open_reference
+    from valerie.pipeline.functions.references import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
 
     folder = CityscapesFolder(dataset, split or _split(dataset))

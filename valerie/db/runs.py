@@ -10,9 +10,10 @@ from sqlalchemy import Connection, Row, case, delete, func, insert, literal, or_
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import aliased
 
+from valerie.db.links import same_frame
 from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.errors import Conflict, NotFound
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 
 ACTIVE = ("submitted", "running", "paused", "finishing")
 
@@ -191,12 +192,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
         select(literal(1))
         .select_from(FrameAnnotation)
         .join(Product, Product.digest == FrameAnnotation.product)
-        .where(
-            FrameAnnotation.run_id == Frame.run_id,
-            FrameAnnotation.variant_index == Frame.variant_index,
-            FrameAnnotation.camera_index == Frame.camera_index,
-            FrameAnnotation.time_index == Frame.time_index,
-        )
+        .where(same_frame(FrameAnnotation))
         .correlate(Frame)
     )
     done &= ~annotation.where(Product.state != "done").exists()
@@ -241,7 +237,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
-    """Digests of a function's predictions whose frames can be seen and that nobody brought yet."""
+    """Return the digests of a function's predictions that can be uploaded: their frames are rendered."""
     return list(
         connection.scalars(
             select(Product.digest)
@@ -253,7 +249,7 @@ def awaited(connection: Connection, run_id: str, function_index: int) -> list[st
 
 
 def awaited_count(connection: Connection, run_id: str) -> int:
-    """How many predictions of a run people have still to bring."""
+    """Return how many predictions of a run are still to be uploaded."""
     statement = (
         select(func.count(Product.digest.distinct()))
         .join(Evaluation, Evaluation.prediction == Product.digest)
@@ -262,7 +258,7 @@ def awaited_count(connection: Connection, run_id: str) -> int:
     return connection.scalar(statement) or 0
 
 
-_AWAITED = (Product.state == "ready", Product.route == BROUGHT_ROUTE)
+_AWAITED = (Product.state == "ready", Product.route == UPLOADED_ROUTE)
 
 
 def rejections(connection: Connection, run_id: str) -> dict[str, int]:

@@ -22,7 +22,7 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.functions import registry
-from valerie.pipeline.functions.source import FunctionSource
+from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.storage.keys import run_key
 from valerie.testing.blank import BlankFunction
 
@@ -37,7 +37,7 @@ def offer(pipeline: Pipeline, *offers: dict[str, Any]) -> None:
         processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
 
 
-def failures(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+def failures(pipeline: Pipeline, run_id: str) -> list[results.FailedLink]:
     with reading(pipeline.context.engine) as connection:
         return results.failures(connection, run_id)
 
@@ -81,9 +81,9 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         pipeline, run_id = asked
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
-        (lost,) = (one for one in failures(pipeline, run_id) if one["kind"] == "prediction")
-        assert (lost["error"]["type"], lost["error"]["attempts"]) == ("InferenceError", 1)
-        assert lost["error"]["message"].endswith(": no answer within 2 s")
+        (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")
+        assert (lost.error["type"], lost.error["attempts"]) == ("InferenceError", 1)
+        assert lost.error["message"].endswith(": no answer within 2 s")
 
         row = pipeline.row(run_id)
         assert row.reason.startswith("1 products failed for good")
@@ -114,13 +114,13 @@ def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
     book: list[str] = []
     opened: list[weakref.ref[Noted]] = []
 
-    def open_one(_: FunctionSource, name: str, pin: Mapping[str, Any]) -> Noted:
+    def open_one(_: FunctionLoader, name: str, pin: Mapping[str, Any]) -> Noted:
         assert all(one() is None for one in opened), "the one before still takes memory"
         function = Noted(name, book)
         opened.append(weakref.ref(function))
         return function
 
-    monkeypatch.setattr(FunctionSource, "open", open_one)
+    monkeypatch.setattr(FunctionLoader, "open", open_one)
     for number, name in enumerate(("one", "two")):
         text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
         registry.register(pipeline.context, parse_function(text), None)

@@ -11,7 +11,7 @@ from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.runs.states import ProductKind
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 
 FUNCTIONS = ["deeplabv3plus-small", "semantic-fpn-small"]
 PLACES = {
@@ -38,9 +38,9 @@ def every_digest(run: ResolvedRun, pins: dict[str, Any]) -> dict[str, set[str]]:
         if rejection_reason(assignment.values, run.manifest) or run.space.violated(assignment.values):
             continue
         frame = inputs.frame(assignment.values, camera)
-        found["background"].add(frame.background)
-        found["layer"].add(frame.layer)
-        found["truth"].add(frame.truth)
+        found["background"].add(frame.products.background)
+        found["layer"].add(frame.products.layer)
+        found["truth"].add(frame.products.truth)
         found["prediction"] |= {one.prediction for one in frame.evaluations}
         found["evaluation"] |= {one.scores for one in frame.evaluations}
     return found

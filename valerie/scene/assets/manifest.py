@@ -1,12 +1,12 @@
-"""The manifest of an asset: what it is, what may vary, what moves, where one can stand.
+"""The manifest of an asset: its parameters, what moves, and where people can stand.
 
-The same document is the ``manifest.yaml`` of a user's asset and the value that a generated asset makes. It is cheap:
-the API, the planner and the control loop read it without meshes, trimesh or GL.
+The same document is the ``manifest.yaml`` of a user's asset and the value that an asset pack returns. It is cheap: the API, the
+planner and the control loop read it without meshes, trimesh or GL.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -16,13 +16,14 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import label_of_node_class
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
-from valerie.scene.assets.attributes import Target, resolve
+from valerie.scene.assets.attributes import Attribute, Target, resolve
 from valerie.scene.assets.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.graph.model import POSITIONS
 from valerie.scene.graph.naming import ROOT, is_node_name, parse_object_name
+from valerie.scene.graph.paints import Paint
 from valerie.scene.light.solar import ANGLES, CLOCK_PATHS
-from valerie.scene.motion.trajectory import Trajectory, check_trajectory
+from valerie.scene.motion.trajectory import Trajectory, check_keyframes
 from valerie.validation import problem_of
 
 Point = tuple[Coordinate, Coordinate]
@@ -38,10 +39,10 @@ class Footprint(_Document):
     """Ground that something occupies.
 
     Attributes:
-        path: node that stands there, e.g. ``scene.car-2``; below one with a ``kind``, that of the kind which it is of.
-        polygon: corners (x, y) in metres, world; simple, either orientation.
-        reason: what is said of a person who would stand in it, e.g. ``inside building-3``; made from the path if empty.
-        height_m: how far it reaches above z = 0; None: farther than any camera.
+        path: node that stands there, e.g. ``scene.car-2``; where a node has a ``kind``, the path of the kind with this outline.
+        polygon: corners (x, y) in metres, world; simple, of either orientation.
+        reason: where a person would stand, e.g. ``inside building-3``; made from the path if empty.
+        height_m: its top above z = 0; None: higher than any camera.
     """
 
     path: str
@@ -51,7 +52,7 @@ class Footprint(_Document):
 
     @property
     def text(self) -> str:
-        """The reason as words: ``inside building-3``."""
+        """Return the reason in words: ``inside building-3``."""
         parts = self.path.split(".")
         return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
 
@@ -60,7 +61,7 @@ class GroundRegion(_Document):
     """A part of the ground at one height.
 
     Attributes:
-        polygon: corners (x, y) in metres, world; its border belongs to it.
+        polygon: corners (x, y) in metres, world; the border belongs to it.
         height: z in metres.
     """
 
@@ -68,29 +69,46 @@ class GroundRegion(_Document):
     height: float = Field(ge=-1000, le=1000, allow_inf_nan=False)
 
 
-class Manifest(_Document):
-    """What an asset declares about itself.
+class TrainingRules(_Document):
+    """Rules by which scenes to train on vary an asset (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
-        name: how specs call the asset.
-        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; empty for
-            generated assets.
+        left_out: movable nodes that these scenes never show.
+        poses: pose of a person to its weight among all; empty: all poses have the same weight.
+        worn: beginnings of ``/``-separated parts of the names of materials that are dyed, besides ``cloth-``.
+        skin: beginnings of parts of the names of materials that are made lighter or darker, for a whole person alike.
+    """
+
+    left_out: tuple[str, ...] = ()
+    poses: dict[str, Annotated[float, Field(gt=0, allow_inf_nan=False)]] = Field(default_factory=dict)
+    worn: tuple[str, ...] = ()
+    skin: tuple[str, ...] = ("skin",)
+
+
+class Manifest(_Document):
+    """The declarations of an asset.
+
+    Attributes:
+        name: of the asset in specs.
+        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; an asset pack has
+            none.
         placed_files: glTF files of a user's asset that are named and placed here.
         bearing_deg: compass bearing of +y, clockwise from north.
-        extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
+        extent: x0, y0, x1, y1 in metres: the ground on which persons and other movable things may be.
         parameters: what may vary, with type, range, unit and default.
-        movable: nodes (with all below them) that belong to the movable layer instead of the background.
-        added: nodes that got parameters after products of a generated asset had been made. At their defaults these are inputs of
-            nothing, so that what was made stays valid.
-        obstacles: where no person can stand; and the ground that moves with what a parameter moves.
-        ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
-        ground: heights of the ground; later regions win, elsewhere z = 0.
+        movable: nodes that belong, with everything below them, to the movable layer instead of the background.
+        obstacles: ground on which no person can stand; the outline of a thing that a parameter moves goes with it.
+        ways: ground of carriageways and pavements, which houses and other things that nobody drives keep off.
+        ground: heights of the ground; a later region covers an earlier one, elsewhere z = 0.
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.
-        person_radius_m: the circle that a standing person needs.
-        cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
+        person_radius_m: radius of the circle that a standing person needs.
+        cameras: names, e.g. ``camera-1``; by default those of ``placed_cameras``.
         placed_cameras: cameras that are in no file.
-        node_classes: class by path, for nodes whose names do not tell.
+        node_classes: class by path, for nodes whose names state none.
+        gaits: poses of persons that ``gait_phase`` acts on; in every other pose it is an input of nothing.
+        paints: the colours that a vehicle can have, by name.
+        training: how scenes to train on vary what the asset shows.
         trajectories: how things move in runs that ask for a sequence or a time.
 
     Raises:
@@ -106,7 +124,6 @@ class Manifest(_Document):
     bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
     extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     parameters: tuple[ParameterDefinition, ...] = ()
-    added: tuple[str, ...] = ()
     movable: tuple[str, ...] = ()
     obstacles: tuple[Footprint, ...] = ()
     ways: tuple[Footprint, ...] = ()
@@ -117,33 +134,36 @@ class Manifest(_Document):
     cameras: tuple[str, ...] = Field(min_length=1)
     placed_cameras: tuple[PlacedCamera, ...] = ()
     node_classes: dict[str, str] = Field(default_factory=dict)
+    gaits: tuple[str, ...] = ()
+    paints: dict[str, Paint] = Field(default_factory=dict)
+    training: TrainingRules = TrainingRules()
     trajectories: tuple[Trajectory, ...] = ()
 
     def __hash__(self) -> int:
-        # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
+        # Cheap and consistent with equality: hot loops cache by manifest.
         return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
 
     def __copy__(self) -> Self:
-        copied = super().__copy__()
-        copied.__dict__.pop("by_path", None)  # what was derived belongs to the old parameters
-        return copied
+        copy = super().__copy__()
+        copy.__dict__.pop("by_path", None)  # it belongs to the old parameters
+        return copy
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_in(cls, given: Any) -> Any:
-        """Persons stand on the ground, and what an attribute's row tells need not be declared again."""
-        if not isinstance(given, dict):
-            return given
-        filled = dict(given)
-        if "persons" in filled:
-            filled.setdefault("grounded", filled["persons"])
-        placed = filled.get("placed_cameras")
-        if placed and isinstance(placed, list | tuple) and "cameras" not in filled:
-            filled["cameras"] = [camera.get("name") for camera in placed if isinstance(camera, dict)]
-        cameras, parameters = filled.get("cameras"), filled.get("parameters")
+    def _fill_in(cls, document: Any) -> Any:
+        """Fill in what need not be declared: grounded persons; type, unit and stage of parameters, which their paths give."""
+        if not isinstance(document, dict):
+            return document
+        fields = dict(document)
+        if "persons" in fields:
+            fields.setdefault("grounded", fields["persons"])
+        placements = fields.get("placed_cameras")
+        if placements and isinstance(placements, list | tuple) and "cameras" not in fields:
+            fields["cameras"] = [camera.get("name") for camera in placements if isinstance(camera, dict)]
+        cameras, parameters = fields.get("cameras"), fields.get("parameters")
         if isinstance(cameras, list | tuple) and isinstance(parameters, list | tuple):
-            filled["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
-        return filled
+            fields["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
+        return fields
 
     @field_validator("files")
     @classmethod
@@ -157,7 +177,7 @@ class Manifest(_Document):
         x0, y0, x1, y1 = self.extent
         if x0 >= x1 or y0 >= y1:
             raise InvalidInput("not x0 < x1 and y0 < y1", field="extent", value=self.extent)
-        for field in ("added", "movable", "persons", "grounded"):
+        for field in ("movable", "persons", "grounded"):
             _check_paths(field, getattr(self, field))
         for path, node_class in self.node_classes.items():
             _check_paths("node_classes", (path,))
@@ -181,7 +201,7 @@ class Manifest(_Document):
         paths = {definition.path for definition in self.parameters}
         for path in self.persons:
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
-                # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
+                # The manifest alone decides which variants are legal, so it needs both coordinates.
                 raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
         for obstacle in self.obstacles:
             changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
@@ -198,28 +218,32 @@ class Manifest(_Document):
                 limit=", ".join(ANGLES),
             )
         for index, definition in enumerate(self.parameters):
-            _check_attribute(definition, self.cameras, f"parameters.{index}")
+            _check_attribute(definition, self, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:
                 raise InvalidInput(
                     "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
                 )
+        _check_poses(self)
+        for path in self.training.left_out:
+            if path not in self.movable:
+                raise UnknownName("movable node", path, self.movable, field="training.left_out")
         _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
         for index, trajectory in enumerate(self.trajectories):
-            check_trajectory(trajectory, self, field=f"trajectories.{index}")
+            self.require_trajectory(trajectory, field=f"trajectories.{index}")
         return self
 
     @property
     def all_files(self) -> tuple[str, ...]:
-        """Every file once, in the order in which they are named."""
+        """Return every file once, in the order in which they are named."""
         return tuple(dict.fromkeys((*self.files, *(placed.file for placed in self.placed_files))))
 
     @cached_property
     def by_path(self) -> Mapping[str, ParameterDefinition]:
-        """Declared parameters by path."""
+        """Return the declared parameters by path."""
         return {definition.path: definition for definition in self.parameters}
 
     def definition(self, path: str, *, field: str = "") -> ParameterDefinition:
-        """The declaration of a path.
+        """Return the declaration of a path.
 
         Raises:
             UnknownName: nothing of that path is declared; the message lists near matches.
@@ -230,7 +254,7 @@ class Manifest(_Document):
             raise UnknownName("parameter", path, self.by_path, field=field) from None
 
     def require_camera(self, name: str, *, field: str = "") -> str:
-        """``name``, if it is a camera of this asset.
+        """Return ``name``, which has to be a camera of this asset.
 
         Raises:
             UnknownName: it is not.
@@ -239,8 +263,21 @@ class Manifest(_Document):
             raise UnknownName("camera", name, self.cameras, field=field)
         return name
 
+    def require_trajectory(self, trajectory: Trajectory, *, field: str = "") -> None:
+        """Refuse a trajectory that the manifest gives no room for.
+
+        Raises:
+            UnknownName: it moves what cannot move; or as `check_keyframes`.
+            InvalidInput: as `check_keyframes`.
+        """
+        cameras = {f"{ROOT}.{camera}" for camera in self.cameras}
+        if not self.is_movable(trajectory.path) and trajectory.path not in cameras:
+            known = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
+            raise UnknownName("thing that can move", trajectory.name, known, field=f"{field}.path")
+        check_keyframes(trajectory, self.by_path, field=field)
+
     def is_movable(self, path: str) -> bool:
-        """Whether a node, or an attribute below it, belongs to the movable layer."""
+        """Return whether a node, or an attribute below it, belongs to the movable layer."""
         return any(path == movable or path.startswith(movable + ".") for movable in self.movable)
 
 
@@ -248,7 +285,7 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     """Validate a manifest read from YAML or JSON.
 
     Args:
-        data: what the document holds.
+        data: of the document.
         source: named in errors, e.g. ``manifest.yaml``.
 
     Raises:
@@ -281,9 +318,9 @@ def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
     return {"type": attribute.type, "unit": attribute.unit, "affects": attribute.affects, **parameter}
 
 
-def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], field: str) -> None:
-    """Type, unit, range and stage are those of the attribute's row: a wrong stage would reuse wrong products."""
-    _, attribute = resolve(definition.path, cameras, field=field)
+def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field: str) -> None:
+    """Check type, unit, range and stage against the attribute's row: a wrong stage would reuse wrong products."""
+    _, attribute = resolve(definition.path, manifest.cameras, field=field)
     for name in ("type", "unit", "affects"):
         declared, own = getattr(definition, name), getattr(attribute, name)
         if declared != own:
@@ -301,11 +338,33 @@ def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], fi
             value=definition.range_text,
             limit=f"{low}…{high}",
         )
-    row = SENSOR_PARAMETERS.get(definition.path.removeprefix(f"{SENSOR_ROOT}."))
-    known = row.choices if row is not None else POSITIONS if attribute.target is Target.ENVIRONMENT else None
+    known = _known_choices(definition, attribute, manifest)
     for choice in definition.choices if known is not None else ():
         if known is not None and choice not in known:
             raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
+
+
+def _check_poses(manifest: Manifest) -> None:
+    """Check that poses with a gait, and poses to train on, are poses that persons can take."""
+    poses = {
+        choice: None
+        for definition in manifest.parameters
+        if definition.path.endswith(".pose")
+        for choice in definition.choices
+    }
+    for field, names in (("gaits", manifest.gaits), ("training.poses", manifest.training.poses)):
+        for name in names:
+            if name not in poses:
+                raise UnknownName("pose", name, poses, field=field)
+
+
+def _known_choices(definition: ParameterDefinition, attribute: Attribute, manifest: Manifest) -> Collection[str] | None:
+    """Return what the choices of a parameter are among; None where only the scene's nodes and figures tell."""
+    if attribute.target is Target.SENSOR:
+        return SENSOR_PARAMETERS[definition.path.removeprefix(f"{SENSOR_ROOT}.")].choices
+    if attribute.target is Target.ENVIRONMENT:
+        return POSITIONS
+    return manifest.paints if attribute.name == "colour" else None
 
 
 def _check_paths(field: str, paths: tuple[str, ...]) -> None:
@@ -316,6 +375,6 @@ def _check_paths(field: str, paths: tuple[str, ...]) -> None:
 
 
 def _check_distinct(field: str, names: list[str] | tuple[str, ...]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InvalidInput("named twice", field=field, value=", ".join(twice))
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InvalidInput("named twice", field=field, value=", ".join(repeated))

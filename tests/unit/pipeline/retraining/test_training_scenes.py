@@ -7,7 +7,8 @@ import shapely
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Value
-from valerie.pipeline.retraining.training_scenes import TrainingScene, _draw_traffic, crowd_asset, draw_scene
+from valerie.pipeline.retraining.crowds import crowd_asset
+from valerie.pipeline.retraining.training_scenes import TrainingScene, draw_scene, draw_traffic
 from valerie.scene.assets.asset import SceneAsset, asset_manifest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Camera, Scene, Texture
@@ -178,16 +179,17 @@ def test_a_dyed_texture_gets_a_grey_twin_that_keeps_the_weave() -> None:
     assert used == {"yellow", "neutral/yellow"}
 
 
-def test_vehicles_that_the_street_got_later_change_no_draw() -> None:
+def test_what_an_asset_leaves_out_of_training_changes_no_draw() -> None:
     manifest, _ = asset_manifest("urban-street")
     camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 0.0, 0.0, 0.0), 50.0, 36.0)
-    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in manifest.added)})
+    left_out = manifest.training.left_out
+    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in left_out)})
     assert len(first.movable) < len(manifest.movable)
     drawn: list[dict[str, Value]] = []
     for one in (manifest, first):
         rng, assignment = np.random.default_rng(4), dict[str, Value]()
         for _ in range(10):
-            _draw_traffic(camera, assignment, one, rng)
+            draw_traffic(camera, assignment, one, rng)
         drawn.append({**assignment, "next": float(rng.random())})
     assert drawn[0] == drawn[1]
     assert {path.split(".")[1] for path in drawn[0] if path != "next"} == {"car-101", "bicycle-101"}
