@@ -1,4 +1,4 @@
-"""The function that a document describes: frames through its adaptation, an engine, and its class map."""
+"""Functions that run here: frames pass through the document's adaptation, an engine, and the class map."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from valerie.perception.running.adaptation import Size, plan
 from valerie.perception.running.engines.base import Engine
 
 
-class AdaptedFunction:
+class EngineFunction:
     """A network under test; see `valerie.perception.base.PerceptionFunction`.
 
     Args:
-        document: what it is.
-        engine: the loaded network.
-        digest: what stands for the function on its card.
+        document: of the function.
+        engine: with the loaded network.
+        digest: of the function on its card.
     """
 
-    #: Raised by hand whenever adapting, normalising or labelling gives other pixels; part of every prediction's digest.
+    #: Raised by hand whenever adaptation, normalisation or labelling gives other pixels; part of every prediction's digest.
     revision: ClassVar[int] = 1
 
     def __init__(self, document: FunctionDocument, engine: Engine, *, digest: str) -> None:
@@ -44,11 +44,11 @@ class AdaptedFunction:
 
     @property
     def batch_size(self) -> int:
-        """How many pictures are best given to `predict_many`: more than one on a GPU."""
+        """Best number of pictures for `predict_many`: more than one on a GPU."""
         return self._engine.batch_size
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 sRGB picture to (H, W) uint8 train ids.
+        """Return the (H, W) uint8 train ids of an (H, W, 3) uint8 sRGB picture.
 
         Raises:
             InvalidInput: the picture is not (H, W, 3) uint8, is empty, or is larger than the function takes.
@@ -57,7 +57,7 @@ class AdaptedFunction:
         return self.predict_many([picture])[0]
 
     def predict_many(self, pictures: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
-        """The same for several pictures of one size; the labels do not depend on which were given together.
+        """Return the train ids of several pictures of one size; labels do not depend on how pictures are grouped.
 
         Raises:
             InvalidInput, InferenceError: see `predict`; also pictures of different sizes.
@@ -89,7 +89,7 @@ class AdaptedFunction:
             ids = self._engine.ids(np.stack(pieces), labels)
         except InvalidInput:
             raise
-        except Exception as error:  # engines raise classes of their own libraries, which cannot be named here
+        except Exception as error:  # engines raise errors of their own libraries
             first_line = str(error).strip().partition("\n")[0]
             raise InferenceError(
                 f"{self._card.name}: {self._engine.name} failed on a picture of {pieces[0].shape}: {first_line}"
