@@ -1,4 +1,4 @@
-"""Where the furniture of a ``mixed`` street stands: shelter and stop, benches, bins, stands, railings, signals."""
+"""Layout of the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _kerb(plan: Plan, inset: float, *, left: bool) -> float:
 
 
 def _towards_houses(*, left: bool) -> float:
-    """Heading at which an object's front (−y) faces the houses of its side."""
+    """Return the heading at which an object's front (−y) faces the houses of its side."""
     return -0.5 * math.pi if left else 0.5 * math.pi
 
 
@@ -46,7 +46,7 @@ SPECIES = ("tree", "plane", "birch", "hornbeam", "cherry")
 
 
 def _place_signals(plan: Plan, *, left: bool) -> None:
-    """A mast with a head over the nearest lane where there are two lanes or more."""
+    """Place a mast with a head over the nearest lane where there are two lanes or more."""
     if plan.settings.lanes < 2 or left:
         return
     for crossing in plan.lines.crossings[1:]:
@@ -59,7 +59,7 @@ def _place_signals(plan: Plan, *, left: bool) -> None:
 
 
 def _place_railings(plan: Plan, *, left: bool) -> None:
-    """Guard rails along the kerb beyond each crossing."""
+    """Place guard rails along the kerb beyond each crossing."""
     for crossing in plan.lines.crossings[1:]:
         y = crossing + 4.2
         if plan.lines.in_side_street(y + 2.0, SIDE_HALF + 2.2, left=left):
@@ -71,7 +71,7 @@ def _place_railings(plan: Plan, *, left: bool) -> None:
 
 
 def _place_bus_stop(plan: Plan) -> None:
-    """On the right, where the pavement is wide enough for a shelter; its back is to the houses."""
+    """Place a bus stop on the right; where the pavement is wide enough, a shelter with its back to the houses."""
     width = plan.lines.right_front - plan.lines.right_kerb
     heading = 0.5 * math.pi + math.pi
     for y in np.arange(54.0, plan.lines.row_stop - 20.0, 2.0):
@@ -97,7 +97,7 @@ def _box(x: float, y: float, half_x: float, half_y: float) -> tuple[tuple[float,
 
 
 def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Benches that look at the houses, litter bins, bicycle stands, one advertising column."""
+    """Place benches that look at the houses, litter bins, bicycle stands, one advertising column."""
     wide = plan.settings.pavement_width_m
     things = {
         "bench": ((-0.95, -0.25), (0.95, 0.45), 0.62, None),
@@ -128,7 +128,7 @@ def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> No
 
 
 def _place_cabinets(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Grey cabinets at the houses' feet, clear of doors and shop windows."""
+    """Place grey cabinets at the houses' feet, clear of doors and shop windows."""
     x = plan.lines.left_front + 0.24 if left else plan.lines.right_front - 0.24
     heading = 0.5 * math.pi if left else -0.5 * math.pi
     doors = [
