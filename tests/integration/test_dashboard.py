@@ -44,7 +44,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     context, bell = open_sketch(settings_of(folder, log_level="error"))
     work(context, bell, spec("finished"))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
-    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.variant_index == 4)
+    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4)
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
     work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)

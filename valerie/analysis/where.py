@@ -13,7 +13,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from valerie.analysis.table import COLUMNS
-from valerie.parameters.constraints import Constraint, Spoken, compile_constraint
+from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 
 #: Columns that no function is needed for: they are known as soon as the truth is.
@@ -82,7 +82,7 @@ def compile_where(
         InvalidInput: it does not follow the grammar or compares different kinds.
         UnknownName: neither a column nor a parameter; or text that is no choice.
     """
-    names: dict[str, Spoken] = {}
+    names: dict[str, Operand] = {}
     for definition in definitions:
         names |= {definition.path: definition, definition.name: definition}
     for name, dtype, _, _ in COLUMNS:

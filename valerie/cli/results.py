@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from valerie.cli.datasets import Where
+from valerie.cli.deployment import context_of
 from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, context_of, say
+from valerie.cli.shell import DataDir, Json, console, say
 from valerie.errors import Conflict, InvalidInput
 
 
@@ -52,19 +53,19 @@ def rows(
     import numpy as np
 
     from valerie.db.engine import reading
-    from valerie.pipeline.reading.run_cache import RunCache
+    from valerie.pipeline.reading.run_cache import read_run
     from valerie.pipeline.reading.selection import evaluated_rows, run_where
     from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
         raise InvalidInput("the ending tells the format", field="--output", value=output, limit=".csv or .parquet")
     with context_of(data_dir) as context:
-        resolved = RunCache(context).run(run_id).resolved
-        table = read_table(context.engine, run_id, resolved)
+        run = read_run(context, run_id)
+        table = read_table(context.engine, run)
         if where:
-            chosen = run_where(where, resolved, field="--where")
+            chosen = run_where(where, run.resolved, field="--where")
             with reading(context.engine) as connection:
-                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run_id, resolved)]
+                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run)]
             # A run that is at work may have more rows by now.
             table = table.select(np.array(met[: len(table)], np.bool_))
     if output is None:

@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Row, case, delete, func, insert, literal, or_
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import aliased
 
+from valerie.db.links import same_frame
 from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.errors import Conflict, NotFound
 from valerie.runs.states import BROUGHT_ROUTE
@@ -191,12 +192,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
         select(literal(1))
         .select_from(FrameAnnotation)
         .join(Product, Product.digest == FrameAnnotation.product)
-        .where(
-            FrameAnnotation.run_id == Frame.run_id,
-            FrameAnnotation.variant_index == Frame.variant_index,
-            FrameAnnotation.camera_index == Frame.camera_index,
-            FrameAnnotation.time_index == Frame.time_index,
-        )
+        .where(same_frame(FrameAnnotation))
         .correlate(Frame)
     )
     done &= ~annotation.where(Product.state != "done").exists()

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
 
 from services.api import examples
-from services.api.dependencies import ContextDependency, FrameId, split_frame_id, wake_control
+from services.api.dependencies import ContextDependency, FrameDependency, wake_control
 from services.api.openapi import binary, example, problems
 from services.api.schemas import FunctionDetail, FunctionRead, PredictionRead
 from services.api.transfer import ConditionsDependency, send
@@ -163,7 +163,7 @@ def remove(reference: Reference, context: ContextDependency) -> None:
     summary="Bring the prediction of a frame, for functions of kind predictions",
 )
 def bring(
-    frame_id: FrameId,
+    key: FrameDependency,
     request: Request,
     response: Response,
     context: ContextDependency,
@@ -175,8 +175,8 @@ def bring(
         str | None, Query(max_length=200, description="default: the only one", examples=["default"])
     ] = None,
 ) -> PredictionRead:
-    new = put_prediction(context, *split_frame_id(frame_id), body, function=function, sensor=sensor)
+    new = put_prediction(context, key, body, function=function, sensor=sensor)
     wake_control(request)
     if not new:
         response.status_code = status.HTTP_200_OK
-    return PredictionRead(frame_id=frame_id, new=new)
+    return PredictionRead(frame_id=str(key), new=new)

@@ -17,8 +17,9 @@ from services.api.transfer import ConditionsDependency, send
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, UnknownName
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.points import read_points
+from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.runs.spec import ResolvedRun
 from valerie.storage.keys import run_key
@@ -67,15 +68,14 @@ def list_evaluations(
         Literal["json", "csv", "parquet"], Query(alias="format", description="csv and parquet hold the whole table")
     ] = "json",
 ) -> Any:
-    with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+    run = read_run(context, run_id)
     if format_ != "json":
         if filter_ or cursor:
             raise InvalidInput("the downloads hold the whole table", field="filter", limit="format=json")
-        return _download(context, run_id, resolved, format_)
+        return _download(context, run, format_)
     column, descending = sort.removeprefix("-"), sort.startswith("-")
     column = _NAMED.get(column, column)
-    filters = [_filter(one, resolved) for one in filter_ or ()]
+    filters = [_filter(one, run.resolved) for one in filter_ or ()]
     after = decode_cursor(cursor, value, *[index] * len(results.KEY))
     if after is not None and isinstance(after[0], str) is not (column == "undefined_reason") and after[0] is not None:
         raise InvalidInput("the cursor belongs to another order", field="cursor", value=cursor, limit="sort unchanged")
@@ -84,9 +84,9 @@ def list_evaluations(
             connection, run_id, filters=filters, sort=column, descending=descending, limit=limit + 1, after=after
         )
         total = results.count(connection, run_id, filters=filters)
-    varied = varied_types(resolved)
+    varied = varied_types(run.resolved)
     following = encode_cursor(*results.position(rows[limit - 1], column)) if len(rows) > limit else None
-    items = [table_row(row, run_id, resolved, varied) for row in rows[:limit]]
+    items = [table_row(row, run, varied) for row in rows[:limit]]
     return {"items": items, "total": total, "next": following}
 
 
@@ -140,11 +140,11 @@ def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDepe
     )
 
 
-def _download(context: Any, run_id: str, resolved: ResolvedRun, format_: str) -> Response:
-    table = read_table(context.engine, run_id, resolved)
+def _download(context: Context, run: StoredRun, format_: str) -> Response:
+    table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    name = f'attachment; filename="{run_id}-evaluations.{format_}"'
+    name = f'attachment; filename="{run.id}-evaluations.{format_}"'
     return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 

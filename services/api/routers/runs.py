@@ -134,7 +134,18 @@ def progress(run_id: RunId, context: ContextDependency) -> Progress:
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
     with reading(context.engine) as connection:
         runs.get(connection, run_id)
-        return [Failure.model_validate(one) for one in results.failures(connection, run_id, limit=limit)]
+        failed = results.failures(connection, run_id, limit=limit)
+    return [
+        Failure(
+            variant_index=link.frame.variant,
+            camera_index=link.frame.camera,
+            time_index=link.frame.time,
+            digest=link.digest,
+            kind=link.kind,
+            error=link.error,
+        )
+        for link in failed
+    ]
 
 
 @router.get(

@@ -37,7 +37,7 @@ def offer(pipeline: Pipeline, *offers: dict[str, Any]) -> None:
         processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
 
 
-def failures(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+def failures(pipeline: Pipeline, run_id: str) -> list[results.FailedLink]:
     with reading(pipeline.context.engine) as connection:
         return results.failures(connection, run_id)
 
@@ -81,9 +81,9 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         pipeline, run_id = asked
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
-        (lost,) = (one for one in failures(pipeline, run_id) if one["kind"] == "prediction")
-        assert (lost["error"]["type"], lost["error"]["attempts"]) == ("InferenceError", 1)
-        assert lost["error"]["message"].endswith(": no answer within 2 s")
+        (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")
+        assert (lost.error["type"], lost.error["attempts"]) == ("InferenceError", 1)
+        assert lost.error["message"].endswith(": no answer within 2 s")
 
         row = pipeline.row(run_id)
         assert row.reason.startswith("1 products failed for good")

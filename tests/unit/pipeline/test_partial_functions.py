@@ -24,6 +24,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.comparison import compare_versions
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.runs.frames import FrameKey
 from valerie.storage.keys import run_key
 
 PERSON_OR_NOT = (
@@ -53,7 +54,7 @@ def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
             ("person-or-not", person.astype(np.uint8)),
             ("narrowed", np.where(person, PERSON.train_id, VOID).astype(np.uint8)),
         ):
-            put_prediction(pipeline.context, run, variant, camera, 0, encode_png(ids), function=name)
+            put_prediction(pipeline.context, FrameKey(run, variant, camera), encode_png(ids), function=name)
     assert pipeline.run(run) == "completed"
     return pipeline, run
 
@@ -61,7 +62,7 @@ def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
 def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipeline, str]) -> None:
     pipeline, run = finished
     with reading(pipeline.context.engine) as connection:
-        perfect, narrowed, blank = results.frame_evaluations(connection, run, 0, 0)
+        perfect, narrowed, blank = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     figures = ("pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc")
     assert {name: getattr(perfect, name) for name in figures} == dict.fromkeys(figures, 1.0)
     assert {name: getattr(narrowed, name) for name in figures} == dict.fromkeys(figures, 1.0)

@@ -92,18 +92,17 @@ class Feeder:
                 continue
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                background, layer, truth, evaluations, annotations = self._inputs.frame(
-                    moment, camera, near=partial(resolved.near, assignment, time)
-                )
+                frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
+                background, layer, truth = frame.products.background, frame.products.layer, frame.products.truth
                 want(background, (background, "background", engine_route, background, None, None, None))
                 want(layer, (layer, "layer", engine_route, background, None, None, None))
                 want(truth, (truth, "truth", truth_route, background, None, None, None))
                 rows.frames.append((run_id, index, camera, time, background, layer, truth))
-                for kind, product, inputs in annotations:
+                for kind, product, inputs in frame.annotations:
                     needed = (*inputs, None, None, None)[:3]
                     want(product, (product, kind.value, truth_route, background, *needed))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
-                for sensor, function, prediction, scores, third, distorted in evaluations:
+                for sensor, function, prediction, scores, third, distorted in frame.evaluations:
                     route, group, counted = targets[function]
                     want(prediction, (prediction, "prediction", route, group, layer, background, third))
                     want(scores, (scores, "evaluation", EVAL_QUEUE, counted, prediction, truth, None))

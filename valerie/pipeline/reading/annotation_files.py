@@ -15,9 +15,9 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.selection import FrameKey
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 
 #: Array name to array, as `numpy.load` gives them back.
@@ -43,7 +43,7 @@ def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tu
     return resolved.spec.annotations if names is None else tuple(kind for kind in known if kind in names)
 
 
-def find_annotations(context: Context, run_id: str, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
+def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
     """Kind to the product of a frame's annotations, all of them made.
 
     Raises:
@@ -52,13 +52,13 @@ def find_annotations(context: Context, run_id: str, key: FrameKey, kinds: Sequen
         Conflict: one is not made yet, or failed for good.
     """
     with reading(context.engine) as connection:
-        results.frame(connection, run_id, *key)
-        links = results.frame_annotations(connection, run_id, *key)
+        results.frame(connection, key)
+        links = results.frame_annotations(connection, key)
     for kind in kinds:
         if kind not in links:
             raise UnknownName("annotation of the run", kind, tuple(links), field="annotations")
         if links[kind].state == "failed":
-            raise Conflict(f"{kind} failed for good; `valerie retry {run_id}` tries again")
+            raise Conflict(f"{kind} failed for good; `valerie retry {key.run_id}` tries again")
         if links[kind].state != "done":
             raise Conflict(f"{kind} is not made yet ({links[kind].state})")
     return {AnnotationKind(kind): links[kind].product for kind in kinds}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -17,14 +17,17 @@ from valerie.analysis.report_model import Failure, PictureKind, Provenance, Repo
 from valerie.analysis.table import EvaluationTable
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
+from valerie.db.results import FailedLink
 from valerie.errors import NotFound, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import resolve_stored
-from valerie.pipeline.reading import frames
-from valerie.pipeline.reading.pictures import jpeg
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.painting import jpeg
+from valerie.pipeline.reading.run_cache import StoredRun
 from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import RunState
 from valerie.storage.keys import run_key
@@ -55,7 +58,7 @@ def finish_run(context: Context, run_id: str) -> None:
         summary = write_results(context, run, failures)
         state, reason = (RunState.COMPLETED, None)
         if failures:
-            roots = [one for one in failures if "cause" not in (one["error"] or {})]
+            roots = [failure for failure in failures if "cause" not in failure.error]
             state = RunState.COMPLETED_WITH_FAILURES
             reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
     except ValerieError as error:
@@ -74,12 +77,13 @@ def finish_run(context: Context, run_id: str) -> None:
     log.info("run.finished", run=run_id, state=state)
 
 
-def write_results(context: Context, run: Any, failures: list[dict[str, Any]]) -> dict[str, Any]:
+def write_results(context: Context, run: Any, failures: Sequence[FailedLink]) -> dict[str, Any]:
     """Write table (Parquet, CSV), summary and report; returns the summary document."""
     resolved = resolve_stored(run, context.settings)
     cards = tuple(pinned_card(run.pins, name) for name in resolved.spec.functions)
-    table = read_table(context.engine, run.id, resolved)
-    classes = read_classes(context.engine, run.id, resolved, cards)
+    stored = StoredRun(run.id, resolved, run.pins)
+    table = read_table(context.engine, stored)
+    classes = read_classes(context.engine, stored, cards)
     analysis = analyze(
         table,
         classes=classes,
@@ -115,7 +119,7 @@ def _report_input(
     cards: tuple[FunctionCard, ...],
     table: EvaluationTable,
     analysis: Analysis,
-    failures: list[dict[str, Any]],
+    failures: Sequence[FailedLink],
 ) -> ReportInput:
     spec = resolved.spec
     with reading(context.engine) as connection:
@@ -147,7 +151,7 @@ def _report_input(
         variants=run.variant_count,
         frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
         rejections=rejected,
-        failures=_grouped(failures, run.id),
+        failures=_grouped(failures),
         picture=_Pictures(context),
     )
 
@@ -159,25 +163,25 @@ class _Pictures:
         self._context = context
 
     def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        run_id, variant, camera, time = frame_id.split(".")
+        kind_of_picture = _KIND_OF_PICTURE[kind]
         try:
-            place = (run_id, int(variant), int(camera), int(time))
-            source = frames.find(self._context, *place, kind=_KIND_OF_PICTURE[kind], function=function, sensor=sensor)
-            painted = frames.draw(self._context, source)
+            source = find_picture(
+                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
+            )
+            painted = paint_picture(self._context, source)
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
         return jpeg(painted)
 
 
-def _grouped(failures: list[dict[str, Any]], run_id: str) -> tuple[Failure, ...]:
+def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
     """Failures of the same kind together."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
-    for one in failures:
-        error: Mapping[str, Any] = one["error"] or {}
+    for failure in failures:
+        error = failure.error
         message = str(error.get("message") or f"its input {error.get('cause')} failed")
-        key = (str(one["kind"]), message, int(error.get("attempts") or 0))
-        groups[key].append(f"{run_id}.{one['variant_index']}.{one['camera_index']}.{one['time_index']}")
+        groups[failure.kind, message, int(error.get("attempts") or 0)].append(str(failure.frame))
     return tuple(
         Failure(stage=stage, error=message, attempts=attempts, count=len(where), example=where[0])
         for (stage, message, attempts), where in sorted(groups.items(), key=lambda item: -len(item[1]))

@@ -24,6 +24,7 @@ from valerie.pipeline.functions.opening import open_pinned, open_reference
 from valerie.pipeline.functions.probe import probe_engine, probe_function, probe_inference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.frames import FrameKey
 from valerie.testing.onnx_function import small_onnx
 
 CLASS = "onnxruntime/fp32"
@@ -140,7 +141,7 @@ class TestARun:
         assert (pin["digest"], pin["kind"]) == (newest.digest, "onnx")
         assert pin["numeric_class"].startswith("onnxruntime-")
         assert pin["card"]["name"] == "small"
-        assert [one.verdict for one in replay_frame(served.context, run, 0, 1)] == ["equal"] * 5
+        assert [one.verdict for one in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
         first = register(served, tmp_path)
