@@ -44,7 +44,7 @@ def look_again() -> None:
 
 
 #: An asset pack: the boxes of `valerie.testing.assets`, in a street of any bearing.
-BOXES = '''
+BOXES = """
 from pydantic import Field
 
 from valerie.scene.assets.asset import PackSettings
@@ -68,7 +68,7 @@ def make_scene(settings, manifest):
 
 def draw_arguments(rng):
     return {"bearing_deg": float(rng.integers(360))}
-'''
+"""
 
 
 #: Functions that hang and that ask for too much, each where the picture's first pixel says so; all else is road.

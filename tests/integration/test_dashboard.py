@@ -11,6 +11,7 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from valerie.measures import Source, measures_from
 from valerie.perception.documents.cards import card_rows
 from valerie.pipeline.functions import registry
 from valerie.testing.onnx_function import small_onnx
@@ -186,6 +187,10 @@ def test_a_point_leads_to_its_frame_with_truth_and_prediction_over_the_picture(p
     assert "/frames/" in first
     drawn = "() => [...document.querySelectorAll('.viewer img')].filter(i => i.src && i.naturalWidth > 1).length >= 2"
     page.wait_for_function(drawn)
+    titles = page.locator(".columns th[scope=row]").all_inner_texts()
+    for measure in measures_from(Source.PLACE, Source.PIXELS, Source.FRAME_SCORE):
+        assert measure.title in [title[0].lower() + title[1:] for title in titles] + titles
+    assert "Light on the body" not in titles, "the run did not ask for light"
     page.keyboard.press("ArrowRight")
     page.wait_for_function("before => location.href !== before", arg=first)
 

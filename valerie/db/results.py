@@ -36,6 +36,7 @@ from valerie.db.links import (
     same_frame,
 )
 from valerie.db.models import (
+    Base,
     Evaluation,
     Frame,
     FrameAnnotation,
@@ -47,6 +48,7 @@ from valerie.db.models import (
     Variant,
 )
 from valerie.errors import InvalidInput, NotFound, UnknownName
+from valerie.measures import Source, measures_from, names_from
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey
 
@@ -56,6 +58,14 @@ _LIGHT_OF_PERSON = and_(
     PersonLight.product == FrameAnnotation.product, PersonLight.instance_id == PersonView.instance_id
 )
 
+#: The table that holds the measures from each source.
+_TABLES: Final[dict[Source, type[Base]]] = {
+    Source.PLACE: PersonView,
+    Source.PIXELS: PersonView,
+    Source.LIGHT: PersonLight,
+    Source.PERSON_SCORE: PersonScore,
+    Source.FRAME_SCORE: Score,
+}
 #: Columns of the long table that can be filtered and sorted by, and what they are in the database.
 COLUMNS: Final[dict[str, Any]] = {
     "variant_index": Frame.variant_index,
@@ -64,33 +74,7 @@ COLUMNS: Final[dict[str, Any]] = {
     "sensor_index": Evaluation.sensor_index,
     "function_index": Evaluation.function_index,
     "instance_id": PersonView.instance_id,
-    "pixel_area": PersonView.pixel_area,
-    "pixel_area_percent": PersonView.pixel_area_percent,
-    "pixel_area_amodal": PersonView.pixel_area_amodal,
-    "occlusion_rate": PersonView.occlusion_rate,
-    "truncation_rate": PersonView.truncation_rate,
-    "distance_m": PersonView.distance_m,
-    "depth_m": PersonView.depth_m,
-    "bearing_deg": PersonView.bearing_deg,
-    "aspect_deg": PersonView.aspect_deg,
-    "irradiance": PersonLight.irradiance,
-    "shadow_share": PersonLight.shadow_share,
-    "contrast": PersonLight.contrast,
-    "undefined_reason": PersonView.undefined_reason,
-    "tp": PersonScore.tp,
-    "fn": PersonScore.fn,
-    "pacc": PersonScore.pacc,
-    "frame_tp": Score.tp,
-    "frame_fp": Score.fp,
-    "frame_fn": Score.fn,
-    "frame_tn": Score.tn,
-    "frame_pacc": Score.pacc,
-    "precision": Score.precision,
-    "iou": Score.iou,
-    "pixel_accuracy": Score.pixel_accuracy,
-    "miou": Score.miou,
-    "fwiou": Score.fwiou,
-    "macc": Score.macc,
+    **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
 
 #: What tells the rows of one run's long table apart.
@@ -329,9 +313,7 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[tuple[Store
         select(
             *FRAME_COLUMNS,
             *(column for column in PersonView.__table__.columns if column.name != "truth"),
-            PersonLight.irradiance,
-            PersonLight.shadow_share,
-            PersonLight.contrast,
+            *(COLUMNS[name] for name in names_from(Source.LIGHT)),
         )
         .select_from(Frame)
         .join(Variant, VARIANT_OF_FRAME)
@@ -370,7 +352,7 @@ def predictions(connection: Connection, run_id: str, sensor: int, function: int)
 def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, bytes, float | None]]:
     """(sensor, function, packed confusion matrix, mean IoU) of everything that is evaluated."""
     query = (
-        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, Score.miou)
+        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, COLUMNS["miou"])
         .join(Score, Score.digest == Evaluation.scores)
         .where(Evaluation.run_id == run_id)
     )

@@ -7,7 +7,6 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Response
 
-from services.api import examples
 from services.api.dependencies import (
     ContextDependency,
     Cursor,
@@ -19,7 +18,8 @@ from services.api.dependencies import (
     index,
 )
 from services.api.openapi import binary, problems
-from services.api.schemas import FrameDetail, FramePage, FrameRead, VariantPage, VariantRead
+from services.api.schemas.base import DIGEST
+from services.api.schemas.frames import FrameDetail, FramePage, FrameRead, VariantPage, VariantRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import runs
 from valerie.db.engine import reading
@@ -156,7 +156,7 @@ def artifact(
     ],
     digest: Annotated[
         str,
-        Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs", examples=[examples.DIGEST]),
+        Path(pattern=r"^[0-9a-f]{32}$", description="of the product; frames name theirs", examples=[DIGEST]),
     ],
     context: ContextDependency,
     conditions: ConditionsDependency,

@@ -7,10 +7,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
 
-from services.api import examples
 from services.api.dependencies import ContextDependency, FrameDependency, wake_control
-from services.api.openapi import binary, example, problems
-from services.api.schemas import FunctionDetail, FunctionRead, PredictionRead
+from services.api.openapi import binary, problems
+from services.api.schemas.functions import FunctionDetail, FunctionRead, PredictionRead
 from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
 from valerie.db.engine import reading
@@ -48,7 +47,11 @@ _FORM: Final[dict[str, Any]] = {
                         "precision": {"type": "string"},
                     },
                 },
-                "example": examples.REGISTRATION,
+                "example": {
+                    "document": "name: street-net\nclasses: [road, person]\n",
+                    "payload": "(the file)",
+                    "engine": "openvino",
+                },
             }
         },
     }
@@ -72,7 +75,6 @@ async def _body(request: Request) -> bytes:
     openapi_extra=_FORM,
     responses={
         **problems(409, 413, 422, 501, 507),
-        **example(examples.FUNCTION, status=201),
         200: {"model": FunctionDetail, "description": "this version was registered already"},
     },
     summary="Register a function under test; an equal document under the same name changes nothing",
@@ -99,7 +101,7 @@ def register(form: FormDependency, request: Request, response: Response, context
 
 @router.get(
     "/functions",
-    responses={**problems(422), **example(examples.FUNCTIONS)},
+    responses=problems(422),
     summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
 )
 def list_functions(context: ContextDependency) -> list[FunctionRead]:

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
 
-from services.api import examples
 from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
 from services.api.dependencies import value_of_column as value
-from services.api.openapi import binary, problems
-from services.api.schemas import EvaluationPage, PointColumns, SummaryRead
+from services.api.openapi import binary, example_of, problems
+from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
 from valerie.db import results, runs
 from valerie.db.engine import reading
@@ -29,6 +28,8 @@ router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
 #: Columns that hold a name, and the column of the database that holds its position in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
+_ROW: dict[str, Any] = example_of(EvaluationRow.model_json_schema())
+_CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
 _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
 
@@ -39,8 +40,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
         **problems(404, 409, 422),
         200: {
             "content": {
-                "application/json": {"example": examples.EVALUATIONS},
-                "text/csv": {"schema": {"type": "string"}, "example": examples.CSV},
+                "text/csv": {"schema": {"type": "string"}, "example": _CSV},
                 "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
             }
         },

@@ -28,6 +28,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.results import StoredPrediction
 from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailable
+from valerie.measures import OF_PERSON, names_from
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.export.folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
@@ -69,10 +70,7 @@ _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
 #: The same of annotations with a value in each pixel.
 _ANNOTATION_BYTES: Final = {AnnotationKind.NORMALS: 3.0, AnnotationKind.FLOW: 7.0, AnnotationKind.VELOCITY: 7.0}
 #: What a person's annotation carries beside masks.
-_OF_PERSON: Final = (
-    "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
-    "shadow_share", "contrast", "character", "pixel_area_amodal",
-)  # fmt: skip
+_OF_PERSON: Final = ("character", *names_from(*OF_PERSON))
 
 
 class ExportSettings(BaseModel):

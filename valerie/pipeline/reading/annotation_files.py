@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
+from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
@@ -24,7 +25,6 @@ from valerie.runs.spec import ResolvedRun
 Arrays = Mapping[str, NDArray[Any]]
 #: Raised by hand whenever equal products give other bytes.
 FILES_REVISION: Final = 1
-_LIGHT: Final = ("irradiance", "shadow_share", "contrast")
 #: What is said of a joint to COCO's flag: 0 not in the image, 1 there and not visible, 2 visible.
 _COCO_FLAGS: Final = np.where(np.arange(VISIBLE + 1) >= HIDDEN, 1, 0)
 _COCO_FLAGS[OUTSIDE], _COCO_FLAGS[VISIBLE] = 0, 2
@@ -76,7 +76,7 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
     with reading(context.engine) as connection:
         rows = results.person_lights(connection, product)
     # What is undefined (no sun, nothing visible) is NaN.
-    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in _LIGHT}
+    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in names_from(Source.LIGHT)}
     return {"instances": np.array([row.instance_id for row in rows], np.int64), **values}
 
 

@@ -15,6 +15,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.links import key_of
 from valerie.labels import PERSON
+from valerie.measures import OF_PERSON, Source, names_from
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
@@ -26,15 +27,10 @@ from valerie.storage import codecs
 
 #: Column to value, of one row of a table; the columns of parameters are known to the run alone.
 TableRow = dict[str, Any]
-
 #: Columns of a person that are empty where the frame shows nobody.
-_PIXELS: Final = ("instance_id", "pixel_area", "pixel_area_percent", "pixel_area_amodal")
-#: Columns of a person that every row has.
-_MEASURED: Final = (
-    "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
-    "shadow_share", "contrast", "undefined_reason",
-)  # fmt: skip
-_SCORES: Final = ("pacc", "precision", "iou", "pixel_accuracy")
+_PIXELS: Final = frozenset({"pixel_area", "pixel_area_percent", "pixel_area_amodal"})
+_OF_PERSON: Final = names_from(*OF_PERSON)
+_SCORES: Final = names_from(Source.PERSON_SCORE, Source.FRAME_SCORE)
 
 
 def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
@@ -95,10 +91,10 @@ def table_row(row: Any, run: StoredRun, varied: Iterable[str]) -> TableRow:
         **person_columns(row, row.assignment, run.resolved),
         "sensor": spec.sensors[row.sensor_index].name,
         "function": spec.functions[row.function_index],
+        **{name: getattr(row, name) for name in _SCORES},
+        # An absent person has no counts.
         "tp": row.tp or 0,
         "fn": row.fn or 0,
-        "fp": row.frame_fp,
-        **{name: getattr(row, name) for name in _SCORES},
         **{path: row.assignment.get(path) for path in varied},
     }
 
@@ -120,8 +116,8 @@ def person_columns(row: Any, assignment: Mapping[str, Any], resolved: ResolvedRu
     nobody = row.instance_id == 0
     return {
         "character": character_of(row.instance_id, assignment, resolved),
-        **{name: None if nobody else getattr(row, name) for name in _PIXELS},
-        **{name: getattr(row, name) for name in _MEASURED},
+        "instance_id": row.instance_id or None,
+        **{name: None if nobody and name in _PIXELS else getattr(row, name) for name in _OF_PERSON},
     }
 
 

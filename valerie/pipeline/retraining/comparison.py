@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from valerie.analysis.before_after import Comparison, aligned, compare, row_keys
 from valerie.analysis.region import Region
-from valerie.analysis.table import COLUMNS, EvaluationTable
+from valerie.analysis.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
+from valerie.measures import MEASURES
 from valerie.metrics.collection import collection_scores
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import pacc
 from valerie.metrics.scoring import score_frame
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
@@ -227,13 +227,8 @@ def _look(
                     **seen,
                     **{path: frame.stored.assignment.get(path) for path in varied},
                     "function": name,
-                    "tp": counts.tp,
-                    "fn": counts.fn,
-                    "pacc": pacc(counts.tp, counts.fn),
-                    "precision": scores.precision,
-                    "iou": scores.iou,
-                    "pixel_accuracy": scores.pixel_accuracy,
-                    "fp": scores.counts.fp,
+                    **counts.columns,
+                    **scores.columns,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
@@ -243,4 +238,4 @@ def _look(
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:
-    return (*(name for name, *_ in COLUMNS), *varied)
+    return (*(measure.name for measure in MEASURES), *varied)

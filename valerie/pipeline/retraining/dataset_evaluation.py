@@ -29,7 +29,7 @@ from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
 from valerie.metrics.instances import InstanceCounts
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scores import frame_scores
 from valerie.metrics.scoring import score_frame
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
@@ -227,10 +227,7 @@ def _evaluated(
         "camera": frame.name.city,
         "sensor": "as recorded",
         "function": name,
-        "precision": scores.precision,
-        "iou": scores.iou,
-        "pixel_accuracy": scores.pixel_accuracy,
-        "fp": scores.counts.fp,
+        **scores.columns,
     }
     if not scored.persons:
         return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
@@ -241,9 +238,7 @@ def _evaluated(
             "instance_id": one.instance_id,
             "pixel_area": one.tp + one.fn,
             "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
-            "tp": one.tp,
-            "fn": one.fn,
-            "pacc": pacc(one.tp, one.fn),
+            **one.columns,
         }
         for one in scored.persons
     ]
@@ -259,10 +254,8 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
                     "frame": name,
                     "function": one.name,
                     **asdict(scores.counts),
-                    **{
-                        column: getattr(scores, column)
-                        for column in ("pacc", "precision", "iou", "pixel_accuracy", "macc", "miou", "fwiou")
-                    },
+                    "pacc": scores.pacc,
+                    **scores.columns,
                     "confusion": matrix.ravel().tolist(),
                 }
             )

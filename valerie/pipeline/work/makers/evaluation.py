@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from typing import Any
 
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
-from valerie.metrics.scores import FrameScores, pacc
+from valerie.metrics.scores import FrameScores
 from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
@@ -49,14 +50,7 @@ class EvaluateMaker:
             cpu_seconds=time.process_time() - started,
             score={"digest": job.digest, "confusion": packed, **_columns(scored.scores)},
             person_scores=tuple(
-                {
-                    "digest": job.digest,
-                    "instance_id": person.instance_id,
-                    "tp": person.tp,
-                    "fn": person.fn,
-                    "pacc": pacc(person.tp, person.fn),
-                }
-                for person in scored.persons
+                {"digest": job.digest, "instance_id": person.instance_id, **person.columns} for person in scored.persons
             ),
             person_views=self._views(job, truth) if capture.distorted else (),
         )
@@ -69,16 +63,4 @@ class EvaluateMaker:
 
 
 def _columns(scores: FrameScores) -> dict[str, Any]:
-    return {
-        "tp": scores.counts.tp,
-        "fp": scores.counts.fp,
-        "fn": scores.counts.fn,
-        "tn": scores.counts.tn,
-        "pacc": scores.pacc,
-        "precision": scores.precision,
-        "iou": scores.iou,
-        "pixel_accuracy": scores.pixel_accuracy,
-        "miou": scores.miou,
-        "fwiou": scores.fwiou,
-        "macc": scores.macc,
-    }
+    return {**asdict(scores.counts), "pacc": scores.pacc, **scores.columns}
