@@ -44,10 +44,10 @@ from valerie.db.models import (
     Variant,
 )
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 
-#: Cache group of the evaluations of predictions that people bring.
-BROUGHT_GROUP: Final = "brought"
+#: Cache group of the evaluations of uploaded predictions.
+UPLOADED_GROUP: Final = "uploaded"
 #: (digest, kind, route, cache group): what the broker needs to ring for a product.
 Ready = tuple[str, str, str, str]
 
@@ -102,7 +102,7 @@ def want(connection: Connection, rows: Iterable[Wanted], now: float) -> list[Rea
             continue
         if a in done and b in done and c in done:
             inserted.append((*row, "ready", 0, now))
-            if route != BROUGHT_ROUTE:
+            if route != UPLOADED_ROUTE:
                 ready.append((digest, kind, route, group))
         else:
             inserted.append((*row, "waiting", 0, None))
@@ -466,7 +466,7 @@ def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Re
     """Sweep: ready products for which nobody rang since ``before`` (a lost message, or a pause after a fault)."""
     rows = connection.execute(
         select(*_READY_COLUMNS)
-        .where(_UNFINISHED, Product.state == "ready", Product.sent_at < before, Product.route != BROUGHT_ROUTE)
+        .where(_UNFINISHED, Product.state == "ready", Product.sent_at < before, Product.route != UPLOADED_ROUTE)
         .limit(limit)
     )
     return _to_ring_for(rows)
@@ -492,11 +492,11 @@ def fail_orphaned_dependents(connection: Connection, now: float) -> None:
 def unfinished_count(connection: Connection) -> int:
     """Products that wait, are ready or run: what the feeding window bounds.
 
-    Predictions that people bring, and what is counted from them, are left out: nobody could see all frames of a large run
+    Uploaded predictions, and what is counted from them, are left out: nobody could see all frames of a large run
     before the first label maps came.
     """
-    brought = (Product.route == BROUGHT_ROUTE) | (Product.cache_group == BROUGHT_GROUP)
-    return connection.scalar(select(func.count()).select_from(Product).where(_UNFINISHED, ~brought)) or 0
+    uploaded = (Product.route == UPLOADED_ROUTE) | (Product.cache_group == UPLOADED_GROUP)
+    return connection.scalar(select(func.count()).select_from(Product).where(_UNFINISHED, ~uploaded)) or 0
 
 
 def unfinished_by_route(connection: Connection) -> list[tuple[str, str, int]]:
@@ -604,8 +604,8 @@ def delete(connection: Connection, digests: Iterable[str]) -> None:
 
 
 def _to_ring_for(rows: Iterable[Any]) -> list[Ready]:
-    """Rows as messages need them, without what people bring: there is nobody to ring for."""
-    return [(row.digest, row.kind, row.route, row.cache_group) for row in rows if row.route != BROUGHT_ROUTE]
+    """Return rows as messages need them, without uploaded predictions: no worker waits for them."""
+    return [(row.digest, row.kind, row.route, row.cache_group) for row in rows if row.route != UPLOADED_ROUTE]
 
 
 def _insert_of(connection: Connection) -> Any:

@@ -13,7 +13,7 @@ from sqlalchemy.orm import aliased
 from valerie.db.links import same_frame
 from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product, Run, Variant
 from valerie.errors import Conflict, NotFound
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 
 ACTIVE = ("submitted", "running", "paused", "finishing")
 
@@ -237,7 +237,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> d
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
-    """Digests of a function's predictions whose frames can be seen and that nobody brought yet."""
+    """Return the digests of a function's predictions that can be uploaded: their frames are rendered."""
     return list(
         connection.scalars(
             select(Product.digest)
@@ -249,7 +249,7 @@ def awaited(connection: Connection, run_id: str, function_index: int) -> list[st
 
 
 def awaited_count(connection: Connection, run_id: str) -> int:
-    """How many predictions of a run people have still to bring."""
+    """Return how many predictions of a run are still to be uploaded."""
     statement = (
         select(func.count(Product.digest.distinct()))
         .join(Evaluation, Evaluation.prediction == Product.digest)
@@ -258,7 +258,7 @@ def awaited_count(connection: Connection, run_id: str) -> int:
     return connection.scalar(statement) or 0
 
 
-_AWAITED = (Product.state == "ready", Product.route == BROUGHT_ROUTE)
+_AWAITED = (Product.state == "ready", Product.route == UPLOADED_ROUTE)
 
 
 def rejections(connection: Connection, run_id: str) -> dict[str, int]:

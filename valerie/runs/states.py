@@ -95,5 +95,5 @@ class Stage(StrEnum):
     EVAL = "eval"
 
 
-#: Route of predictions that people bring (functions of kind ``predictions``): no worker serves it and nobody is rung for.
-BROUGHT_ROUTE: Final = "infer.brought"
+#: Route of uploaded predictions (functions of kind ``predictions``): no worker serves it, and no message is sent.
+UPLOADED_ROUTE: Final = "infer.uploaded"

@@ -13,7 +13,7 @@ from valerie.db.engine import reading, writing
 from valerie.db.models import Product
 from valerie.db.products import Finished
 from valerie.runs.frames import FrameKey, FrameProducts
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rows import digest, product, write_run
@@ -125,8 +125,8 @@ class TestWant:
         assert [attempts_of(engine, name) for name in "blp"] == [0, 0, 0]
 
     def test_nobody_is_rung_for_what_people_bring(self, engine: Engine) -> None:
-        brought: products.Wanted = (digest("p"), "prediction", BROUGHT_ROUTE, "g", None, None, None)
-        assert want(engine, [brought]) == []
+        uploaded: products.Wanted = (digest("p"), "prediction", UPLOADED_ROUTE, "g", None, None, None)
+        assert want(engine, [uploaded]) == []
         assert state_of(engine, "p") == "ready"
 
 

@@ -1,4 +1,4 @@
-"""Until when a run waits for predictions that people bring (see `valerie.pipeline.work.uploaded_predictions`)."""
+"""Deadlines of runs that wait for uploaded predictions (see `valerie.pipeline.work.uploaded_predictions`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def with_deadlines(pins: Mapping[str, Any], settings: Settings, now: float) -> d
 
 
 def deadlines(pins: Mapping[str, Any] | None) -> dict[str, float]:
-    """Name of each function whose predictions are brought to its deadline, Unix seconds."""
+    """Return the deadline, in Unix seconds, of each function whose predictions are uploaded."""
     if pins is None:
         return {}
     return {name: pin["deadline"] for name, pin in pins["functions"].items() if pin.get("kind") == _KIND}
@@ -42,4 +42,4 @@ def awaiting_reason(count: int, pins: Mapping[str, Any] | None) -> str | None:
     ends = deadlines(pins).values()
     if not count or not ends:
         return None
-    return f"{AWAITING}: {count} predictions are to be brought by {until(min(ends))}"
+    return f"{AWAITING}: {count} predictions are to be uploaded by {until(min(ends))}"

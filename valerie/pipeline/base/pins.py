@@ -8,9 +8,10 @@ from typing import Any, Final
 
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
-from valerie.plugins import ENGINE_HINTS
+from valerie.perception.documents.options import PredictionsOptions
+from valerie.plugins import known_engine
 from valerie.runs.documents import engine_name
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
@@ -39,8 +40,9 @@ def choose_pins(
     functions = {name: _function(name, offers, registered.get(name)) for name in spec["functions"]}
     missing = []
     if engine is None:
-        hint = ENGINE_HINTS.get(name)
-        missing.append(f"a render worker with the engine {name!r}" + (f" ({hint})" if hint else ""))
+        declared = known_engine(name)
+        hint = f" ({declared.install_hint})" if declared is not None and declared.install_hint else ""
+        missing.append(f"a render worker with the engine {name!r}{hint}")
     if truth is None:
         missing.append("a render worker with the truth pass")
     for function, offer in functions.items():
@@ -71,8 +73,8 @@ def _function(
     if document is None:
         return _first(offers, "infer", name)
     if document.kind == "predictions":
-        # Whoever brings them made them: there is nothing of ours that could change a bit.
-        offer: dict[str, Any] | None = {"numeric_class": "brought", "revision": 1, "route": BROUGHT_ROUTE}
+        # They are made elsewhere: nothing here could change a bit of them.
+        offer: dict[str, Any] | None = {"numeric_class": "uploaded", "revision": 1, "route": UPLOADED_ROUTE}
     else:
         offer = _first(offers, "infer", inference_name(document))
     if offer is None:
@@ -86,7 +88,11 @@ def _function(
         "numeric_class": offer["numeric_class"],
         "route": offer["route"],
         "card": asdict(replace(document.card(), name=name)),
-        **({"deadline_hours": document.options.get("deadline_hours")} if document.kind == "predictions" else {}),
+        **(
+            {"deadline_hours": options.deadline_hours}
+            if isinstance(options := document.options, PredictionsOptions)
+            else {}
+        ),
     }
 
 

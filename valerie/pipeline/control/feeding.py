@@ -14,10 +14,10 @@ from valerie.db import products, runs
 from valerie.db.bulk import insert_rows
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
-from valerie.db.products import BROUGHT_GROUP, Ready, Wanted
+from valerie.db.products import UPLOADED_GROUP, Ready, Wanted
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.runs.inputs import ProductInputs
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to so many products, or at so many variants (they may all be rejected): small
@@ -76,7 +76,7 @@ class Feeder:
         functions = [self._pins["functions"][name] for name in resolved.spec.functions]
         # (route and cache group of predictions, cache group of evaluations)
         targets = [
-            (one["route"], one["digest"][:32], BROUGHT_GROUP if one["route"] == BROUGHT_ROUTE else "")
+            (one["route"], one["digest"][:32], UPLOADED_GROUP if one["route"] == UPLOADED_ROUTE else "")
             for one in functions
         ]
         rows = _Rows()

@@ -16,7 +16,7 @@ from sqlalchemy import Engine
 from valerie.db import processes, products, runs
 from valerie.db.engine import reading, writing
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
-from valerie.runs.states import BROUGHT_ROUTE
+from valerie.runs.states import UPLOADED_ROUTE
 
 #: stage → (total, done, failed) in the counts of a block.
 _STAGES: Final = {
@@ -56,7 +56,7 @@ class ProgressBook:
             if run.id not in self._closed:
                 self._closed[run.id] = dict(runs.closed_counts(connection, run.id))
             unfinished = products.unfinished_by_route(connection)
-            served = {offer["route"] for offer in processes.offers(connection, now=now)} | {BROUGHT_ROUTE}
+            served = {offer["route"] for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE}
             awaited = runs.awaited_count(connection, run.id) if deadlines(row.pins) else 0
         closed = self._closed[run.id]
         for number in counted:  # a retry opened it again
