@@ -28,7 +28,7 @@ _BETS: Final = 48
 _DISTANCE: Final = 0.8
 _SPREAD: Final = 0.8
 #: Units whose bets are held in memory at once.
-_BLOCK: Final = 16_384
+_BLOCK: Final = 4_096
 #: Above this many further units, no run decides.
 _MOST_UNITS: Final = 10_000_000
 
@@ -133,7 +133,7 @@ def judge_sample(requirement: Requirement, values: ArrayLike, units: ArrayLike) 
             All rows of a unit have to be there, or the unit has to wait.
 
     Returns:
-        The verdict of the first unit that decided; later units do not change it.
+        The verdict of the first unit that decided: later units do not change it, only the p-values.
 
     Raises:
         InvalidInput: a score lies outside 0…1, or the lengths differ.
@@ -148,8 +148,6 @@ def judge_sample(requirement: Requirement, values: ArrayLike, units: ArrayLike) 
     for start in range(0, len(scores), _BLOCK):
         for game in games:
             game.play(scores[start : start + _BLOCK] - p, target)
-        if any(game.ended for game in games):
-            break
     # Both games can end in theory; the first one stands.
     ends = [game.ended or len(scores) + 1 for game in games]
     outcome = Outcome.UNDECIDED if min(ends) > len(scores) else (Outcome.MET, Outcome.NOT_MET)[int(np.argmin(ends))]
@@ -227,12 +225,15 @@ class _Game:
 
     def play(self, surplus: NDArray[np.float64], target: float) -> None:
         """Bet on the next units, whose scores lie ``surplus`` above the bound."""
-        course = self.capital + np.cumsum(np.log1p(self._stakes * surplus[:, None]), axis=0)
-        together = logsumexp(course, axis=1) - np.log(_BETS)
+        course = np.log1p(self._stakes[:, None] * surplus)
+        course[:, 0] += self.capital
+        np.cumsum(course, axis=1, out=course)
+        self.capital = course[:, -1].copy()
+        top = course.max(axis=0)
+        together = top + np.log(np.exp(course - top).mean(axis=0))
         if self.ended is None and together.max() >= target:
             self.ended = self._played + int(np.argmax(together >= target)) + 1
         self.highest = max(self.highest, float(together.max()))
-        self.capital = course[-1]
         self._played += len(surplus)
 
 
