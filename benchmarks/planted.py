@@ -52,12 +52,12 @@ class Draws:
 
     Attributes:
         values: (repetitions, units, rows) scores in [0, 1].
-        present: (repetitions, units, rows) bool; absent rows are no data.
+        weights: (repetitions, units, rows) what each row weighs; 0 where there is no row.
         replicate: (units,) int64 replicate of each unit where the design is made of some, else None.
     """
 
     values: Floats
-    present: NDArray[np.bool_]
+    weights: Floats
     replicate: NDArray[np.int64] | None = None
 
 
@@ -76,8 +76,8 @@ def _piled(u: Floats) -> Floats:
 
 
 def _rare(u: Floats) -> Floats:
-    """Nearly 1 everywhere but in a corner that holds 4 % of the box."""
-    corner = (u[..., 0] > 0.75) & (u[..., 1] < 0.45) & (u[..., 2] > 0.55) & (u[..., 5] < 0.8)
+    """Nearly 1 everywhere but in a corner that holds 5 % of the box."""
+    corner = (u[..., 0] > 0.7) & (u[..., 1] < 0.46) & (u[..., 2] > 0.54) & (u[..., 5] < 0.8)
     return np.asarray(np.where(corner, 0.4 * u[..., 3], 1 - 0.05 * u[..., 4] ** 2))
 
 
@@ -89,6 +89,11 @@ def _mild_tuning(u: Floats) -> Floats:
 
 def _skewed_tuning(u: Floats) -> Floats:
     return np.asarray(1 - 0.8 * u[..., 0] ** 3 * (0.4 + 0.6 * u[..., 1]) * (0.5 + 0.5 * u[..., 5]) - 0.15 * u[..., 3])
+
+
+def _outliers_tuning(u: Floats) -> Floats:
+    """Alike, away from both ends, but for 5 % at 0."""
+    return np.asarray(np.where(np.abs(u[..., 1] - 0.4) < 0.025, 0.0, 0.75 + 0.2 * u[..., 0] * u[..., 4]))
 
 
 def _piled_tuning(u: Floats) -> Floats:
@@ -119,6 +124,7 @@ TUNING: Final = MappingProxyType(
     {
         "mild": _mild_tuning,
         "skewed": _skewed_tuning,
+        "outliers": _outliers_tuning,
         "piled": _piled_tuning,
         "wall": _wall_tuning,
         "rare 2 %": _rare_tuning(0.02),
@@ -133,15 +139,25 @@ def passed(world: World, threshold: float = 0.5) -> World:
     return lambda u: (world(u) >= threshold).astype(float)
 
 
+def alike(u: Floats) -> Floats:
+    """Every row weighs the same."""
+    return np.ones(u.shape[:-1])
+
+
+def pixels(u: Floats) -> Floats:
+    """Rows weigh as much as a person has pixels: up to 20 times as much near the camera as far away."""
+    return np.asarray((1 + 3.5 * u[..., 3]) ** -2)
+
+
 @cache
-def truth(world: World, design: str) -> float:
-    """Return the true mean of ``world`` over what ``design`` draws from; exact to about 1e-4."""
+def truth(world: World, design: str, weigh: World = alike) -> float:
+    """Return the true weighted mean of ``world`` over what ``design`` draws from; exact to about 1e-4."""
     means = []
     for seed in range(_TRUTH_SCRAMBLES):
         u = qmc.Sobol(DIMENSIONS, rng=np.random.default_rng(seed)).random_base2(_TRUTH_POINTS)
         if design == "crossed grid":
             u = _on_nodes(u[:, None, :].repeat(8, axis=1))
-        means.append(float(world(u).mean()))
+        means.append(float(np.average(world(u), weights=weigh(u))))
     return float(np.mean(means))
 
 
@@ -153,6 +169,7 @@ def draw(
     repetitions: int,
     seed: int,
     replicates: NDArray[np.int64] | None = None,
+    weigh: World = alike,
 ) -> Draws:
     """Draw data of ``world`` by ``design``.
 
@@ -163,6 +180,7 @@ def draw(
         repetitions: number of experiments.
         seed: of everything drawn.
         replicates: (units,) which replicate each unit is of, for the last two designs; all of one without it.
+        weigh: what a row weighs.
     """
     rng = np.random.default_rng(seed)
     if design in {"sobol", "latin hypercube"}:
@@ -170,20 +188,20 @@ def draw(
         points = _sobol if design == "sobol" else _latin_hypercube
         sizes = np.bincount(replicate)
         u = np.concatenate([points(rng, repetitions, int(size)) for size in sizes], axis=1)[:, :, None, :]
-        return Draws(world(u), np.ones(u.shape[:3], bool), np.sort(replicate))
+        return Draws(world(u), weigh(u), np.sort(replicate))
     if design == "independent":
         u = rng.random((repetitions, units, 1, DIMENSIONS))
-        return Draws(world(u), np.ones(u.shape[:3], bool))
+        return Draws(world(u), weigh(u))
     if design == "clustered":
         u = np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), MOST_ROWS, axis=2)
         u[..., 4:] = rng.random((*u.shape[:3], 2))
         # Units differ in size, and larger ones do not differ in score.
         sizes = rng.integers(2, MOST_ROWS + 1, (repetitions, units, 1))
-        return Draws(world(u), np.arange(MOST_ROWS) < sizes)
+        return Draws(world(u), weigh(u) * (np.arange(MOST_ROWS) < sizes))
     u = _on_nodes(np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), 8, axis=2))
     # What differs from picture to picture within a street.
     u[..., 5] = rng.random(u.shape[:3])
-    return Draws(world(u), np.ones(u.shape[:3], bool))
+    return Draws(world(u), weigh(u))
 
 
 def _on_nodes(u: Floats) -> Floats:

@@ -1,0 +1,274 @@
+"""How far a mean may be from the truth: one entry point for means, shares and ratios of sums of scores in [0, 1].
+
+A share is the mean of rows that are 0 or 1; a pooled ratio Σ tp / Σ (tp + fn) is the mean of pACC weighted by pixels. All
+of them are Σ s / Σ n over units, and everything below is computed from these sums of whole units. Two methods share the
+work, since none is both narrow on mild data and right where failures are rare:
+
+*Student's t* of the linearised ratio (Cochran 1977, *Sampling Techniques*, section 6.3), where scores spread over the
+middle of the range.
+
+*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, or the units hardly differ.
+Then the units that were drawn say little about those that were not. To bound the mean from below, one unit with
+score 0 is added to those drawn, all units get weights drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981,
+doi:10.1214/aos/1176345338), and the bound is a quantile of the weighted mean; from above likewise, with score 1. This is
+the bound of Gaffke (2005, *Mathematical Methods of Statistics* 14, 451–467; see Learned-Miller and Thomas 2019,
+arXiv:1905.06208). The weighted mean's distribution is taken to be a beta distribution with the same mean, variance and
+range. For units of one row that is 0 or 1 this is exact and gives the interval of Clopper and Pearson (1934,
+doi:10.1093/biomet/26.4.404), which holds its level for every share and any number of units.
+
+Where a design draws its units together, the variance comes from its replicates (`valerie.statistics.replicates`).
+The coverage of all this is measured by ``make bench-coverage`` and stands in docs/statistics.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import betaincinv, ndtri, stdtrit
+
+from valerie.errors import InvalidInput
+from valerie.statistics.replicates import MIN_REPLICATES
+from valerie.statistics.units import Estimand, Units
+
+#: Fewer units than this give no interval.
+MIN_UNITS: Final = 6
+#: Nor do units so unequal in size that they are worth fewer equal ones than this.
+MIN_WORTH: Final = 4.0
+#: A score this near to 0 or 1 lies at an end of the range.
+_END: Final = 0.1
+#: Scores are piled if at least this part of the rows lies at an end.
+_PILED: Final = 0.5
+#: Units with a standard deviation below this hardly differ.
+_NARROW: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An interval that holds the true mean with confidence ``level``.
+
+    Attributes:
+        low, high: its ends, within [0, 1].
+        estimate: mean of the data.
+        level: confidence.
+        units: number of units that were drawn.
+        method: how the interval was computed, in words.
+        estimand: what the mean is over.
+    """
+
+    low: float
+    high: float
+    estimate: float
+    level: float
+    units: int
+    method: str
+    estimand: Estimand
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why there is no interval.
+
+    Attributes:
+        reason: one sentence.
+        more_units: how many more units would give one; of what, ``reason`` says.
+        estimate: mean of the data; None without rows.
+        units: number of units.
+        estimand: what the mean is over.
+    """
+
+    reason: str
+    more_units: int
+    estimate: float | None
+    units: int
+    estimand: Estimand
+
+
+def mean_interval(
+    values: ArrayLike, units: Units, *, weights: ArrayLike | None = None, level: float = 0.95
+) -> Interval | Refusal:
+    """Return the interval of a mean, or why there is none.
+
+    Args:
+        values: (N,) scores in [0, 1]; bool for a share. Rows without a value are left out beforehand, of ``units`` too
+            (`Units.of`).
+        units: the sampling units of the rows.
+        weights: (N,) ≥ 0, for a ratio of sums: the denominators. All 1 without it.
+        level: confidence, 0 < level < 1.
+
+    Raises:
+        InvalidInput: lengths differ, a value lies outside [0, 1], a weight is negative, or the level is out of bounds.
+    """
+    scores, sizes = _checked(values, units, weights, level)
+    per_unit = _Sums.of(scores, sizes, units.index, units.count)
+    if not per_unit.total > 0:
+        return Refusal("there are no rows", MIN_UNITS, None, 0, units.estimand)
+    refusal = _refusal(per_unit, units)
+    if refusal is not None:
+        return refusal
+    tail = 0.5 - level / 2
+    at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
+    piled = at_end >= _PILED or per_unit.deviation < _NARROW
+    by_replicate = _replicates(scores, sizes, units)
+    if by_replicate is None:
+        low, high = _beta(per_unit, tail) if piled else _student(per_unit, tail)
+        method = "beta with an unseen unit" if piled else "Student's t of units"
+        if units.replicate is not None and not _single(units):
+            method += ", as if drawn independently"
+    else:
+        count = len(by_replicate.sums)
+        method = f"Student's t of {count} replicates"
+        low, high = _student(by_replicate, tail)
+        if piled:
+            method = f"beta with an unseen unit, variance of {count} replicates"
+            # Evenly spread points vary no more than independent ones: where few replicates say otherwise, they err.
+            independent = _beta(per_unit, tail)
+            spread = _beta(per_unit, tail, variance=by_replicate.variance * _heavier(count - 1, tail) ** 2)
+            low, high = max(independent[0], spread[0]), min(independent[1], spread[1])
+    # Rounding must not push the estimate out where all values are equal.
+    estimate = min(max(per_unit.mean, 0.0), 1.0)
+    low, high = min(max(low, 0.0), estimate), max(min(high, 1.0), estimate)
+    return Interval(low, high, estimate, level, units.count, method, units.estimand)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Sums of whole units: (G,) of weighted scores, (G,) of weights."""
+
+    sums: NDArray[np.float64]
+    sizes: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, scores: NDArray[np.float64], weights: NDArray[np.float64], index: NDArray[np.int64], count: int
+    ) -> _Sums:
+        sums = np.bincount(index, weights=scores * weights, minlength=count)
+        return cls(sums, np.bincount(index, weights=weights, minlength=count))
+
+    @property
+    def total(self) -> float:
+        return float(self.sizes.sum())
+
+    @property
+    def mean(self) -> float:
+        return float(self.sums.sum() / self.sizes.sum())
+
+    @property
+    def worth(self) -> float:
+        """How many units of equal size are worth as much (Kish 1965, *Survey Sampling*, section 11.7)."""
+        return float(self.sizes.sum() ** 2 / (self.sizes**2).sum())
+
+    @property
+    def variance(self) -> float:
+        """Variance of the mean, linearised, for independent units."""
+        residuals = self.sums - self.mean * self.sizes
+        return float((residuals**2).sum() / self.total**2 * len(residuals) / (len(residuals) - 1))
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the units' means, larger units weighing more."""
+        return sqrt(self.variance * self.worth)
+
+    @property
+    def mirrored(self) -> _Sums:
+        """The same of 1 − score."""
+        return _Sums(self.sizes - self.sums, self.sizes)
+
+
+def _student(sums: _Sums, tail: float) -> tuple[float, float]:
+    half = -float(stdtrit(sums.worth - 1, tail)) * sqrt(sums.variance)
+    return sums.mean - half, sums.mean + half
+
+
+def _beta(sums: _Sums, tail: float, *, variance: float | None = None) -> tuple[float, float]:
+    return _beta_low(sums, tail, variance), 1 - _beta_low(sums.mirrored, tail, variance)
+
+
+def _beta_low(sums: _Sums, tail: float, variance: float | None) -> float:
+    """Return the lower bound from one unseen unit of mean size and score 0.
+
+    ``variance`` is that of the mean where it is known better than from independent units.
+    """
+    count, total = len(sums.sums), sums.total
+    top = float(np.max(sums.sums[sums.sizes > 0] / sums.sizes[sums.sizes > 0]))
+    if top <= 0:
+        return 0.0
+    size = total / count
+    mean = float(sums.sums.sum()) / (total + size)
+    if variance is None:
+        seen = float(((sums.sums - mean * sums.sizes) ** 2).sum()) / (total + size) ** 2
+    else:
+        seen = variance * (total / (total + size)) ** 2
+    unseen = (mean * size / (total + size)) ** 2
+    # On the scale where the largest unit is 1: weights 1 / (count + 1) of a Dirichlet distribution.
+    share, spread = mean / top, (seen + unseen) / top**2 * (count + 1) / (count + 2)
+    strength = max(share * (1 - share) / spread - 1, 1e-9)
+    return top * float(betaincinv(strength * share, strength * (1 - share), tail))
+
+
+def _heavier(degrees: float, tail: float) -> float:
+    """Return how much farther out the quantile of Student's t lies than the normal one."""
+    return float(stdtrit(degrees, tail) / ndtri(tail))
+
+
+def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units: Units) -> _Sums | None:
+    """Return the sums of whole replicates; None where units are to be taken as independent."""
+    if units.replicate is None or _single(units):
+        return None
+    occupied, replicate = np.unique(units.replicate, return_inverse=True)
+    if len(occupied) < MIN_REPLICATES:
+        return None
+    return _Sums.of(scores, weights, replicate[units.index], len(occupied))
+
+
+def _single(units: Units) -> bool:
+    """Say whether every replicate is one unit: then units are independent."""
+    return units.replicate is not None and len(np.unique(units.replicate)) == units.count
+
+
+def _refusal(sums: _Sums, units: Units) -> Refusal | None:
+    def refuse(reason: str, more: int) -> Refusal:
+        return Refusal(reason, more, sums.mean, units.count, units.estimand)
+
+    if units.estimand is Estimand.LISTED_GRID:
+        return refuse(
+            "nothing was drawn at random: the variants are listed, and say nothing about what lies between them; "
+            f"repeat them on {MIN_UNITS - 1} more streets, or draw the variants",
+            MIN_UNITS - 1,
+        )
+    if units.count < MIN_UNITS:
+        missing = MIN_UNITS - units.count
+        return refuse(f"{units.count} {units.estimand.noun} are too few; {missing} more would do", missing)
+    if sums.worth < MIN_WORTH:
+        missing = ceil(units.count * MIN_WORTH / sums.worth) - units.count
+        return refuse(
+            f"the {units.count} {units.estimand.noun} are worth {sums.worth:.1f} of equal size; "
+            f"about {missing} more would do",
+            missing,
+        )
+    return None
+
+
+def _checked(
+    values: ArrayLike, units: Units, weights: ArrayLike | None, level: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    scores = np.asarray(values, np.float64)
+    sizes = np.ones_like(scores) if weights is None else np.asarray(weights, np.float64)
+    for name, column in (("values", scores), ("weights", sizes)):
+        if column.shape != units.index.shape:
+            raise InvalidInput(
+                "one number for every row is needed", field=name, value=column.shape, limit=units.index.shape
+            )
+    # NaN is outside, too.
+    outside = ~((scores >= 0) & (scores <= 1))
+    if outside.any():
+        raise InvalidInput("scores lie in 0 … 1", field="values", value=float(scores[outside][0]), limit="0 … 1")
+    negative = ~((sizes >= 0) & np.isfinite(sizes))
+    if negative.any():
+        raise InvalidInput("weights are not negative", field="weights", value=float(sizes[negative][0]), limit=">= 0")
+    if not 0 < level < 1:
+        raise InvalidInput("confidence out of bounds", field="level", value=level, limit="0 < level < 1")
+    return scores, sizes
