@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from itertools import combinations
 from math import comb, prod
 from typing import Final
@@ -159,6 +160,7 @@ class _Family:
             of_place[observations.place] = codes
             if np.array_equal(of_place[observations.place], codes):
                 self.level_of_place[name] = of_place
+        self._models: dict[tuple[str, bytes], _Model] = {}
         self.within = [name for name in varied if name not in self.level_of_place]
         self.blocks = _table(observations, (None, *self.within)) if self.within else None
         self.grid = _table(observations, (*self.level_of_place, *self.within)) if self.level_of_place else None
@@ -246,12 +248,10 @@ class _Family:
         before, after = _level_pairs(len(self.observations.levels[name]))
         pairs = self._matched(firsts[0].factor if firsts else None, name)
         known = np.isfinite(figures)
-        compared = [*self.level_of_place].index(name)
         batches = [slice(None)] if known.all() else [slice(k, k + 1) for k in range(figures.shape[1])]
         for batch in batches:
             rows = known[:, batch].all(axis=1)
-            codes = [levels[rows] for levels in self.level_of_place.values()]
-            model = _Model(codes, compared, len(self.observations.levels[name]))
+            model = self._model(name, rows)
             columns = model.compare(figures[rows, batch], before, after)
             first = range(figures.shape[1])[batch]
             for s, k in enumerate(first):
@@ -268,6 +268,15 @@ class _Family:
                         matched,
                         model.parameters,
                     )
+
+    def _model(self, name: str, rows: NDArray[np.bool_]) -> _Model:
+        """The model of the places in ``rows``, with the levels of a factor to compare."""
+        key = name, rows.tobytes()
+        if key not in self._models:
+            codes = [levels[rows] for levels in self.level_of_place.values()]
+            compared = [*self.level_of_place].index(name)
+            self._models[key] = _Model(codes, compared, len(self.observations.levels[name]))
+        return self._models[key]
 
     def _matched(self, first: str | None, name: str) -> NDArray[np.int64]:
         """(S, T) numbers of pairs (or fours) of rows that differ in the changes alone."""
@@ -308,11 +317,12 @@ class _Model:
         del others[compared]
         for columns in ([self._member, *others], [self._member]):
             self._design = np.concatenate(columns).T
-            self.parameters = int(np.linalg.matrix_rank(self._design))
+            self._inverse = np.linalg.pinv(self._design)
+            # The trace of the projection is the rank.
+            self.parameters = round(float((self._design * self._inverse.T).sum()))
             self._degrees = len(self._design) - self.parameters
             if self._degrees >= _FEWEST_DEGREES:
                 break
-        self._inverse = np.linalg.pinv(self._design)
 
     def compare(
         self, figures: NDArray[np.float64], before: NDArray[np.int64], after: NDArray[np.int64]
@@ -408,6 +418,7 @@ def _by_place(cells: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     return means, count.sum(axis=0)
 
 
+@cache
 def _level_pairs(levels: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Every two of L levels: (S,) the earlier and (S,) the later."""
     before, after = np.triu_indices(levels, 1)

@@ -113,7 +113,12 @@ def fit_curve(
         return None
     fits = {shape: data.fit(shape) for shape in Shape}
     alone = _Band(data, True, confidence, seed)
-    shape = next(s for s in _by_simplicity(data, seed) if s is Shape.FREE or not alone.leaves_out(fits[s]).any())
+
+    def stands(shape: Shape) -> bool:
+        drawn = np.interp(data.along, data.centre, fits[shape])
+        return shape is Shape.FREE or not alone.leaves_out(data.averages(drawn)).any()
+
+    shape = next(shape for shape in _by_simplicity(data, seed) if stands(shape))
     band = alone if shape is Shape.FREE else _Band(data, False, confidence, seed)
     grid = np.linspace(data.low[0], data.high[-1], GRID)
     if shape is Shape.FREE:
@@ -153,9 +158,8 @@ def contradicted_bins(
     data = _sums(x, values, places, seed)
     if data is None:
         return ()
-    drawn = np.asarray(fitted, np.float64)[data.used]
-    at_bins = np.bincount(data.bin_of, weights=drawn) / data.rows
-    return tuple(np.flatnonzero(_Band(data, True, confidence, seed).leaves_out(at_bins)).tolist())
+    averages = data.averages(np.asarray(fitted, np.float64)[data.used])
+    return tuple(np.flatnonzero(_Band(data, True, confidence, seed).leaves_out(averages)).tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +170,8 @@ class _Sums:
         total, count: (G, B) sum of values and number of rows.
         low, high, centre, mean, rows, seen_from: (B,) of the bins, as in `Bins`.
         places: number of places; ``undefined`` of rows left out.
-        used: (N,) bool, rows of the caller that count; ``bin_of`` is the bin of each of them.
+        used: (N,) bool, rows of the caller that count.
+        along, bin_of: (M,) x and bin of these rows.
     """
 
     total: NDArray[np.float64]
@@ -180,11 +185,16 @@ class _Sums:
     places: int
     undefined: int
     used: NDArray[np.bool_]
+    along: NDArray[np.float64]
     bin_of: NDArray[np.int64]
 
     def fit(self, shape: Shape) -> NDArray[np.float64]:
         """Return the (B,) values of a shape at the bins."""
         return _fit(shape, self.total.sum(axis=0), self.count.sum(axis=0))
+
+    def averages(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B,) means over the bins of what a curve says at each of the (M,) rows."""
+        return np.asarray(np.bincount(self.bin_of, weights=drawn) / self.rows)
 
 
 def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sums | None:
@@ -228,6 +238,7 @@ def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sum
         len(occurring),
         int(np.count_nonzero(~known)),
         known,
+        along,
         bin_of,
     )
 
