@@ -126,9 +126,9 @@ def bootstrap_t(sums: Sums) -> Bounds:
     squares += mean**2 * ((sums.sizes**2) @ weights)
     size = sums.rows[:, None] / sums.units
     deviations = np.sqrt(np.maximum(squares, 0) + size**2 * (mean**2 + (1 - mean) ** 2) / 2) / rows
-    centre, variance = sums.floored()
+    _, variance = sums.floored()
     low, high = np.quantile((mean - sums.mean[:, None]) / deviations, (TAIL, 1 - TAIL), axis=1)
-    return centre - high * np.sqrt(variance), centre - low * np.sqrt(variance)
+    return sums.mean - high * np.sqrt(variance), sums.mean - low * np.sqrt(variance)
 
 
 def logit_t(sums: Sums) -> Bounds:

@@ -4,17 +4,18 @@ A share is the mean of rows that are 0 or 1; a pooled ratio Σ tp / Σ (tp + fn)
 of them are Σ s / Σ n over units, and everything below is computed from these sums of whole units. Two methods share the
 work, since none is both narrow on mild data and right where failures are rare:
 
-*Student's t* of the linearised ratio (Cochran 1977, *Sampling Techniques*, section 6.3), where scores spread over the
-middle of the range.
+*Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
-*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, or the units hardly differ.
-Then the units that were drawn say little about those that were not. To bound the mean from below, one unit with
-score 0 is added to those drawn, all units get weights drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981,
-doi:10.1214/aos/1176345338), and the bound is a quantile of the weighted mean; from above likewise, with score 1. This is
-the bound of Gaffke (2005, *Mathematical Methods of Statistics* 14, 451–467; see Learned-Miller and Thomas 2019,
-arXiv:1905.06208). The weighted mean's distribution is taken to be a beta distribution with the same mean, variance and
-range. For units of one row that is 0 or 1 this is exact and gives the interval of Clopper and Pearson (1934,
-doi:10.1093/biomet/26.4.404), which holds its level for every share and any number of units.
+*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ, or
+rows have weights, which may go with the scores. Then the units that were drawn say little about those that were not. To
+bound the mean from below, one unit with score 0 is added to those drawn, all units get weights drawn uniformly from the
+simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile of the weighted mean;
+from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of Statistics* 14, 451–467;
+see Learned-Miller and Thomas 2019, arXiv:1905.06208). The weighted mean is taken to have a beta distribution with its own
+mean, variance and range. For units of one row that is 0 or 1 this is exact: it gives the bounds of Clopper and Pearson
+(1934, doi:10.1093/biomet/26.4.404). The two sides share the error as 1 + s : 1 − s, s = (2 mean − 1) / 5, since a mean near
+1 is seldom missed above. This costs the guaranteed 95 % of Clopper and Pearson half a point at most, 0.7 with 8 units, and
+makes intervals of rare failures 4 % narrower.
 
 Where a design draws its units together, the variance comes from its replicates (`valerie.statistics.replicates`).
 The coverage of all this is measured by ``make bench-coverage`` and stands in docs/statistics.md.
@@ -44,6 +45,10 @@ _END: Final = 0.1
 _PILED: Final = 0.5
 #: Units with a standard deviation below this hardly differ.
 _NARROW: Final = 0.1
+#: Part of the error of one side that goes to the other where the mean is 0 or 1.
+_SHIFT: Final = 0.2
+#: Parameters of a beta distribution are positive.
+_LEAST: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +108,7 @@ def mean_interval(
         InvalidInput: lengths differ, a value lies outside [0, 1], a weight is negative, or the level is out of bounds.
     """
     scores, sizes = _checked(values, units, weights, level)
+    weighted = bool(np.ptp(sizes)) if len(sizes) else False
     per_unit = _Sums.of(scores, sizes, units.index, units.count)
     if not per_unit.total > 0:
         return Refusal("there are no rows", MIN_UNITS, None, 0, units.estimand)
@@ -111,10 +117,11 @@ def mean_interval(
         return refusal
     tail = 0.5 - level / 2
     at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
-    piled = at_end >= _PILED or per_unit.deviation < _NARROW
+    piled = weighted or at_end >= _PILED or per_unit.deviation < _NARROW
+    unseen = per_unit.total / (per_unit.worth if weighted else units.count)
     by_replicate = _replicates(scores, sizes, units)
     if by_replicate is None:
-        low, high = _beta(per_unit, tail) if piled else _student(per_unit, tail)
+        low, high = _beta(per_unit, tail, unseen) if piled else _student(per_unit, tail)
         method = "beta with an unseen unit" if piled else "Student's t of units"
         if units.replicate is not None and not _single(units):
             method += ", as if drawn independently"
@@ -125,8 +132,9 @@ def mean_interval(
         if piled:
             method = f"beta with an unseen unit, variance of {count} replicates"
             # Evenly spread points vary no more than independent ones: where few replicates say otherwise, they err.
-            independent = _beta(per_unit, tail)
-            spread = _beta(per_unit, tail, variance=by_replicate.variance * _heavier(count - 1, tail) ** 2)
+            independent = _beta(per_unit, tail, unseen)
+            variance = by_replicate.variance * float(stdtrit(count - 1, tail) / ndtri(tail)) ** 2
+            spread = _beta(per_unit, tail, unseen, variance)
             low, high = max(independent[0], spread[0]), min(independent[1], spread[1])
     # Rounding must not push the estimate out where all values are equal.
     estimate = min(max(per_unit.mean, 0.0), 1.0)
@@ -163,9 +171,9 @@ class _Sums:
 
     @property
     def variance(self) -> float:
-        """Variance of the mean, linearised, for independent units."""
-        residuals = self.sums - self.mean * self.sizes
-        return float((residuals**2).sum() / self.total**2 * len(residuals) / (len(residuals) - 1))
+        """Variance of the mean for independent units, by leaving out one at a time (jackknife)."""
+        residuals = (self.sums - self.mean * self.sizes) / (self.total - self.sizes)
+        return float((residuals**2).sum() * (len(residuals) - 1) / len(residuals))
 
     @property
     def deviation(self) -> float:
@@ -183,35 +191,38 @@ def _student(sums: _Sums, tail: float) -> tuple[float, float]:
     return sums.mean - half, sums.mean + half
 
 
-def _beta(sums: _Sums, tail: float, *, variance: float | None = None) -> tuple[float, float]:
-    return _beta_low(sums, tail, variance), 1 - _beta_low(sums.mirrored, tail, variance)
+def _beta(sums: _Sums, tail: float, unseen: float, variance: float | None = None) -> tuple[float, float]:
+    """Return the bounds that an unseen unit of size ``unseen`` leaves.
 
-
-def _beta_low(sums: _Sums, tail: float, variance: float | None) -> float:
-    """Return the lower bound from one unseen unit of mean size and score 0.
-
-    ``variance`` is that of the mean where it is known better than from independent units.
+    Args:
+        sums: of units.
+        tail: error of each side.
+        unseen: size of the unseen unit.
+        variance: of the mean, where it is known better than from independent units.
     """
-    count, total = len(sums.sums), sums.total
-    top = float(np.max(sums.sums[sums.sizes > 0] / sums.sizes[sums.sizes > 0]))
+    shift = _SHIFT * (2 * sums.mean - 1)
+    low = _beta_low(sums, tail * (1 + shift), unseen, variance)
+    return low, 1 - _beta_low(sums.mirrored, tail * (1 - shift), unseen, variance)
+
+
+def _beta_low(sums: _Sums, tail: float, unseen: float, variance: float | None) -> float:
+    occupied = sums.sizes > 0
+    top = float(np.max(sums.sums[occupied] / sums.sizes[occupied]))
     if top <= 0:
         return 0.0
-    size = total / count
-    mean = float(sums.sums.sum()) / (total + size)
+    total = sums.total + unseen
+    mean = float(sums.sums.sum()) / total
     if variance is None:
-        seen = float(((sums.sums - mean * sums.sizes) ** 2).sum()) / (total + size) ** 2
+        seen = float(((sums.sums - mean * sums.sizes) ** 2).sum()) / total**2
     else:
-        seen = variance * (total / (total + size)) ** 2
-    unseen = (mean * size / (total + size)) ** 2
-    # On the scale where the largest unit is 1: weights 1 / (count + 1) of a Dirichlet distribution.
-    share, spread = mean / top, (seen + unseen) / top**2 * (count + 1) / (count + 2)
-    strength = max(share * (1 - share) / spread - 1, 1e-9)
+        seen = variance * (sums.total / total) ** 2
+    # Weights of a Dirichlet distribution vary less than independent ones, by this factor.
+    count = total / unseen
+    spread = (seen + (mean * unseen / total) ** 2) * count / (count + 1)
+    # The beta distribution on 0 … top: its mean and, from its variance, the sum of its parameters.
+    share = mean / top
+    strength = max(share * (1 - share) * top**2 / spread - 1, _LEAST)
     return top * float(betaincinv(strength * share, strength * (1 - share), tail))
-
-
-def _heavier(degrees: float, tail: float) -> float:
-    """Return how much farther out the quantile of Student's t lies than the normal one."""
-    return float(stdtrit(degrees, tail) / ndtri(tail))
 
 
 def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units: Units) -> _Sums | None:

@@ -18,11 +18,11 @@ from valerie.errors import InvalidInput
 
 #: Number of replicates of a design.
 REPLICATES: Final = 8
-#: Number of replicates where that many would have fewer than five points each.
+#: Number of replicates of a design with fewer than 40 points; fewer say nothing.
 MIN_REPLICATES: Final = 5
-_FEW_UNITS: Final = REPLICATES * 5
-#: With fewer points than this, replicates would not have two points each: every point is one.
-_FEWEST_UNITS: Final = 2 * MIN_REPLICATES
+_FEW: Final = 5 * REPLICATES
+#: With fewer points than this, replicates would have fewer than four each, and every point is one.
+_FEWEST: Final = 4 * MIN_REPLICATES
 
 
 def replicates(count: int) -> NDArray[np.int64]:
@@ -35,7 +35,7 @@ def replicates(count: int) -> NDArray[np.int64]:
     """
     if count < 1:
         raise InvalidInput("a design has points", field="count", value=count, limit=">= 1")
-    number = count if count < _FEWEST_UNITS else MIN_REPLICATES if count < _FEW_UNITS else REPLICATES
+    number = count if count < _FEWEST else MIN_REPLICATES if count < _FEW else REPLICATES
     return np.arange(count, dtype=np.int64) * number // count
 
 
