@@ -114,15 +114,18 @@ def search(observations: Observations, *, interactions: bool = True) -> Search:
         interactions: whether to look at differences of differences too.
     """
     looked_at = contrasts(observations, interactions=interactions)
-    double = np.array([len(item.changes) > 1 for item in looked_at], np.bool_)
-    p_values = np.array([item.p_value for item in looked_at])
+    if not looked_at:
+        return Search((), 0, observations.places)
+    order = np.array([len(item.changes) for item in looked_at])
+    _, kind, sizes = np.unique(order, return_inverse=True, return_counts=True)
     # Weighted p-values (Genovese, Roeder & Wasserman 2006, doi:10.1093/biomet/93.3.509).
-    share = np.where(double, np.mean(double), 1 - np.mean(double)) * (1 + (double.any() and not double.all()))
-    weighted = np.minimum(p_values * share, 1.0)
-    order = np.argsort(weighted, kind="stable")
-    kept = int(np.count_nonzero(false_discovery_control(weighted) <= FALSE_CANDIDATES)) if len(looked_at) else 0
-    chosen = [looked_at[k] for k in order[: min(max(kept, FEWEST), MOST)] if looked_at[k].p_value < 1]
-    return Search(tuple(chosen), len(looked_at), observations.places)
+    weights = len(looked_at) / len(sizes) / sizes[kind]
+    weighted = np.minimum(np.array([item.p_value for item in looked_at]) / weights, 1.0)
+    kept = int(np.count_nonzero(false_discovery_control(weighted) <= FALSE_CANDIDATES))
+    clearest = np.argsort(weighted, kind="stable")[: min(max(kept, FEWEST), MOST)]
+    return Search(
+        tuple(looked_at[k] for k in clearest if looked_at[k].p_value < 1), len(looked_at), observations.places
+    )
 
 
 def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Findings:
