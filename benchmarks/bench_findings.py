@@ -189,7 +189,8 @@ def _effect(
         main = contrasts(observations, interactions=False)
         adjusted = holm([c.p_value for c in main])
         named += any(c.changes[0].factor == factor and p <= 0.05 for c, p in zip(main, adjusted, strict=True))
-        ours = next(c for c in main if c.changes[0].factor == factor)
+        last = int(observations.levels[factor].max())
+        ours = next(c for c in main if c.changes[0].factor == factor and c.changes[0].after == last)
         alpha = 0.025 / len(main)
         needed.append(places_needed(0.2, ours.deviation, alpha=alpha, parameters=ours.parameters) or np.inf)
     return {
