@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
@@ -139,14 +140,10 @@ def false_findings(repetitions: int) -> Iterator[Row]:
     }
     for design, make in makers.items():
         for name, world in WORLDS.items():
-            yield _no_effect(design, name, lambda rng, make=make, world=world: make(world, rng), repetitions)
+            yield _no_effect(design, name, partial(make, world), repetitions)
     for reach in (4.0, 15.0):
-        name = f"grid 6 x 8, places alike over {reach:g} m"
-
-        def make_alike(rng: Generator, reach: float = reach) -> Rows:
-            return crossed(REPORTED["mild"], PAPER_SMALL, rng, reach)
-
-        yield _no_effect(name, "mild", make_alike, repetitions)
+        alike = partial(crossed, REPORTED["mild"], PAPER_SMALL, reach_m=reach)
+        yield _no_effect(f"grid 6 x 8, places alike over {reach:g} m", "mild", alike, repetitions)
 
 
 def _no_effect(design: str, world: str, make: Callable[[Generator], Rows], repetitions: int) -> Row:
@@ -276,8 +273,8 @@ def gates(repetitions: int) -> Iterator[Row]:
     rng = np.random.default_rng(14)
     before, after = _two_versions(REPORTED["mild"], 2000, "none", rng)
     deviation = float((after[0] - before[0]).mean(axis=1).std(ddof=1))
-    places = places_for_gate(0.05, deviation, SLICES)
-    yield _gate("mild", REPORTED["mild"], places or 0, "5 points, all rows", repetitions)
+    needed = places_for_gate(0.05, deviation, SLICES) or 0
+    yield _gate("mild", REPORTED["mild"], needed, "5 points, all rows", repetitions)
 
 
 def _two_versions(world: World, places: int, change: str, rng: Generator) -> tuple[Floats, Floats]:

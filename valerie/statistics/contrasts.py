@@ -174,17 +174,19 @@ class _Family:
         differences = {}
         for name in self.observations.levels:
             if name in self.within and asked(name):
-                changes, matching, cells = self._changes(name)
+                matching, cells = self._changes(name)
                 differences[name], pairs = _by_place(cells)
-                yield from _averages([(change,) for change in changes], matching, differences[name], pairs)
+                singles = [(change,) for change in self._changes_of(name)]
+                yield from _averages(singles, matching, differences[name], pairs)
             elif name in self.level_of_place and asked(name):
                 yield from self._between([], self._place_means()[:, None], name)
         if not interactions:
             return
         for first, second in combinations(self.within, 2):
             if asked(first, second):
-                changes, matching, cells = self._double_changes(first, second)
-                yield from _averages(changes, matching, *_by_place(cells))
+                matching, cells = self._double_changes(first, second)
+                doubles = [(x, y) for x in self._changes_of(first) for y in self._changes_of(second)]
+                yield from _averages(doubles, matching, *_by_place(cells))
         for first, figures in differences.items():
             for second in self.level_of_place:
                 if asked(first, second):
@@ -204,9 +206,9 @@ class _Family:
     def _place_means(self) -> NDArray[np.float64]:
         """(G,) mean of each place; each combination of its factors weighs the same where the design is crossed."""
         if self.blocks is not None and not np.isnan(self.blocks).any():
-            return self.blocks.reshape(len(self.blocks), -1).mean(axis=1)
+            return np.asarray(self.blocks.reshape(len(self.blocks), -1).mean(axis=1))
         data = self.observations
-        return np.bincount(data.place, weights=data.values) / np.bincount(data.place)
+        return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
 
     def _cells(self, names: Sequence[str]) -> tuple[NDArray[np.float64], Matching]:
         """(G, L…, C) cell means: the named factors in front, the combinations of all others behind."""
@@ -218,23 +220,20 @@ class _Family:
             table = np.full(_shape(self.observations, (None, *names)), np.nan)
         return table[..., None], Matching.PLACES
 
-    def _changes(self, name: str) -> tuple[list[Change], Matching, NDArray[np.float64]]:
-        """Changes of a factor and the (G, S, C) differences of its cells."""
+    def _changes(self, name: str) -> tuple[Matching, NDArray[np.float64]]:
+        """(G, S, C) differences of the cells for each change of a factor."""
         cells, matching = self._cells([name])
         before, after = _level_pairs(cells.shape[1])
-        return self._changes_of(name), matching, cells[:, after] - cells[:, before]
+        return matching, cells[:, after] - cells[:, before]
 
-    def _double_changes(
-        self, first: str, second: str
-    ) -> tuple[list[tuple[Change, ...]], Matching, NDArray[np.float64]]:
-        """Changes of two factors and the (G, S, C) differences of differences of their cells."""
+    def _double_changes(self, first: str, second: str) -> tuple[Matching, NDArray[np.float64]]:
+        """(G, S, C) differences of differences of the cells for each two changes of two factors."""
         cells, matching = self._cells([first, second])
         a, b = _level_pairs(cells.shape[1])
         c, d = _level_pairs(cells.shape[2])
         differences = cells[:, b] - cells[:, a]
         doubled = differences[:, :, d] - differences[:, :, c]
-        changes = [(x, y) for x in self._changes_of(first) for y in self._changes_of(second)]
-        return changes, matching, doubled.reshape(len(cells), len(changes), -1)
+        return matching, doubled.reshape(len(cells), len(a) * len(c), -1)
 
     def _between(self, firsts: Sequence[Change], figures: NDArray[np.float64], name: str) -> Iterator[Contrast]:
         """Compare (G, S) figures of the places between the levels of a factor that changes from place to place.
@@ -250,7 +249,7 @@ class _Family:
         known = np.isfinite(figures)
         batches = [slice(None)] if known.all() else [slice(k, k + 1) for k in range(figures.shape[1])]
         for batch in batches:
-            rows = known[:, batch].all(axis=1)
+            rows = np.asarray(known[:, batch].all(axis=1))
             model = self._model(name, rows)
             columns = model.compare(figures[rows, batch], before, after)
             first = range(figures.shape[1])[batch]
@@ -294,7 +293,7 @@ class _Family:
         else:
             c, d = _level_pairs(len(there))
             there = there[c] & there[d]
-        return np.count_nonzero(there[:, before] & there[:, after], axis=-1)
+        return np.asarray(np.count_nonzero(there[:, before] & there[:, after], axis=-1))
 
 
 class _Model:

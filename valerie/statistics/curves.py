@@ -131,12 +131,17 @@ def fit_curve(
         low, high = np.min([side[0] for side in sides], axis=0), np.max([side[1] for side in sides], axis=0)
     return Curve(
         shape,
-        *(tuple(column.tolist()) for column in (grid, y, np.minimum(low, y), np.maximum(high, y))),
+        tuple(grid.tolist()),
+        tuple(y.tolist()),
+        tuple(np.minimum(low, y).tolist()),
+        tuple(np.maximum(high, y).tolist()),
         Bins(
-            *(
-                tuple(column.tolist())
-                for column in (data.low, data.high, data.centre, data.mean, data.rows, data.seen_from)
-            )
+            tuple(data.low.tolist()),
+            tuple(data.high.tolist()),
+            tuple(data.centre.tolist()),
+            tuple(data.mean.tolist()),
+            tuple(data.rows.tolist()),
+            tuple(data.seen_from.tolist()),
         ),
         data.places,
         int(data.rows.sum()),
@@ -222,7 +227,7 @@ def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sum
         seen_from = count.sum(axis=0) ** 2 / (count**2).sum(axis=0)
         if seen_from.min() >= PLACES_PER_BIN:
             break
-    total = np.bincount(cell, weights=scores, minlength=size).reshape(groups, -1)
+    total = np.bincount(cell, weights=scores, minlength=size).reshape(groups, -1).astype(np.float64)
     rows = count.sum(axis=0)
     order = np.argsort(along, kind="stable")
     ends = np.cumsum(rows).astype(np.int64)

@@ -11,7 +11,7 @@ exchanging baseline and version changes nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -133,32 +133,46 @@ def compare_versions(
     change = np.where(paired, after - before, 0.0)
     flip = np.where(paired, (after >= threshold).astype(np.int64) - (before >= threshold), 0)
     alpha = false_discoveries / max(len(masks), 1)
-    results = []
+    alpha = false_discoveries / max(len(masks), 1) / _TESTS
+    compared = []
     for name, mask in masks.items():
         rows = np.flatnonzero(paired & mask)
         place, occurring = dense(codes[rows])
-        count = np.bincount(place)
-        differences = np.bincount(place, weights=change[rows]) / count
-        net = np.bincount(place, weights=flip[rows])
-        p_values = np.array([t_test(differences), signed_rank_test(differences), flip_test(net)])
+        differences = np.bincount(place, weights=change[rows]) / np.bincount(place)
+        p_values = (
+            t_test(differences),
+            signed_rank_test(differences),
+            flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
+        )
         low, high, deviation = _interval(differences)
         furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
-        results.append(
-            (
-                (name, float(differences.mean()) if len(rows) else float("nan"), low, high, len(occurring), len(rows)),
-                (int(np.count_nonzero(flip[rows] < 0)), int(np.count_nonzero(flip[rows] > 0))),
-                (*p_values.tolist(), combine(p_values)),
-                tuple(furthest[change[furthest] < 0].tolist()),
-                _needed(effect, deviation, alpha),
+        compared.append(
+            SliceComparison(
+                name=name,
+                difference=float(differences.mean()) if len(rows) else float("nan"),
+                low=low,
+                high=high,
+                places=len(occurring),
+                pairs=len(rows),
+                lost=int(np.count_nonzero(flip[rows] < 0)),
+                gained=int(np.count_nonzero(flip[rows] > 0)),
+                t_p=p_values[0],
+                rank_p=p_values[1],
+                flip_p=p_values[2],
+                p_value=combine(p_values),
+                adjusted_p=1.0,
+                worse=False,
+                flips=tuple(furthest[change[furthest] < 0].tolist()),
+                places_needed=None if np.isnan(deviation) else places_needed(effect, deviation, alpha=alpha),
             )
         )
-    adjusted = false_discovery_control([p_values[-1] for _, _, p_values, _, _ in results]) if results else []
-    compared = tuple(
-        SliceComparison(*start, *flipped, *p_values, float(q), bool(q <= false_discoveries), lowest, needed)
-        for (start, flipped, p_values, lowest, needed), q in zip(results, adjusted, strict=True)
+    adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []
+    judged = tuple(
+        replace(item, adjusted_p=p_value, worse=p_value <= false_discoveries)
+        for item, p_value in zip(compared, adjusted, strict=True)
     )
-    either = np.isfinite(before) ^ np.isfinite(after)
-    return Gate(compared, false_discoveries, threshold, effect, int(np.count_nonzero(either)))
+    unpaired = int(np.count_nonzero(np.isfinite(before) ^ np.isfinite(after)))
+    return Gate(judged, false_discoveries, threshold, effect, unpaired)
 
 
 def places_for_gate(
@@ -240,8 +254,3 @@ def _interval(differences: NDArray[np.float64]) -> tuple[float, float, float]:
     mean, deviation = float(differences.mean()), float(differences.std(ddof=1))
     half = -float(stdtrit(len(differences) - 1, 0.025)) * deviation / float(np.sqrt(len(differences)))
     return mean - half, mean + half, deviation
-
-
-def _needed(effect: float, deviation: float, alpha: float) -> int | None:
-    """Places that a slice needs at its share of the rate; None where its spread is unknown."""
-    return None if np.isnan(deviation) else places_needed(effect, deviation, alpha=alpha / _TESTS)

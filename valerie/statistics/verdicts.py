@@ -163,7 +163,8 @@ def judge_sample(requirement: Requirement, values: ArrayLike, units: ArrayLike) 
         len(occurring),
         None if outcome is Outcome.UNDECIDED else min(ends),
         further,
-        *(min(1.0, float(np.exp(-game.highest))) for game in games),
+        games[0].p_value,
+        games[1].p_value,
         undefined,
     )
 
@@ -222,6 +223,11 @@ class _Game:
         self.capital = np.zeros(_BETS)
         self.highest = 0.0
         self.ended: int | None = None
+
+    @property
+    def p_value(self) -> float:
+        """Anytime-valid p-value of the hypothesis that the game is played against."""
+        return float(np.exp(-self.highest))
 
     def play(self, surplus: NDArray[np.float64], target: float) -> None:
         """Bet on the next units, whose scores lie ``surplus`` above the bound."""
