@@ -204,11 +204,15 @@ class _Family:
         return [Change(name, int(a), int(b)) for a, b in combinations(self.observations.levels[name], 2)]
 
     def _place_means(self) -> NDArray[np.float64]:
-        """(G,) mean of each place; each combination of its factors weighs the same where the design is crossed."""
-        if self.blocks is not None and not np.isnan(self.blocks).any():
-            return np.asarray(self.blocks.reshape(len(self.blocks), -1).mean(axis=1))
+        """(G,) mean of each place; in a crossed design each row counts as what it differs from its like in other places."""
         data = self.observations
-        return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
+        if self.blocks is None:
+            return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
+        cells = self.blocks.reshape(len(self.blocks), -1)
+        cells = cells[:, np.isfinite(cells).any(axis=0)]
+        usual = np.nanmean(cells, axis=0)
+        # Else a place whose hard rows are missing would look easy.
+        return np.asarray(np.nanmean(cells - usual, axis=1) + usual.mean())
 
     def _cells(self, names: Sequence[str]) -> tuple[NDArray[np.float64], Matching]:
         """(G, L…, C) cell means: the named factors in front, the combinations of all others behind."""

@@ -87,6 +87,15 @@ def test_between_places_the_other_factor_of_places_is_held_equal() -> None:
     assert (contrast.pairs, contrast.places, contrast.parameters) == (4, 20, 8)
 
 
+def test_a_place_whose_hard_rows_are_missing_does_not_look_easy() -> None:
+    place, camera = _grid(12, 3)
+    far = (np.arange(12) >= 6).astype(np.int64)
+    values = 0.9 - 0.4 * (camera == 2) + 0.001 * np.random.default_rng(13).standard_normal(36)
+    values[(camera == 2) & (far[place] == 1) & (place != 6)] = np.nan
+    contrast = _only(observe(values, place, {"camera": camera, "far": far[place]}), Change("far", 0, 1))
+    assert contrast.estimate == pytest.approx(0, abs=0.002)
+
+
 def test_the_effect_of_a_sun_that_depends_on_the_place_is_an_interaction() -> None:
     place, sun = _grid(12, 2)
     far = (np.arange(12) >= 6).astype(np.int64)
