@@ -114,13 +114,14 @@ def fit_curve(
     fits = {shape: data.fit(shape) for shape in Shape}
     alone = _Band(data, True, confidence, seed)
 
+    grid = np.linspace(data.low[0], data.high[-1], GRID)
+
     def stands(shape: Shape) -> bool:
-        drawn = np.interp(data.along, data.centre, fits[shape])
+        drawn = np.interp(data.along, grid, np.interp(grid, data.centre, fits[shape]))
         return shape is Shape.FREE or not alone.leaves_out(data.averages(drawn)).any()
 
     shape = next(shape for shape in _by_simplicity(data, seed) if stands(shape))
     band = alone if shape is Shape.FREE else _Band(data, False, confidence, seed)
-    grid = np.linspace(data.low[0], data.high[-1], GRID)
     if shape is Shape.FREE:
         bin_of = np.searchsorted(data.low[1:], grid, side="right")
         y, low, high = data.mean[bin_of], band.low[bin_of, bin_of], band.high[bin_of, bin_of]
