@@ -62,20 +62,39 @@ class Draws:
 
 
 def _mild(u: Floats) -> Floats:
+    """Spread over the middle: hardly a score lies within a tenth of 0 or 1."""
+    far = 0.5 * u[..., 0] ** 2 * (0.6 + 0.4 * u[..., 1])
+    dark = 0.35 * (u[..., 2] > 0.4) * np.sqrt(u[..., 3])
+    return np.asarray(0.99 - far - dark - 0.07 * u[..., 4] ** 2 - 0.07 * u[..., 5])
+
+
+def _piled(u: Floats) -> Floats:
+    """Most scores are exactly 0 or exactly 1."""
+    margin = 1.1 - u[..., 0] - 0.7 * u[..., 1] * u[..., 2] + 0.4 * np.cos(2 * np.pi * u[..., 3])
+    return np.asarray(np.clip(3 * (margin - 0.25 * u[..., 4] - 0.3 * u[..., 5]), 0, 1))
+
+
+def _rare(u: Floats) -> Floats:
+    """Nearly 1 everywhere but on one side of a curved boundary, where 5 % of the box lie."""
+    beyond = u[..., 1] + u[..., 0] * u[..., 2] + 0.1 * u[..., 5] > 1.42
+    return np.asarray(np.where(beyond, 0.5 * u[..., 3] * u[..., 4], 1 - 0.04 * u[..., 3] * u[..., 5]))
+
+
+def _waves_tuning(u: Floats) -> Floats:
     """Spread over the middle: no value at 0 or 1."""
     c = 2 * u - 1
     effects = 1.2 * c[..., 0] + 0.8 * np.sin(2 * np.pi * u[..., 1]) + 1.2 * c[..., 2] * c[..., 3]
     return np.asarray(expit(0.6 + effects + 0.6 * c[..., 4] + 0.8 * c[..., 5]))
 
 
-def _piled(u: Floats) -> Floats:
+def _ramp_tuning(u: Floats) -> Floats:
     """Four in nine scores are exactly 1, a third exactly 0."""
     c = 2 * u - 1
     effects = c[..., 0] + 0.8 * c[..., 1] + 0.7 * np.sin(2 * np.pi * u[..., 2]) + 0.6 * c[..., 3]
     return np.asarray(np.clip(0.75 + 1.6 * (effects + 0.3 * c[..., 4] + 0.5 * c[..., 5]), 0, 1))
 
 
-def _rare(u: Floats) -> Floats:
+def _corner_tuning(u: Floats) -> Floats:
     """Nearly 1 everywhere but in a corner that holds 5 % of the box."""
     corner = (u[..., 0] > 0.7) & (u[..., 1] < 0.46) & (u[..., 2] > 0.54) & (u[..., 5] < 0.8)
     return np.asarray(np.where(corner, 0.4 * u[..., 3], 1 - 0.05 * u[..., 4] ** 2))
@@ -123,11 +142,14 @@ REPORTED: Final = MappingProxyType({"mild": _mild, "piled": _piled, "rare": _rar
 TUNING: Final = MappingProxyType(
     {
         "mild": _mild_tuning,
+        "waves": _waves_tuning,
         "skewed": _skewed_tuning,
         "outliers": _outliers_tuning,
         "piled": _piled_tuning,
+        "ramp": _ramp_tuning,
         "wall": _wall_tuning,
         "rare 2 %": _rare_tuning(0.02),
+        "corner": _corner_tuning,
         "rare 8 %": _rare_tuning(0.08),
     }
 )
