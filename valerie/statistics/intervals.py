@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv, ndtri, stdtrit
 
 from valerie.errors import InvalidInput
-from valerie.statistics.replicates import MIN_REPLICATES
+from valerie.statistics.replicates import MIN_POINTS, MIN_REPLICATES
 from valerie.statistics.units import Estimand, Units
 
 #: Fewer units than this give no interval.
@@ -118,22 +118,23 @@ def mean_interval(
     guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW
     unseen = per_unit.total / (per_unit.worth if weighted else count)
     by_replicate = _replicates(scores, sizes, units)
-    if by_replicate is None:
-        low, high = _beta(per_unit, tail, unseen) if guarded else _student(per_unit, tail)
-        method = "beta with an unseen unit" if guarded else "Student's t of units"
-        if units.replicate is not None and not _single(units):
-            method += ", as if drawn independently"
-    else:
-        replicates = len(by_replicate.sums)
-        method = f"Student's t of {replicates} replicates"
+    replicates = 0 if by_replicate is None else len(by_replicate.sums)
+    if guarded:
+        low, high = _beta(per_unit, tail, unseen)
+        method = "beta with an unseen unit"
+        if by_replicate is not None:
+            method += f", variance of {replicates} replicates"
+            spread = _beta(per_unit, tail, unseen, _between(by_replicate, per_unit, tail))
+            # Evenly spread points vary no more than independent ones: where replicates say otherwise, they err.
+            low, high = max(low, spread[0]), min(high, spread[1])
+    elif by_replicate is not None:
         low, high = _student(by_replicate, tail)
-        if guarded:
-            method = f"beta with an unseen unit, variance of {replicates} replicates"
-            # Evenly spread points vary no more than independent ones: where few replicates say otherwise, they err.
-            independent = _beta(per_unit, tail, unseen)
-            variance = by_replicate.variance * float(stdtrit(replicates - 1, tail) / ndtri(tail)) ** 2
-            spread = _beta(per_unit, tail, unseen, variance)
-            low, high = max(independent[0], spread[0]), min(independent[1], spread[1])
+        method = f"Student's t of {replicates} replicates"
+    else:
+        low, high = _student(per_unit, tail)
+        method = "Student's t of units"
+    if units.replicate is not None and by_replicate is None and not _single(units):
+        method += ", as if drawn independently"
     # Rounding must not push the estimate out where all values are equal.
     estimate = min(max(per_unit.mean, 0.0), 1.0)
     low, high = min(max(low, 0.0), estimate), max(min(high, 1.0), estimate)
@@ -236,6 +237,18 @@ def _replicates(scores: NDArray[np.float64], weights: NDArray[np.float64], units
     if len(occupied) < MIN_REPLICATES:
         return None
     return _Sums.of(scores, weights, replicate[units.index], len(occupied))
+
+
+def _between(by_replicate: _Sums, per_unit: _Sums, tail: float) -> float:
+    """Return the variance of the mean from replicates, enlarged so that the normal quantile fits.
+
+    Few small replicates of scores piled at 0 and 1 may agree by chance. Therefore the variance of independent units, which
+    is larger, counts as one more replicate of a design with `MIN_POINTS` points, and as less of one with more points.
+    """
+    own = len(by_replicate.sums) - 1
+    borrowed = MIN_POINTS / len(per_unit.sums)
+    variance = (own * by_replicate.variance + borrowed * per_unit.variance) / (own + borrowed)
+    return variance * float(stdtrit(own + borrowed, tail) / ndtri(tail)) ** 2
 
 
 def _single(units: Units) -> bool:

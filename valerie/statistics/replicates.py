@@ -22,7 +22,7 @@ REPLICATES: Final = 8
 MIN_REPLICATES: Final = 5
 _FEW: Final = 5 * REPLICATES
 #: With fewer points than this, replicates would have fewer than four each, and every point is one.
-_FEWEST: Final = 4 * MIN_REPLICATES
+MIN_POINTS: Final = 4 * MIN_REPLICATES
 
 
 def replicates(count: int) -> NDArray[np.int64]:
@@ -35,7 +35,7 @@ def replicates(count: int) -> NDArray[np.int64]:
     """
     if count < 1:
         raise InvalidInput("a design has points", field="count", value=count, limit=">= 1")
-    number = count if count < _FEWEST else MIN_REPLICATES if count < _FEW else REPLICATES
+    number = count if count < MIN_POINTS else MIN_REPLICATES if count < _FEW else REPLICATES
     return np.arange(count, dtype=np.int64) * number // count
 
 
