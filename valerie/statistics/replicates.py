@@ -3,8 +3,9 @@
 The points of a Sobol' or Latin hypercube design are drawn together, so their own scatter says nothing about the error of
 their mean: taken as independent, it gives intervals several times too wide. Instead of one design of n points, draw R
 independent designs of n / R; their means are independent, and Student's t applies to them (Owen 1997,
-doi:10.1137/S0036142994277468; L'Ecuyer, Nakayama, Owen and Tuffin 2023, doi:10.1109/WSC60868.2023.10408613). Few large
-replicates estimate the mean better, many small ones its error: eight are the usual compromise.
+doi:10.1137/S0036142994277468; L'Ecuyer, Nakayama, Owen and Tuffin 2023, *Confidence intervals for randomized
+quasi-Monte Carlo estimators*, Winter Simulation Conference). Few large replicates estimate the mean better, many small ones
+its error: eight are the usual compromise.
 """
 
 from __future__ import annotations
