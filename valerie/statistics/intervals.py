@@ -6,8 +6,8 @@ work, since none is both narrow on mild data and right where failures are rare:
 
 *Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
-*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ, or
-rows have weights, which may go with the scores. Then the units that were drawn say little about those that were not. To
+*Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ or
+are strongly skewed, or rows have weights, which may go with the scores. Then the units that were drawn say little about those that were not. To
 bound the mean from below, one unit with score 0 is added to those drawn, all units get weights drawn uniformly from the
 simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile of the weighted mean;
 from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of Statistics* 14, 451–467);
@@ -46,6 +46,8 @@ _END: Final = 0.1
 _PILED: Final = 0.5
 #: Units with a standard deviation below this hardly differ.
 _NARROW: Final = 0.1
+#: Units with a skewness beyond this are too skewed for Student's t.
+_SKEWED: Final = 2.0
 #: Part of the error of one side that goes to the other where the mean is 0 or 1.
 _SHIFT: Final = 0.2
 #: Keeps divisors and parameters positive.
@@ -116,7 +118,7 @@ def mean_interval(
     tail, count = 0.5 - level / 2, len(per_unit.sums)
     weighted = np.ptp(sizes) > 0
     at_end = np.count_nonzero((scores <= _END) | (scores >= 1 - _END)) / len(scores)
-    guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW
+    guarded = weighted or at_end >= _PILED or per_unit.deviation < _NARROW or abs(per_unit.skewness) > _SKEWED
     unseen = per_unit.total / (per_unit.worth if weighted else count)
     by_replicate = _replicates(scores, sizes, units)
     replicates = 0 if by_replicate is None else len(by_replicate.sums)
@@ -180,6 +182,13 @@ class _Sums:
     def deviation(self) -> float:
         """Standard deviation of the units' means, larger units weighing more."""
         return sqrt(self.variance * self.worth)
+
+    @property
+    def skewness(self) -> float:
+        """Skewness of the units' sums around their share of the mean; 0 where they do not differ."""
+        residuals = self.sums - self.mean * self.sizes
+        second = float((residuals**2).mean())
+        return float((residuals**3).mean()) / second**1.5 if second > _LEAST**2 else 0.0
 
     @property
     def mirrored(self) -> _Sums:
