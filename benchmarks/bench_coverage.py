@@ -72,7 +72,7 @@ class Sums:
 
     @property
     def units(self) -> int:
-        return self.scores.shape[1]
+        return int(self.scores.shape[1])
 
     @property
     def rows(self) -> Floats:

@@ -3,8 +3,9 @@
 The points of a Sobol' or Latin hypercube design are drawn together, so their own scatter says nothing about the error of
 their mean: taken as independent, it gives intervals several times too wide. Instead of one design of n points, draw R
 independent designs of n / R; their means are independent, and Student's t applies to them (Owen 1997,
-doi:10.1137/S0036142994277468; L'Ecuyer, Nakayama, Owen and Tuffin 2023, doi:10.1109/WSC60868.2023.10408613). Few large
-replicates estimate the mean better, many small ones its error: eight are the usual compromise.
+doi:10.1137/S0036142994277468; L'Ecuyer, Nakayama, Owen and Tuffin 2023, *Confidence intervals for randomized
+quasi-Monte Carlo estimators*, Winter Simulation Conference). Few large replicates estimate the mean better, many small ones
+its error: eight are the usual compromise.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ REPLICATES: Final = 8
 MIN_REPLICATES: Final = 5
 _FEW: Final = 5 * REPLICATES
 #: With fewer points than this, replicates would have fewer than four each, and every point is one.
-_FEWEST: Final = 4 * MIN_REPLICATES
+MIN_POINTS: Final = 4 * MIN_REPLICATES
 
 
 def replicates(count: int) -> NDArray[np.int64]:
@@ -35,7 +36,7 @@ def replicates(count: int) -> NDArray[np.int64]:
     """
     if count < 1:
         raise InvalidInput("a design has points", field="count", value=count, limit=">= 1")
-    number = count if count < _FEWEST else MIN_REPLICATES if count < _FEW else REPLICATES
+    number = count if count < MIN_POINTS else MIN_REPLICATES if count < _FEW else REPLICATES
     return np.arange(count, dtype=np.int64) * number // count
 
 

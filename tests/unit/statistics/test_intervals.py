@@ -99,6 +99,14 @@ def test_where_little_is_seen_the_bounds_are_gaffkes_or_a_little_wider(values: N
         assert -0.015 < excess / (high - low) < 0.08
 
 
+def test_a_few_failures_far_from_alike_scores_are_no_case_for_students_t() -> None:
+    values = np.r_[np.linspace(0.75, 0.9, 97), np.zeros(3)]
+    expected = stats.ttest_1samp(values, 0.5).confidence_interval(0.95)
+    interval = interval_of(values, drawn(100))
+    assert interval.low < expected.low
+    assert interval.method == "beta with an unseen unit"
+
+
 def test_twenty_perfect_variants_do_not_make_a_perfect_network() -> None:
     """Nineteen of twenty perfect draws: a mean of 0.86 would show them in 5 % of cases."""
     interval = interval_of(np.ones(20), drawn(20))
