@@ -23,7 +23,7 @@ from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
-from valerie.rendering.raster.lighting import Lighting, LitFrame, SkyLight
+from valerie.rendering.raster.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
@@ -212,17 +212,11 @@ class RasterRenderer:
         if movables and frame.prepared.placed:
             shadow = self._shadows.movable(frame.prepared, frame.shadow.light, frame.table)
         lamps = self._lamplight(frame, movables=movables)
-        lit = self._lighting.inputs(
+        lit = self._lighting.bind(
             frame.canvas.targets,
-            frame.surfaces.target,
-            frame.table,
-            frame.camera,
-            frame.view,
-            frame.prepared.scene,
-            frame.sky,
-            frame.sky_maps,
-            frame.sky_light,
-            frame.shadow,
+            Surfaces(frame.surfaces.target, frame.table),
+            Viewpoint(frame.camera, frame.view),
+            Daylight(frame.prepared.scene.sun, frame.sky, frame.sky_maps, frame.sky_light, frame.shadow),
             shadow,
             lamps,
         )
