@@ -7,16 +7,16 @@ work, since none is both narrow on mild data and right where failures are rare:
 *Student's t*, with the jackknife's variance, where scores spread over the middle of the range.
 
 *Beta with an unseen unit* elsewhere: at least half of the rows lie within a tenth of 0 or 1, the units hardly differ or
-are strongly skewed, or rows have weights, which may go with the scores. Then the units that were drawn say little about those that were not. To
-bound the mean from below, one unit with score 0 is added to those drawn, all units get weights drawn uniformly from the
-simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile of the weighted mean;
-from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of Statistics* 14, 451–467);
-that it always holds is a conjecture (Learned-Miller and Thomas 2019, arXiv:1905.06208). The weighted mean is taken to
-have a beta distribution with its own mean, variance and skewness. For units of one row that is 0 or 1 this is exact: it
-gives the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The two sides share the error as
-1 + s : 1 − s, s = (2 mean − 1) / 5, since a mean near 1 is seldom missed above. Intervals of rare failures are thus 4 %
-narrower, and of the 95 % that Clopper and Pearson guarantee, 94.2 % remain for every share (enumerated for 6 to 60, 70,
-80, 100, 150, 200, 400 and 1000 units).
+are strongly skewed, or rows have weights, which may go with the scores. Then the units that were drawn say little about
+those that were not. To bound the mean from below, one unit with score 0 is added to those drawn, all units get weights
+drawn uniformly from the simplex (Bayesian bootstrap: Rubin 1981, doi:10.1214/aos/1176345338), and the bound is a quantile
+of the weighted mean; from above likewise, with score 1. This is the bound of Gaffke (2005, *Mathematical Methods of
+Statistics* 14, 451–467); that it always holds is a conjecture (Learned-Miller and Thomas 2019, arXiv:1905.06208). The
+weighted mean is taken to have a beta distribution with its own mean, variance and skewness. For units of one row that is
+0 or 1 this is exact: it gives the bounds of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404). The two sides share
+the error as 1 + s : 1 − s, s = (2 mean − 1) / 5, since a mean near 1 is seldom missed above. Intervals of rare failures
+are thus 4 % narrower, and of the 95 % that Clopper and Pearson guarantee, 94.2 % remain for every share (enumerated for 6
+to 60, 70, 80, 100, 150, 200, 400 and 1000 units).
 
 Where a design draws its units together, the variance comes from its replicates (`valerie.statistics.replicates`).
 The coverage of all this is measured by ``make bench-coverage`` and stands in docs/statistics.md.
