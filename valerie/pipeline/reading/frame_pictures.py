@@ -1,4 +1,4 @@
-"""The pictures of one frame: what each is made of, and painting it."""
+"""The pictures of one frame: their sources, and painting them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
 
 @dataclass(frozen=True, slots=True)
 class PictureSource:
-    """What one picture is made of; all of it is stored.
+    """The stored products that one picture shows.
 
     Attributes:
         kind: one of `valerie.pipeline.reading.painting.KINDS`.
@@ -58,7 +58,7 @@ class PictureSource:
 def find_picture(
     context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
 ) -> PictureSource:
-    """Find what a picture is made of.
+    """Find the products that a picture shows.
 
     Args:
         context: of this process.
