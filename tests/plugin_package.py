@@ -14,7 +14,7 @@ def write_package(
     """Write a distribution.
 
     Args:
-        folder: to put on a path; made if missing.
+        folder: to put on a path; created if missing.
         name: of the distribution.
         modules: dotted name of each module to its source.
         entry_points: group to names to ``module:attribute``.

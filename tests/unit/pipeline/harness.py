@@ -57,7 +57,7 @@ class RecordingBroker:
 
 
 class Watched:
-    """A maker that counts, and fails as it is told."""
+    """A maker that counts its products, and fails where a test wants it."""
 
     def __init__(self, maker: Any) -> None:
         self._maker = maker
@@ -83,10 +83,10 @@ class Pipeline:
     """One process that is everything."""
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
-        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
-        given |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
+        values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
+        values |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
         self.settings = load_settings(
-            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **given
+            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **values
         )
         folder.mkdir(parents=True, exist_ok=True)
         self.broker = RecordingBroker()

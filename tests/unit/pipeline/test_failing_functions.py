@@ -50,7 +50,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         server.close()
 
     @pytest.fixture
-    def asked(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
+    def run_with_a_timeout(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
         """A finished run of which the endpoint left the second picture without an answer."""
 
         def answer(handler: BaseHTTPRequestHandler, picture: NDArray[np.uint8]) -> None:
@@ -76,9 +76,9 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         return pipeline, run_id
 
     def test_is_a_counted_failure_with_its_reason_and_was_asked_once(
-        self, asked: tuple[Pipeline, str], server: Server
+        self, run_with_a_timeout: tuple[Pipeline, str], server: Server
     ) -> None:
-        pipeline, run_id = asked
+        pipeline, run_id = run_with_a_timeout
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
         (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")

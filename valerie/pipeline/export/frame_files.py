@@ -47,7 +47,7 @@ class CocoFragment(BaseModel):
 
 
 class Fragment(BaseModel):
-    """What one frame adds to the documents that list all frames.
+    """The entries of one frame in the documents that list all frames.
 
     Attributes:
         name: of the frame.

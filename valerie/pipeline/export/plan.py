@@ -1,4 +1,4 @@
-"""What is exported of a run: the request of the user, and what it means for the frames that are finished."""
+"""The plan of an export: the user's request, and the finished frames that it selects."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class ExportSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportPlan:
-    """What is exported.
+    """The frames, predictions and annotations to export.
 
     Attributes:
         run: the run.
@@ -137,7 +137,7 @@ class ExportPlan:
 
 
 def plan_export(context: Context, run: StoredRun, settings: ExportSettings) -> ExportPlan:
-    """Find what is exported.
+    """Select the frames, predictions and annotations to export.
 
     Raises:
         InvalidInput, UnknownName: the settings do not fit the run, or select nothing.
