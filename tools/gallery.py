@@ -23,7 +23,7 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.base import Renderer, View
 from valerie.rendering.engine import EVERYTHING
 from valerie.scene.assets.asset import SceneAsset, load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 

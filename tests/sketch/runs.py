@@ -14,7 +14,7 @@ from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.products import Job, Ready
-from valerie.perception.catalog import function_card
+from valerie.perception.shipped import function_card
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.submit import submit

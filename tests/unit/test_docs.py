@@ -16,6 +16,7 @@ import typer.main
 import yaml
 
 from tests.plugin_package import look_again, write_package
+from tools.architecture_picture import PICTURE, layers, picture
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
@@ -23,7 +24,6 @@ from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
-from valerie.perception.training.__main__ import command_parser
 from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
@@ -41,6 +41,7 @@ EVERY = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path
 #: Tables of the documents that must be complete.
 OPERATIONS = (ROOT / "docs" / "operations.md").read_text("utf-8")
 EXTENDING = (ROOT / "docs" / "extending.md").read_text("utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -84,6 +85,60 @@ def test_named_variables_are_settings(document: Path) -> None:
     named = set(re.findall(r"VALERIE_[A-Z0-9_]+", document.read_text("utf-8")))
     of_tests = {name for name in named if name.startswith("VALERIE_TEST_")}
     assert named - {"VALERIE_"} - of_tests <= settings | of_set_up
+
+
+#: Longest line of prose.
+WIDTH = 100
+
+
+@EVERY
+def test_prose_wraps_at_one_width(document: Path) -> None:
+    lines = re.sub(r"`[^`\n]+`", "", prose(document.read_text("utf-8"))).splitlines()
+    assert [line for line in lines if len(line) > WIDTH and line[:1] not in "|#!["] == []
+
+
+@EVERY
+def test_named_files_of_the_tree_exist(document: Path) -> None:
+    roots = "valerie|urban_street|services|tests|tools|benchmarks|examples|migrations|docs"
+    named = re.findall(rf"`((?:{roots})/[\w./-]+)`", prose(document.read_text("utf-8")))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_the_layout_names_every_package_of_the_tree_and_nothing_else() -> None:
+    (layout,) = [block for block in blocks(ARCHITECTURE, "text") if "valerie/" in block]
+    tree = layout.partition("valerie/\n")[2]
+    shown, parent = set(), ""
+    for indent, name in re.findall(r"^( +)([\w.]+/?) ", tree, re.MULTILINE):
+        parent = parent if len(indent) > 2 else name
+        shown.add(name if len(indent) == 2 else parent + name)
+    assert shown == {
+        *_members("valerie"),
+        *(f"{name}/{inner}" for name in EXPANDED for inner in _members(f"valerie/{name}")),
+    }
+
+
+#: Packages whose own packages the layout shows.
+EXPANDED = ("perception", "pipeline", "scene")
+
+
+def _members(folder: str) -> Iterator[str]:
+    """Yield the packages and modules of a folder, packages with a slash."""
+    for path in (ROOT / folder).iterdir():
+        if (path / "__init__.py").exists():
+            yield f"{path.name}/"
+        elif path.suffix == ".py" and not path.name.startswith("__"):
+            yield path.name
+
+
+def test_the_picture_of_the_architecture_shows_the_import_contracts() -> None:
+    assert PICTURE.read_text("utf-8") == picture(), "run: python -m tools.architecture_picture"
+
+
+def test_the_import_contract_places_every_package_of_the_tree() -> None:
+    placed = {name for row in layers() for name in row}
+    packages = {path.removesuffix("/").removesuffix(".py") for path in _members("valerie")}
+    assert packages - placed == {"testing"}, "of the packages, only the tests' own has no layer"
+    assert placed - packages == {"services"}
 
 
 def test_the_table_of_settings_is_complete() -> None:
@@ -133,8 +188,6 @@ def test_named_options_of_commands_exist(document: Path) -> None:
     known = commands()
     for line in names_in(document.read_text("utf-8"), r"^valerie ([a-z][^\n#]*)"):
         words = line.split()
-        if words[0] == "train":
-            continue  # its options are of another parser: the next test
         command = known.get(tuple(words[:2]), known.get(tuple(words[:1])))
         assert command is not None, line
         options = {option for parameter in command.params for option in parameter.opts}
@@ -145,7 +198,8 @@ def test_named_options_of_commands_exist(document: Path) -> None:
 def test_commands_that_make_frames_and_networks_are_accepted_as_they_stand(document: Path) -> None:
     for block in blocks(document.read_text("utf-8"), "sh"):
         for line in re.findall(r"^valerie train ((?:frames|fit) [^\n#]+)", block.replace("\\\n", " "), re.MULTILINE):
-            command_parser("valerie train").parse_args(shlex.split(line))
+            name, *arguments = shlex.split(line)
+            commands()["train", name].make_context(name, arguments)
 
 
 @EVERY

@@ -11,7 +11,7 @@ from tests.plugin_package import look_again, write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
-from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.shipped import FUNCTIONS
 from valerie.pipeline.base.pins import choose_pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.assets.asset import asset_manifest

@@ -1,22 +1,18 @@
-"""What a run says of all classes, not of persons only: IoU class by class and its mean, as networks are usually compared.
+"""Scores of a run over all classes, not persons alone: IoU class by class and its mean, as networks are usually compared.
 
-A function that knows fewer than the 19 classes is judged by those that it knows, and says so wherever its means stand.
+A function that knows fewer than the 19 classes is judged by those that it knows. Whoever shows its means names these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
-from valerie.labels import NUM_TRAIN_CLASSES, TRAIN_LABELS
+from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import class_counts, miou, pixel_accuracy
 from valerie.perception.base import judged_ids
-
-#: Up to so many classes are called by their names in a sentence.
-_NAMED: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +21,10 @@ class PooledClass:
 
     Attributes:
         name: of the class.
-        pixels: of the truth.
-        pacc: its recall.
-        precision, iou: likewise. All three are None also of a class that the function is not judged by.
+        pixels: of the class in the truth.
+        pacc: recall.
+        precision, iou: precision and intersection over union. All three are None for a class that the function is not
+            judged by.
     """
 
     name: str
@@ -39,16 +36,16 @@ class PooledClass:
 
 @dataclass(frozen=True, slots=True)
 class AllClasses:
-    """One function behind one sensor setting, over all frames and all classes that it is judged by.
+    """Scores of one function behind one sensor setting, over all frames and all classes that it is judged by.
 
     Attributes:
-        function, sensor: who looked.
-        frames: evaluated.
+        function, sensor: names of the function and of the sensor setting.
+        frames: number of evaluated frames.
         miou_mean: mean over the frames of each frame's mean IoU.
         miou_pooled: mean IoU of the summed counts, over the classes that the truth shows.
-        pixel_accuracy_pooled: share of labelled pixels that were predicted right.
-        classes: those that the truth shows, in the order of their train ids.
-        judged_by: names of the classes that the three are over; empty: all 19.
+        pixel_accuracy_pooled: share of labelled pixels that were predicted correctly.
+        classes: classes that the truth shows, in the order of their train ids.
+        judged_by: names of the classes that the three scores are over; empty: all 19.
     """
 
     function: str
@@ -64,24 +61,24 @@ class AllClasses:
 def all_classes(
     function: str, sensor: str, matrix: ConfusionMatrix, frame_mious: FrameMean, judged_by: Sequence[str] = ()
 ) -> AllClasses:
-    """The figures of one function behind one sensor setting.
+    """Return the scores of one function behind one sensor setting.
 
     Args:
-        function, sensor: who looked.
+        function, sensor: names of the function and of the sensor setting.
         matrix: (19, 20) summed counts of all frames (`valerie.metrics.aggregate.pooled`).
         frame_mious: mean IoU of the frames, over the same classes.
         judged_by: see `AllClasses`.
 
     Raises:
-        InvalidInput: no such matrix.
+        InvalidInput: the matrix is not (19, 20).
     """
     judged = judged_ids(judged_by)
     shown = []
     for label in TRAIN_LABELS:
         counts = class_counts(matrix, label.train_id)
         if pixels := counts.tp + counts.fn:
-            of_it = (counts.pacc, counts.precision, counts.iou) if label.train_id in judged else (None, None, None)
-            shown.append(PooledClass(label.name, pixels, *of_it))
+            ratios = (counts.pacc, counts.precision, counts.iou) if label.train_id in judged else (None, None, None)
+            shown.append(PooledClass(label.name, pixels, *ratios))
     return AllClasses(
         function,
         sensor,
@@ -92,13 +89,3 @@ def all_classes(
         classes=tuple(shown),
         judged_by=tuple(judged_by),
     )
-
-
-def classes_text(judged_by: Sequence[str]) -> str:
-    """`AllClasses.judged_by` in words: ``all classes``, ``person alone``, ``road, car and person``, ``12 of the 19 classes``."""
-    if len(judged_by) in (0, NUM_TRAIN_CLASSES):
-        return "all classes"
-    if len(judged_by) > _NAMED:
-        return f"{len(judged_by)} of the {NUM_TRAIN_CLASSES} classes"
-    *others, last = judged_by
-    return f"{', '.join(others)} and {last}" if others else f"{last} alone"

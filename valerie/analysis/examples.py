@@ -1,4 +1,4 @@
-"""Which frames to look at: the extremes that numbers point to, one picture each."""
+"""Frames that are worth a look: the extremes of a run, one frame each."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from valerie.analysis.frame_counts import present
 from valerie.analysis.summary import OCCLUDED
 from valerie.analysis.table import EvaluationTable, combine
+from valerie.analysis.trends import AXES
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One person in one frame, and how each function saw it.
+    """One person in one frame, and the pACC of each function.
 
     Attributes:
-        title: why it was chosen.
-        frame_id, sensor, camera, character: what it is.
-        time_s: when the frame was taken; None in a run of one moment.
-        distance_m, occlusion_rate, pixel_area_percent: of the person; None where undefined.
+        title: reason for the choice.
+        frame_id, sensor, camera, character: the person and the frame.
+        measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
         pacc: per function, 0…1.
     """
 
@@ -29,15 +29,15 @@ class Example:
     sensor: str
     camera: str
     character: str
-    time_s: float | None
-    distance_m: float | None
-    occlusion_rate: float | None
-    pixel_area_percent: float | None
+    measures: dict[str, float]
     pacc: dict[str, float]
 
 
 def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
-    """Best seen, worst in plain sight, worst of all, most occluded, most disputed; each frame at most once."""
+    """Return the best seen person, the worst in plain sight, the worst of all, the most occluded and the most disputed one.
+
+    No frame occurs twice, so there may be fewer.
+    """
     usable = present(table) & np.isfinite(table.numbers("pacc"))
     if not usable.any():
         return ()
@@ -49,20 +49,20 @@ def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
     pacc = table.numbers("pacc")[rows]
     n = np.bincount(inverse)
     mean = np.bincount(inverse, weights=pacc) / n
-    least, most = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
-    np.minimum.at(least, inverse, pacc)
-    np.maximum.at(most, inverse, pacc)
+    lowest, highest = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
+    np.minimum.at(lowest, inverse, pacc)
+    np.maximum.at(highest, inverse, pacc)
     occlusion = np.nan_to_num(table.numbers("occlusion_rate")[rows[first]], nan=0.0)
-    plain = occlusion <= OCCLUDED
-    wishes: list[tuple[str, NDArray[np.float64]]] = [
+    in_plain_sight = occlusion <= OCCLUDED
+    extremes: list[tuple[str, NDArray[np.float64]]] = [
         ("Best seen", mean),
-        ("Worst in plain sight", np.where(plain, -mean, -np.inf)),
+        ("Worst in plain sight", np.where(in_plain_sight, -mean, -np.inf)),
         ("Worst of all", -mean),
         ("Most occluded", np.where(occlusion > 0, occlusion, -np.inf)),
-        ("Most disputed", np.where(most > least, most - least, -np.inf)),
+        ("Most disputed", np.where(highest > lowest, highest - lowest, -np.inf)),
     ]
     chosen: list[Example] = []
-    for title, score in wishes:
+    for title, score in extremes:
         for place in np.argsort(-score, kind="stable"):
             if not np.isfinite(score[place]):
                 break
@@ -74,18 +74,16 @@ def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
 
 
 def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Example:
-    found = table.arrow.take(rows).to_pylist()
-    row, times = found[0], table.numbers("time_s")
-    several = bool(np.any(times != times[0]))
+    people = table.arrow.take(rows).to_pylist()
+    person, times = people[0], table.numbers("time_s")
+    still = bool(np.all((times == times[0]) | np.isnan(times)))
+    shown = (axis.name for axis in AXES if not (still and axis.name == "time_s"))
     return Example(
         title=title,
-        frame_id=row["frame_id"],
-        sensor=row["sensor"],
-        camera=row["camera"],
-        character=row["character"] or "",
-        time_s=row["time_s"] if several else None,
-        distance_m=row["distance_m"],
-        occlusion_rate=row["occlusion_rate"],
-        pixel_area_percent=row["pixel_area_percent"],
-        pacc={r["function"]: r["pacc"] for r in found},
+        frame_id=person["frame_id"],
+        sensor=person["sensor"],
+        camera=person["camera"],
+        character=person["character"] or "",
+        measures={name: person[name] for name in shown if person[name] is not None},
+        pacc={row["function"]: row["pacc"] for row in people},
     )

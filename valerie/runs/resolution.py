@@ -23,7 +23,7 @@ from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.runs.varied import Varied
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.light.solar import ELEVATION, require_one_notation
 from valerie.scene.motion.trajectory import TIME_PATH
 

@@ -69,7 +69,7 @@ def test_a_run_completes_and_blenders_cpu_seconds_count(with_blender: Callable[[
     assert min(row.cpu_seconds for row in products(pipeline, "layer")) > 0.25
 
 
-@pytest.mark.parametrize(("behaviour", "said"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
+@pytest.mark.parametrize(("behaviour", "message"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
 def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure(
     with_blender: Callable[[str], Pipeline], behaviour: str, message: str
 ) -> None:

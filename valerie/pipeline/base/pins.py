@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.documents.options import PredictionsOptions
 from valerie.plugins import known_engine
 from valerie.runs.documents import engine_name
 from valerie.runs.states import UPLOADED_ROUTE
@@ -87,7 +88,11 @@ def _function(
         "numeric_class": offer["numeric_class"],
         "route": offer["route"],
         "card": asdict(replace(document.card(), name=name)),
-        **({"deadline_hours": document.options.get("deadline_hours")} if document.kind == "predictions" else {}),
+        **(
+            {"deadline_hours": options.deadline_hours}
+            if isinstance(options := document.options, PredictionsOptions)
+            else {}
+        ),
     }
 
 

@@ -25,8 +25,8 @@ from valerie.pipeline.reading.selection import ChosenFrame
 from valerie.pipeline.reading.tables import TableRow
 from valerie.rendering.annotations.joints import Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.scene.variation.applying import apply
 from valerie.scene.variation.conditions import with_sun_angles
+from valerie.scene.variation.variant import apply
 
 #: Columns that a person's annotation carries beside masks.
 _OF_PERSON: Final = ("character", *names_from(*OF_PERSON))

@@ -122,10 +122,7 @@ class ExportPlan:
 
     def request(self) -> dict[str, Any]:
         """Return the document that must be equal for an interrupted export to go on."""
-        links = []
-        for frame in self.frames:
-            products = frame.stored.products
-            links.append([str(frame.key), products.background, products.layer, products.truth])
+        links = [[str(frame.key), *frame.stored.products.required] for frame in self.frames]
         return {
             "format": FORMAT_NAME,
             "run": self.run.id,

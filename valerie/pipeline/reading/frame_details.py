@@ -114,8 +114,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     resolved = run.resolved
     with reading(context.engine) as connection:
         frame = results.frame(connection, key)
-        products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = [results.product(connection, digest).state for digest in products]
+        states = [results.product(connection, digest).state for digest in frame.products.required]
         annotations = results.frame_annotations(connection, key)
         persons = results.person_views(connection, frame.products.truth)
         light = annotations.get("light")

@@ -25,8 +25,8 @@ from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.graph.naming import ENVIRONMENT_PATH
 from valerie.scene.graph.transforms import camera_angles, camera_transform
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.

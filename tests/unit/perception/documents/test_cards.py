@@ -3,9 +3,9 @@ from typing import Any
 import pytest
 
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import function_card, function_document
 from valerie.perception.documents.cards import card_rows
 from valerie.perception.documents.function import parse_function
+from valerie.perception.shipped import function_card, function_document
 
 PAYLOAD = {"sha256": "ab" * 32, "bytes": 16_042_000, "format": "onnx"}
 
@@ -72,7 +72,7 @@ def test_a_function_elsewhere_is_told_by_its_address_and_takes_frames_as_they_ar
     found = rows(kind="http", options={"url": "http://models.example:8000/predict", "timeout_s": 5})
     assert (found["address"], found["time limit"]) == (
         "http://models.example:8000/predict",
-        "5 s for a picture",
+        "5 s per picture",
     )
     assert not {"input size", "normalisation", "engine", "precision", "file"} & found.keys()
 

@@ -16,12 +16,12 @@ from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
-from valerie.perception.running.adapted import AdaptedFunction
+from valerie.perception.running.engine_function import EngineFunction
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.catalog import function as catalogued
-from valerie.pipeline.functions.opening import open_pinned, open_reference
 from valerie.pipeline.functions.probe import probe_engine, probe_function, probe_inference
+from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
@@ -73,6 +73,15 @@ class TestTheRegistry:
         assert again == first
         assert first.version == 1
 
+    def test_a_function_that_cannot_say_person_is_not_registered(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        mute = {"classes": ["road", "human"], "class_map": {"human": "void"}}
+        with pytest.raises(
+            InvalidInput, match=r"output\.class_map: no class of the function is a person.*human: person"
+        ):
+            register(pipeline, tmp_path, output=mute)
+        with reading(pipeline.context.engine) as connection:
+            assert registry.listed(connection) == []
+
     def test_another_document_is_the_next_version_and_both_stay(self, pipeline: Pipeline, tmp_path: Path) -> None:
         first = register(pipeline, tmp_path)
         second = register(pipeline, tmp_path, provenance={"trained": "longer"})
@@ -111,7 +120,7 @@ class TestTheRegistry:
     @pytest.mark.parametrize("prefix", ["", "12", "xyzxyz", "ABCDEF", "0" * 33])
     def test_what_is_no_beginning_of_a_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
         register(pipeline, tmp_path)
-        with pytest.raises(InvalidInput, match="not the beginning of a digest"):
+        with pytest.raises(InvalidInput, match="not the first characters of a digest"):
             found(pipeline, f"small@{prefix}")
 
     def test_a_digest_that_no_version_has_is_not_found(self, pipeline: Pipeline, tmp_path: Path) -> None:
@@ -228,11 +237,11 @@ def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
 def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline, tmp_path: Path) -> None:
     version = register(served, tmp_path, output={"classes": ["street", "person"], "class_map": {"street": "void"}})
     shown = catalogued(served.context, "small")
-    assert shown["classes"] == ["person"]
-    assert shown["unmapped"] == ["street"]
-    assert shown["judged_by"] == ("person",)
-    assert len(shown["numeric_classes"]) == 1
-    assert FunctionDocument.model_validate(shown["document"]) == version.document
+    assert shown.classes == ("person",)
+    assert shown.unmapped == ("street",)
+    assert shown.judged_by == ("person",)
+    assert len(shown.numeric_classes) == 1
+    assert FunctionDocument.model_validate(shown.document) == version.document
 
 
 def test_documents_without_a_file_are_registered_too(pipeline: Pipeline) -> None:
@@ -274,7 +283,7 @@ class TestBesideARun:
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
         threads = served.settings.inference_threads + 1
-        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* computed alike"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
 
     def test_what_gives_other_labels_since_then_is_refused(
@@ -284,8 +293,8 @@ class TestBesideARun:
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
-        monkeypatch.setattr(AdaptedFunction, "revision", AdaptedFunction.revision + 1)
-        with pytest.raises(Conflict, match=f"is in revision {AdaptedFunction.revision} here; the run pinned"):
+        monkeypatch.setattr(EngineFunction, "revision", EngineFunction.revision + 1)
+        with pytest.raises(Conflict, match=f"is in revision {EngineFunction.revision} here; the run pinned"):
             open_pinned(side.called, side.pin, context=served.context)
 
     def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:

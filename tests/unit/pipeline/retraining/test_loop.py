@@ -11,12 +11,12 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from sketch.runs import open_sketch, settings_of, spec, work
 
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
-from valerie.perception.catalog import file_document, function_path
 from valerie.perception.importing.function_file import read_header
+from valerie.perception.shipped import file_document, function_path
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
-from valerie.pipeline.functions.opening import open_reference, pinned_network
+from valerie.pipeline.functions.references import open_reference, pinned_network
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.testing.onnx_function import small_onnx
@@ -64,7 +64,7 @@ def test_what_cannot_be_trained_against_is_refused(drawn: tuple[Context, str]) -
 
 
 def test_weights_that_are_not_those_of_the_run_are_refused(drawn: tuple[Context, str]) -> None:
-    with pytest.raises(Conflict, match=r"looked with other weights of semantic-fpn-small \(000000000000\)"):
+    with pytest.raises(Conflict, match=r"used other weights of semantic-fpn-small \(000000000000\)"):
         pinned_network("semantic-fpn-small", {"digest": "0" * 64}, context=drawn[0])
 
 

@@ -77,7 +77,7 @@ def test_a_version_that_a_waiting_run_would_take_cannot_be_removed(fresh: httpx.
     [
         ("model.pt2", {}, "runs code when it is loaded and is not accepted; export the network as ONNX"),
         ("model.py", {}, "a Python program runs code"),
-        ("model.xyz", {}, "not a kind of file that is known"),
+        ("model.xyz", {}, "not a known kind of file"),
         ("model.onnx", {"document": "output: {classes: [road, walrus]}", "name": "Bad Name"}, "name: "),
         ("model.onnx", {"document": "output: {classes: [road, person], class_map: {road: raod}}"}, "did you mean road"),
         ("model.onnx", {"document": "kind: http\noptions: {url: 'http://a:1/'}"}, "kind http takes no file"),

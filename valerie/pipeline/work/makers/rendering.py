@@ -21,7 +21,7 @@ from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.spec import ResolvedRun
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore

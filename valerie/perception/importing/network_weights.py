@@ -1,0 +1,122 @@
+"""Networks that are filled with stored tensors and ready to predict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from valerie.errors import InvalidInput
+from valerie.labels import NUM_TRAIN_CLASSES
+from valerie.perception.importing.function_file import FunctionHeader, read_header, read_tensors
+from valerie.perception.networks.architectures import Network, NetworkSettings, build_network
+
+#: Counter of batches, which batch normalisation needs for training only; files need not hold it.
+_TRAINING_ONLY = ".num_batches_tracked"
+
+
+def load_network(path: Path) -> tuple[Network, FunctionHeader]:
+    """Build the architecture that a function file names and fill it; fp16 on disk runs as fp32.
+
+    Returns:
+        The network in evaluation mode, without gradients; and the file's header.
+
+    Raises:
+        NotFound: no such file.
+        UnknownName: the architecture.
+        InvalidInput: the file is damaged, or its tensors are not those of the architecture (the first that differ are
+            named).
+    """
+    header = read_header(path)
+    # Shapes come first: what does not fit is refused before its data are read.
+    expected = tensor_shapes(header.architecture)
+    require_same_shapes(expected, header.shapes, field=path.name)
+    return filled_network(header.architecture, read_tensors(path), field=path.name), header
+
+
+def load_payload(path: Path, architecture: str, num_classes: int) -> Network:
+    """Return the network of any safetensors file with the tensors of an architecture; its header is not read.
+
+    Raises:
+        UnknownName: the architecture.
+        InvalidInput: the file is damaged, or its tensors are not those of the architecture.
+    """
+    return filled_network(architecture, read_tensors(path), num_classes, field=path.name)
+
+
+def tensor_shapes(
+    architecture: str | NetworkSettings, num_classes: int = NUM_TRAIN_CLASSES
+) -> dict[str, tuple[int, ...]]:
+    """Return name and shape of every tensor that a network needs to predict, in the network's order; nothing is allocated.
+
+    Raises:
+        UnknownName: the architecture.
+    """
+    with torch.device("meta"):
+        state = build_network(architecture, num_classes).state_dict()
+    return {name: tuple(tensor.shape) for name, tensor in state.items() if not name.endswith(_TRAINING_ONLY)}
+
+
+def filled_network(
+    architecture: str | NetworkSettings,
+    tensors: Mapping[str, NDArray[np.floating]],
+    num_classes: int = NUM_TRAIN_CLASSES,
+    *,
+    field: str = "tensors",
+) -> Network:
+    """Return a network with these tensors as fp32, in evaluation mode, without gradients.
+
+    Args:
+        architecture: a name in `valerie.perception.networks.architectures.ARCHITECTURES`, or other settings.
+        tensors: by the network's own names; batch counters are ignored.
+        num_classes: channels of the logits.
+        field: source of the tensors, for messages.
+
+    Raises:
+        UnknownName: the architecture.
+        InvalidInput: the tensors are not those of the architecture (the first that differ are named).
+    """
+    shapes = {name: tuple(array.shape) for name, array in tensors.items()}
+    require_same_shapes(tensor_shapes(architecture, num_classes), shapes, field=field)
+    # On the meta device, fresh weights cost neither time nor memory, and the caller's random generator stays as it is.
+    with torch.device("meta"):
+        network = build_network(architecture, num_classes)
+    state = {}
+    for name in network.state_dict():
+        if name.endswith(_TRAINING_ONLY):
+            state[name] = torch.tensor(0)
+        else:
+            state[name] = torch.from_numpy(np.array(tensors[name], np.float32))
+    network.load_state_dict(state, strict=True, assign=True)
+    network.requires_grad_(requires_grad=False)
+    return network.eval()
+
+
+def require_same_shapes(
+    expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]], *, field: str
+) -> None:
+    """Refuse tensors that are not those of a network; batch counters are optional.
+
+    Raises:
+        InvalidInput: names the first three tensors that are missing, unknown or of another shape.
+    """
+    problems = differing_tensors(expected, given)
+    if problems:
+        shown = "; ".join(problems[:3])
+        more = f"; and {len(problems) - 3} more" if len(problems) > 3 else ""
+        raise InvalidInput(f"the tensors are not those of the architecture: {shown}{more}", field=field)
+
+
+def differing_tensors(expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]]) -> list[str]:
+    """Return one sentence for each tensor that is missing, unknown or of another shape; batch counters are ignored."""
+    missing = [f"{name} is missing" for name in expected if name not in given]
+    unknown = [f"{name} is unknown" for name in given if name not in expected and not name.endswith(_TRAINING_ONLY)]
+    reshaped = [
+        f"{name} is {list(given[name])} instead of {list(shape)}"
+        for name, shape in expected.items()
+        if name in given and given[name] != shape
+    ]
+    return missing + unknown + reshaped
