@@ -52,7 +52,7 @@ OF_WITNESS = {
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
-    """Installs a package with plug-ins, and lets the operator name packages."""
+    """Return a function that installs a package with plug-ins and lets the operator name packages."""
 
     def install_package(
         points: dict[str, dict[str, str]] = OF_WITNESS,

@@ -13,7 +13,7 @@ annotation; the Parquet index lists it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,31 @@ CATEGORIES: Final = tuple(
 )
 
 
+class Segment(TypedDict):
+    """One entry of ``segments_info``; ``bbox`` is x, y, width, height."""
+
+    id: int
+    category_id: int
+    area: int
+    bbox: list[int]
+    iscrowd: int
+
+
+class RunLengths(TypedDict):
+    """A mask in COCO's compressed run-length code; ``size`` is height and width."""
+
+    size: list[int]
+    counts: str
+
+
+class Shape(TypedDict):
+    """A mask with its box (x, y, width, height) and number of pixels."""
+
+    segm: RunLengths
+    bbox: list[int]
+    area: int
+
+
 def panoptic_ids(frame: LabelledFrame) -> NDArray[np.uint32]:
     """Return the segment ids of a frame, (H, W); 0 is void."""
     evaluated = np.zeros(256, np.bool_)
@@ -46,9 +71,9 @@ def panoptic_picture(ids: NDArray[np.uint32]) -> NDArray[np.uint8]:
     return np.stack([ids & 255, ids >> 8 & 255, ids >> 16 & 255], axis=2).astype(np.uint8)
 
 
-def panoptic_segments(ids: NDArray[np.uint32]) -> list[dict[str, Any]]:
-    """Return the ``segments_info`` of one picture: id, category, area, box and ``iscrowd``."""
-    segments = []
+def panoptic_segments(ids: NDArray[np.uint32]) -> list[Segment]:
+    """Return the ``segments_info`` of one picture."""
+    segments: list[Segment] = []
     for number in np.unique(ids[ids > 0]).tolist():
         label = BY_ID[number // 1000 if number >= 1000 else number]
         mask = ids == number
@@ -109,11 +134,12 @@ def assemble(
     }
 
 
-def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return a mask in COCO's compressed run-length code: ``size`` [H, W] and ``counts``.
+def run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
+    """Return a mask in COCO's compressed run-length code.
 
-    Lengths of runs in column order, beginning with a run of zeros; from the fourth on the difference to the one before
-    last; each number in groups of five bits, lowest first, a sixth bit saying that more follow, as characters from "0".
+    The code holds the lengths of runs in column order, beginning with a run of zeros. From the fourth on it holds the
+    difference to the length before last. Each number is written in groups of five bits, lowest first, as characters from
+    "0"; a sixth bit says that more groups follow.
     """
     flat = np.asarray(mask, np.bool_).ravel(order="F")
     edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
@@ -133,7 +159,7 @@ def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
     return {"size": [int(mask.shape[0]), int(mask.shape[1])], "counts": "".join(code)}
 
 
-def _shape(mask: NDArray[np.bool_]) -> dict[str, Any]:
+def _shape(mask: NDArray[np.bool_]) -> Shape:
     return {"segm": run_lengths(mask), "bbox": _box(mask), "area": int(np.count_nonzero(mask))}
 
 

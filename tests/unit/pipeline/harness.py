@@ -80,7 +80,7 @@ class Watched:
 
 
 class Pipeline:
-    """One process that is everything."""
+    """A whole deployment in one process."""
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
         values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
@@ -129,7 +129,7 @@ class Pipeline:
             finish_run(self.context, run_id)
 
     def run(self, run_id: str, *, until: Sequence[str] = ()) -> str:
-        """Step until the run ended, or is in one of ``until``; its state."""
+        """Step until the run ended, or is in one of ``until``; return its state."""
         # Pauses before another attempt are of the clock, however many steps fit into them.
         latest = time.monotonic() + 60.0
         while time.monotonic() < latest:
@@ -152,7 +152,7 @@ class Pipeline:
             return list(connection.execute(select(*Product.__table__.columns).order_by(Product.digest)))
 
     def made(self) -> dict[str, int]:
-        """Number of products made so far, by kind; resets the count."""
+        """Return the number of products made so far, by kind; reset the count."""
         counts: dict[str, int] = {}
         for maker in self.makers.values():
             for kind, _ in maker.made:

@@ -96,7 +96,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
 
 
 class Noted(BlankFunction):
-    """Notes when it is opened and closed."""
+    """Records when it is opened and closed."""
 
     def __init__(self, name: str, book: list[str]) -> None:
         card = BlankFunction.card
@@ -138,7 +138,7 @@ class Ended(BaseException):
 
 
 class Ending:
-    """A maker whose process ends in the middle of one product, told beforehand."""
+    """A maker whose process ends in the middle of one product, with a reason given before."""
 
     def __init__(self, maker: Any, victim: Callable[[Sequence[str]], str]) -> None:
         self._maker, self._choose = maker, victim

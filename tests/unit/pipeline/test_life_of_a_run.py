@@ -35,7 +35,7 @@ def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
 
 
 def blocks(pipeline: Pipeline, run_id: str) -> list[tuple[int, int, int]]:
-    """(number, first, last) of each block."""
+    """Return number, first and last variant of each block."""
     columns = (Block.number, Block.first, Block.last)
     with reading(pipeline.context.engine) as connection:
         rows = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))

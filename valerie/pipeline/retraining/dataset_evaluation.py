@@ -30,7 +30,7 @@ from valerie.metrics.collection import CollectionScores, collection_scores
 from valerie.metrics.instances import InstanceCounts
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores
-from valerie.metrics.scoring import score_frame
+from valerie.metrics.scoring import ScoredFrame, score_frame
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
@@ -38,6 +38,7 @@ from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.pipeline.reading.tables import TableRow
 from valerie.storage import codecs
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
@@ -63,7 +64,7 @@ class FunctionResult:
     names: tuple[str, ...]
     matrices: tuple[ConfusionMatrix, ...]
     scores: CollectionScores
-    persons: tuple[dict[str, Any], ...]
+    persons: tuple[TableRow, ...]
     seconds: float
 
     @property
@@ -171,6 +172,7 @@ def evaluate_dataset(
     names = [display_name(reference) for reference in references]
     if not references or len(set(names)) < len(names):
         raise InvalidInput("name each function once", field="--function", value=names)
+    dataset = f"{folder.root.name}/{folder.split}"
     total, done, started = len(folder) * len(references), 0, time.monotonic()
     evaluated: list[FunctionResult] = []
     content = hashlib.sha256()
@@ -178,16 +180,18 @@ def evaluate_dataset(
         function = open_function(reference)
         began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
-        persons: list[dict[str, Any]] = []
+        persons: list[TableRow] = []
         try:
             frames = ((frame, frame.picture) for frame in folder)
             for index, (frame, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
                         content.update(part)
-                matrix, rows = _evaluated(labels, name, function.card.judged_ids, frame, index, folder)
-                matrices.append(matrix)
-                persons += rows
+                truth = _Truth(frame.class_map, frame.instance_map)
+                scored = score_frame(truth, labels, function.card.judged_ids)
+                matrices.append(scored.matrix)
+                if folder.has_instances:
+                    persons += _person_rows(scored, name, frame, index, dataset)
                 done += 1
                 rate = done / max(time.monotonic() - started, 1e-9)
                 progress(EvaluationProgress(name, done, total, rate))
@@ -208,43 +212,41 @@ def evaluate_dataset(
     return DatasetResult(folder.root, folder.split, content.hexdigest(), folder.has_instances, tuple(evaluated))
 
 
-def _evaluated(
-    labels: NDArray[np.uint8],
-    name: str,
-    judged: Sequence[int],
-    frame: LabelledFrame,
-    index: int,
-    folder: CityscapesFolder,
-) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
-    scored = score_frame(_Truth(frame.class_map, frame.instance_map), labels, judged)
-    matrix, scores = scored.matrix, scored.scores
-    if not folder.has_instances:
-        return matrix, []
+def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: int, dataset: str) -> list[TableRow]:
+    """Return a scored frame's rows of the long table.
+
+    Args:
+        scored: the frame.
+        name: of the function.
+        frame: its labels.
+        index: of the frame in its split.
+        dataset: folder and split, in the place of a run's id.
+    """
     common = {
-        "run_id": f"{folder.root.name}/{folder.split}",
+        "run_id": dataset,
         "variant_index": index,
         "frame_id": str(frame.name),
         "camera": frame.name.city,
         "sensor": "as recorded",
         "function": name,
-        **scores.columns,
+        **scored.scores.columns,
     }
     if not scored.persons:
-        return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
+        return [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
     pixels = frame.class_map.size
-    return matrix, [
+    return [
         {
             **common,
-            "instance_id": one.instance_id,
-            "pixel_area": one.tp + one.fn,
-            "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
-            **one.columns,
+            "instance_id": person.instance_id,
+            "pixel_area": person.tp + person.fn,
+            "pixel_area_percent": 100.0 * (person.tp + person.fn) / pixels,
+            **person.columns,
         }
-        for one in scored.persons
+        for person in scored.persons
     ]
 
 
-def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
+def _frame_rows(result: DatasetResult) -> list[TableRow]:
     rows = []
     for one in result.functions:
         for name, matrix in zip(one.names, one.matrices, strict=True):
