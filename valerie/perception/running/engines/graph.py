@@ -142,7 +142,8 @@ def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
         raise InvalidInput(
             "the input has another type", field="onnx.inputs", value=name, limit="FLOAT, FLOAT16 or UINT8"
         )
-    return inputs[0]
+    network_input: onnx.ValueInfoProto = inputs[0]
+    return network_input
 
 
 def _output(graph: onnx.GraphProto, wanted: str) -> onnx.ValueInfoProto:
