@@ -57,7 +57,7 @@ class RecordingBroker:
 
 
 class Watched:
-    """A maker that counts, and fails as it is told."""
+    """A maker that counts its products, and fails where a test wants it."""
 
     def __init__(self, maker: Any) -> None:
         self._maker = maker
@@ -80,13 +80,13 @@ class Watched:
 
 
 class Pipeline:
-    """One process that is everything."""
+    """A whole deployment in one process."""
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
-        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
-        given |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
+        values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
+        values |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
         self.settings = load_settings(
-            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **given
+            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **values
         )
         folder.mkdir(parents=True, exist_ok=True)
         self.broker = RecordingBroker()
@@ -129,7 +129,7 @@ class Pipeline:
             finish_run(self.context, run_id)
 
     def run(self, run_id: str, *, until: Sequence[str] = ()) -> str:
-        """Step until the run ended, or is in one of ``until``; its state."""
+        """Step until the run ended, or is in one of ``until``; return its state."""
         # Pauses before another attempt are of the clock, however many steps fit into them.
         latest = time.monotonic() + 60.0
         while time.monotonic() < latest:
@@ -152,7 +152,7 @@ class Pipeline:
             return list(connection.execute(select(*Product.__table__.columns).order_by(Product.digest)))
 
     def made(self) -> dict[str, int]:
-        """Number of products made so far, by kind; resets the count."""
+        """Return the number of products made so far, by kind; reset the count."""
         counts: dict[str, int] = {}
         for maker in self.makers.values():
             for kind, _ in maker.made:

@@ -38,7 +38,7 @@ def with_blender(
         monkeypatch.setenv("VALERIE_CYCLES_PYTHON", str(python))
         monkeypatch.setenv("VALERIE_CYCLES_SILENCE_SECONDS", "0.6")
         process_blender.cache_clear()
-        made = pipelines(workers=False)
+        pipeline = pipelines(workers=False)
         engine = {"name": "cycles", "numeric_class": "bpy-9.9.9-cpu-avx2", "revision": 1}
         monkeypatch.setattr("valerie.rendering.cycles.renderer._instruction_set", lambda: "avx2")
         offers = [
@@ -47,9 +47,9 @@ def with_blender(
         ]
         offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
         row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": time.time()}
-        with writing(made.context.engine) as connection:
+        with writing(pipeline.context.engine) as connection:
             processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
-        return made
+        return pipeline
 
     yield make
     import os
@@ -69,15 +69,15 @@ def test_a_run_completes_and_blenders_cpu_seconds_count(with_blender: Callable[[
     assert min(row.cpu_seconds for row in products(pipeline, "layer")) > 0.25
 
 
-@pytest.mark.parametrize(("behaviour", "said"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
+@pytest.mark.parametrize(("behaviour", "message"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
 def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure(
-    with_blender: Callable[[str], Pipeline], behaviour: str, said: str
+    with_blender: Callable[[str], Pipeline], behaviour: str, message: str
 ) -> None:
     pipeline = with_blender(behaviour)
     assert pipeline.run(pipeline.submit(SMALL)) == "completed-with-failures"
     for row in products(pipeline, "background"):
         assert row.error["type"] == "TransientError"
-        assert said in row.error["message"]
+        assert message in row.error["message"]
         assert row.attempts == row.error["attempts"] == 2
 
 

@@ -50,7 +50,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         server.close()
 
     @pytest.fixture
-    def asked(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
+    def run_with_a_timeout(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
         """A finished run of which the endpoint left the second picture without an answer."""
 
         def answer(handler: BaseHTTPRequestHandler, picture: NDArray[np.uint8]) -> None:
@@ -76,9 +76,9 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         return pipeline, run_id
 
     def test_is_a_counted_failure_with_its_reason_and_was_asked_once(
-        self, asked: tuple[Pipeline, str], server: Server
+        self, run_with_a_timeout: tuple[Pipeline, str], server: Server
     ) -> None:
-        pipeline, run_id = asked
+        pipeline, run_id = run_with_a_timeout
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
         (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")
@@ -96,7 +96,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
 
 
 class Noted(BlankFunction):
-    """Notes when it is opened and closed."""
+    """Records when it is opened and closed."""
 
     def __init__(self, name: str, book: list[str]) -> None:
         card = BlankFunction.card
@@ -138,7 +138,7 @@ class Ended(BaseException):
 
 
 class Ending:
-    """A maker whose process ends in the middle of one product, told beforehand."""
+    """A maker whose process ends in the middle of one product, with a reason given before."""
 
     def __init__(self, maker: Any, victim: Callable[[Sequence[str]], str]) -> None:
         self._maker, self._choose = maker, victim

@@ -35,11 +35,11 @@ def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
 
 
 def blocks(pipeline: Pipeline, run_id: str) -> list[tuple[int, int, int]]:
-    """(number, first, last) of each block."""
+    """Return number, first and last variant of each block."""
     columns = (Block.number, Block.first, Block.last)
     with reading(pipeline.context.engine) as connection:
-        found = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
-        return [(row[0], row[1], row[2]) for row in found]
+        rows = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
+        return [(row[0], row[1], row[2]) for row in rows]
 
 
 class TestAnUndisturbedRun:
@@ -191,19 +191,19 @@ class TestFailures:
     @pytest.mark.parametrize("damage", ["lost", "broken"])
     def test_the_statics_of_a_truth_are_stored_again(self, pipeline: Pipeline, damage: str) -> None:
         run = pipeline.submit(spec(xs=2, ys=1))
-        found: list[str] = []
+        keys: list[str] = []
 
         def harm(job: Any) -> None:
-            if not found and job.kind == "evaluation":
-                found.extend(info.key for info in pipeline.context.store.list("products/statics"))
-                pipeline.context.store.delete(found)
+            if not keys and job.kind == "evaluation":
+                keys.extend(info.key for info in pipeline.context.store.list("products/statics"))
+                pipeline.context.store.delete(keys)
                 if damage == "broken":
-                    pipeline.context.store.put(found[0], b"nothing of it", replace=True)
+                    pipeline.context.store.put(keys[0], b"nothing of it", replace=True)
 
         pipeline.makers["eval"].before = harm
         assert pipeline.run(run) == "completed"
-        assert len(found) == 1
-        assert intact(pipeline.context.store.get(found[0]))
+        assert len(keys) == 1
+        assert intact(pipeline.context.store.get(keys[0]))
 
     def test_a_damaged_object_is_made_again(self, pipeline: Pipeline) -> None:
         spoilt: list[str] = []

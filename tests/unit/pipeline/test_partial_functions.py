@@ -91,9 +91,9 @@ def test_it_is_compared_with_others_by_what_it_knows(finished: tuple[Pipeline, s
     versions = ["blank", "person-or-not"]
     with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as uploaded"):
         compare_versions(pipeline.context, run, versions, open_function=nothing)
-    made = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
-    assert made.judged_by == tuple(made.classes) == ("person",)
-    before, after = made.overall["miou"]
+    comparison = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
+    assert comparison.judged_by == tuple(comparison.classes) == ("person",)
+    before, after = comparison.overall["miou"]
     assert before[1] is not None
     assert before[1] < 1.0
     assert after == (1.0, 1.0)

@@ -154,8 +154,8 @@ def test_pictures_for_people_show_truth_in_step_with_the_sensor(pipeline: Pipeli
 
 
 def test_a_picture_with_defocus_waits_for_the_truth(pipeline: Pipeline) -> None:
-    given = [{"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}}]
-    run = pipeline.submit(small(sensors=given))
+    sensors = [{"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}}]
+    run = pipeline.submit(small(sensors=sensors))
     pipeline.step()
     waiting = [row for row in pipeline.products() if row.kind == "prediction"]
     truths = {row.digest for row in pipeline.products() if row.kind == "truth"}

@@ -47,9 +47,9 @@ def test_every_frame_of_a_sequence_can_be_made_again(pipeline: Pipeline) -> None
     pipeline.run(run_id)
     digests = set()
     for index in range(5):
-        made = replay_frame(pipeline.context, FrameKey(run_id, 0, 0, index))
-        assert all(one.agrees for one in made), made
-        digests.add(next(one.digest for one in made if one.kind == "truth"))
+        replayed = replay_frame(pipeline.context, FrameKey(run_id, 0, 0, index))
+        assert all(product.agrees for product in replayed), replayed
+        digests.add(next(product.digest for product in replayed if product.kind == "truth"))
     assert len(digests) == 3
 
 
@@ -66,9 +66,9 @@ def test_frames_are_chosen_by_time_and_by_where_things_are_then(pipeline: Pipeli
         assert chosen("time_s > 0.7") == [2, 3, 4]
         assert chosen("person-1.pos.x < 0.5") == [0, 1]
         assert chosen("pacc >= 0 and time_s <= 0.5") == [0, 1]
-        found = choose_frames(connection, run)
-    assert [frame.moment["scene.person-1.pos.x"] for frame in found] == pytest.approx([-1, 0, 1, 1, 1])
-    assert {frame.moment["scene.person-1.heading"] for frame in found} == {270.0}
+        frames = choose_frames(connection, run)
+    assert [frame.moment["scene.person-1.pos.x"] for frame in frames] == pytest.approx([-1, 0, 1, 1, 1])
+    assert {frame.moment["scene.person-1.heading"] for frame in frames} == {270.0}
 
 
 def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipeline) -> None:
@@ -99,7 +99,7 @@ def test_flow_leads_to_the_next_frame_and_velocity_is_per_second(pipeline: Pipel
     assert speeds == pytest.approx([2, 2, 0, 0, 0], abs=1e-3)
     painted = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run_id, 0, 0, 0), kind="flow"))
     assert [painted[18, 32].tolist(), painted[0, 0].tolist()] == [[255, 0, 0], [255, 255, 255]]
-    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run_id, 0, 0, 4)))
+    assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run_id, 0, 0, 4)))
 
 
 def test_what_flow_needs_is_asked_for(pipeline: Pipeline) -> None:

@@ -93,7 +93,7 @@ class Feeder:
             for time, camera in places:
                 moment = resolved.at(assignment, time)
                 frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
-                background, layer, truth = frame.products.background, frame.products.layer, frame.products.truth
+                background, layer, truth = frame.products.required
                 want(background, (background, "background", engine_route, background, None, None, None))
                 want(layer, (layer, "layer", engine_route, background, None, None, None))
                 want(truth, (truth, "truth", truth_route, background, None, None, None))

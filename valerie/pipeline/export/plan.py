@@ -1,4 +1,4 @@
-"""What is exported of a run: the request of the user, and what it means for the frames that are finished."""
+"""The plan of an export: the user's request, and the finished frames that it selects."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class ExportSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportPlan:
-    """What is exported.
+    """The frames, predictions and annotations to export.
 
     Attributes:
         run: the run.
@@ -122,10 +122,7 @@ class ExportPlan:
 
     def request(self) -> dict[str, Any]:
         """Return the document that must be equal for an interrupted export to go on."""
-        links = []
-        for frame in self.frames:
-            products = frame.stored.products
-            links.append([str(frame.key), products.background, products.layer, products.truth])
+        links = [[str(frame.key), *frame.stored.products.required] for frame in self.frames]
         return {
             "format": FORMAT_NAME,
             "run": self.run.id,
@@ -137,7 +134,7 @@ class ExportPlan:
 
 
 def plan_export(context: Context, run: StoredRun, settings: ExportSettings) -> ExportPlan:
-    """Find what is exported.
+    """Select the frames, predictions and annotations to export.
 
     Raises:
         InvalidInput, UnknownName: the settings do not fit the run, or select nothing.

@@ -26,8 +26,8 @@ class ChosenFrame:
     Attributes:
         stored: its row.
         moment: the variant's assignment at the frame's time, as `apply` takes it.
-        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; one row with empty
-            values where the frame has no person.
+        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; where the frame
+            has no person, one row with empty values.
     """
 
     stored: StoredFrame

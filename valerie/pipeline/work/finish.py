@@ -1,4 +1,4 @@
-"""Finishing a run: its long table, the summary of the paper's section 6.2, and the report, stored as artifacts."""
+"""The end of a run: its long table, the summary of the paper's section 6.2, and the report are stored."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ _KIND_OF_PICTURE = {
 
 
 def finish_run(context: Context, run_id: str) -> None:
-    """Store table, summary and report of a run that has nothing left to do, and end it.
+    """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    Safe to call twice: the artifacts are replaced by equal ones, and one conditional UPDATE ends the run.
+    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run.
     """
     with reading(context.engine) as connection:
         try:
@@ -56,7 +56,7 @@ def finish_run(context: Context, run_id: str) -> None:
         failures = results.failures(connection, run_id)
     try:
         summary = write_results(context, run, failures)
-        state, reason = (RunState.COMPLETED, None)
+        state, reason = RunState.COMPLETED, None
         if failures:
             roots = [failure for failure in failures if "cause" not in failure.error]
             state = RunState.COMPLETED_WITH_FAILURES
@@ -78,7 +78,7 @@ def finish_run(context: Context, run_id: str) -> None:
 
 
 def write_results(context: Context, run: Any, failures: Sequence[FailedLink]) -> dict[str, Any]:
-    """Write table (Parquet, CSV), summary and report; returns the summary document."""
+    """Store table (Parquet, CSV), summary and report; return the summary document."""
     resolved = resolve_stored(run, context.settings)
     cards = tuple(pinned_card(run.pins, name) for name in resolved.spec.functions)
     stored = StoredRun(run.id, resolved, run.pins)
@@ -103,7 +103,7 @@ def write_results(context: Context, run: Any, failures: Sequence[FailedLink]) ->
 
 
 def summary_document(analysis: Analysis) -> dict[str, Any]:
-    """The numbers of a run as plain JSON types."""
+    """Return the numbers of a run as plain JSON types."""
     text = orjson.dumps(
         {"summary": analysis.summary.to_json(), "findings": analysis.findings.to_json()},
         option=orjson.OPT_SERIALIZE_NUMPY,
@@ -157,7 +157,7 @@ def _report_input(
 
 
 class _Pictures:
-    """The gallery's pictures, from the artifact store."""
+    """Paints the report's pictures."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -176,15 +176,15 @@ class _Pictures:
 
 
 def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
-    """Failures of the same kind together."""
+    """Return failures of the same kind as one, with their number."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
     for failure in failures:
         error = failure.error
         message = str(error.get("message") or f"its input {error.get('cause')} failed")
         groups[failure.kind, message, int(error.get("attempts") or 0)].append(str(failure.frame))
     return tuple(
-        Failure(stage=stage, error=message, attempts=attempts, count=len(where), example=where[0])
-        for (stage, message, attempts), where in sorted(groups.items(), key=lambda item: -len(item[1]))
+        Failure(stage=stage, error=message, attempts=attempts, count=len(frames), example=frames[0])
+        for (stage, message, attempts), frames in sorted(groups.items(), key=lambda item: -len(item[1]))
     )
 
 
@@ -196,6 +196,6 @@ def _version() -> str:
 
 
 def _renderer(resolved: ResolvedRun, revision: int) -> str:
-    """The engine as the report names it."""
+    """Return the engine as the report names it."""
     settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
     return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

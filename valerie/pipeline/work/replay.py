@@ -65,8 +65,8 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
     replay = _Replay(context)
     scratch = replay.scratch
     render, infer, evaluate = RenderMaker(scratch), InferMaker(scratch), EvaluateMaker(scratch)
-    products = {"background": frame.products.background, "layer": frame.products.layer, "truth": frame.products.truth}
-    replayed = [replay.compare(render, Job(digest, kind, 1, frame)) for kind, digest in products.items()]
+    products = zip(("background", "layer", "truth"), frame.products.required, strict=True)
+    replayed = [replay.compare(render, Job(digest, kind, 1, frame)) for kind, digest in products]
     replayed += [
         replay.compare(render, Job(link.product, kind, 1, frame), stored=link) for kind, link in annotations.items()
     ]

@@ -38,8 +38,8 @@ def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(dra
     assert bound.holds(40.0)
     assert not bound.holds(18.0)
     assert weakness.file == function_path("semantic-fpn-small")
-    seen = weakness.document.provenance["frames-street-seeds"]
-    assert weakness.first_seed() == int(seen.split("-")[-1]) + 1
+    streets = weakness.document.provenance["frames-street-seeds"]
+    assert weakness.first_seed() == int(streets.split("-")[-1]) + 1
     assert weakness.first_seed() in SEEDS["train"]
     assert (weakness.reference, weakness.next_name) == ("semantic-fpn-small", "semantic-fpn-small-retrained")
     ours = replace(weakness, function="my-net")
@@ -73,14 +73,14 @@ def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
 ) -> None:
     context, path = drawn[0], function_path("semantic-fpn-small")
     document = file_document("my-net", path).model_copy(update={"engine": "openvino"})
-    seen, _ = registry.register(context, document, path)
+    registered, _ = registry.register(context, document, path)
     registry.register(context, document.model_copy(update={"provenance": {"newer": "yes"}}), path)
-    found, file = pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
-    assert found == document
+    pinned, file = pinned_network("my-net", {"kind": "network", "digest": registered.digest}, context=context)
+    assert pinned == document
     assert file.read_bytes() == path.read_bytes()
-    registry.remove(context, seen.reference)
-    with pytest.raises(NotFound, match=rf"my-net@{seen.digest[:12]}: it was removed"):
-        pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
+    registry.remove(context, registered.reference)
+    with pytest.raises(NotFound, match=rf"my-net@{registered.digest[:12]}: it was removed"):
+        pinned_network("my-net", {"kind": "network", "digest": registered.digest}, context=context)
 
 
 def test_functions_without_a_network_of_ours_are_not_trained_on(drawn: tuple[Context, str], tmp_path: Path) -> None:
@@ -116,21 +116,21 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     settings = RetrainSettings(
         frames=2, streets=1, width=320, height=180, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
-    made = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
-    header = read_header(made.file)
-    assert header.digest == made.digest != read_header(weakness.file).digest
+    retrained = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
+    header = read_header(retrained.file)
+    assert header.digest == retrained.digest != read_header(weakness.file).digest
     assert header.provenance["started-from"] == read_header(weakness.file).digest
     assert header.longest_side == read_header(weakness.file).longest_side is not None
     assert header.provenance["retrained-where"] == FAR
     assert json.loads(header.provenance["retrained-region"]) == weakness.region.model_dump(mode="json")
     frames = FrameFolder(tmp_path / "work" / "frames")
-    assert len(frames) == made.frames == 2
+    assert len(frames) == retrained.frames == 2
     assert frames.street_seeds == {weakness.first_seed()}
-    assert made.drawn >= 2
-    assert int(frames.listing.provenance["scenes-drawn"]) == made.drawn
-    assert made.curve == tmp_path / "work" / "curve.png"
+    assert retrained.drawn >= 2
+    assert int(frames.listing.provenance["scenes-drawn"]) == retrained.drawn
+    assert retrained.curve == tmp_path / "work" / "curve.png"
     context = drawn[0]
-    registered, new = register_retrained(context, made, weakness.next_name)
+    registered, new = register_retrained(context, retrained, weakness.next_name)
     assert new
     assert (registered.document.name, registered.version) == ("semantic-fpn-small-retrained", 1)
     assert registered.document.input == weakness.document.input, "how frames go in stays"

@@ -96,7 +96,7 @@ def test_void_is_an_id_of_every_function(waiting: tuple[Pipeline, str]) -> None:
 @pytest.mark.parametrize(
     ("ids", "message"),
     [
-        (label_map(7), r"an id that no class has; got 7; limit: 0…1 as mine declares its classes, or 255 for void"),
+        (label_map(7), r"an id without a class; got 7; limit: 0…1 as mine declares its classes, or 255 for void"),
         (np.zeros((36, 63), np.uint8), "another size than the frame's; got 63 × 36; limit: 64 × 36"),
         (np.zeros((36, 64, 3), np.uint8), "a pixel must be one byte"),
     ],
