@@ -171,13 +171,12 @@ def _registered(version: registry.Registered, offers: list[dict[str, Any]]) -> F
 
 
 def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -> FunctionEntry:
-    output = None if document is None else document.output
     return FunctionEntry(
         **asdict(card),
         card=card_rows(card, document),
-        kind=document and document.kind,
-        classes=output and output.reached,
-        unmapped=output and output.unmapped,
+        kind=None if document is None else document.kind,
+        classes=None if document is None else document.output.reached,
+        unmapped=None if document is None else document.output.unmapped,
         **more,
     )
 
