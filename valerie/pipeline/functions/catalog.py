@@ -171,13 +171,12 @@ def _registered(version: registry.Registered, offers: list[dict[str, Any]]) -> F
 
 
 def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -> FunctionEntry:
-    output = None if document is None else document.output
     return FunctionEntry(
         **asdict(card),
         card=card_rows(card, document),
         kind=None if document is None else document.kind,
-        classes=None if output is None else output.reached,
-        unmapped=None if output is None else output.unmapped,
+        classes=None if document is None else document.output.reached,
+        unmapped=None if document is None else document.output.unmapped,
         **more,
     )
 

@@ -119,7 +119,7 @@ def find(connection: Connection, reference: str, *, field: str = "function") -> 
         raise NotFound("version of the function", reference)
     if prefix and len(chosen) > 1:
         raise InvalidInput(
-            "several versions have digests that begin so",
+            "several versions have such a digest",
             field=field,
             value=reference,
             limit=", ".join(row.digest for row in chosen),

@@ -98,7 +98,7 @@ def pools(way: str) -> int:
 
 @ENGINES
 @EVERY_WAY
-def test_bands_come_back_exactly_whatever_the_frame_goes_through(open_shares: Open, engine: str, way: str) -> None:
+def test_bands_come_back_exactly_through_every_adaptation(open_shares: Open, engine: str, way: str) -> None:
     function = open_shares(engine, WAYS[way], stride=pools(way))
     upright = np.broadcast_to(bands(WIDTH), (HEIGHT, WIDTH))
     lying = np.broadcast_to(bands(HEIGHT)[:, None], (HEIGHT, WIDTH))
@@ -150,6 +150,6 @@ def test_a_resampled_frame_has_the_labels_of_means_and_straight_lines_between_th
 
 @ENGINES
 @pytest.mark.parametrize("way", ["pad to multiples", "pad to a size", "tile"])
-def test_what_is_not_resampled_comes_back_exactly_pixel_for_pixel(open_shares: Open, engine: str, way: str) -> None:
+def test_frames_that_are_not_resampled_come_back_pixel_for_pixel(open_shares: Open, engine: str, way: str) -> None:
     colours = np.random.default_rng(5).integers(0, 4, (HEIGHT, WIDTH))
     np.testing.assert_array_equal(open_shares(engine, WAYS[way]).predict(COLOURS[colours]), TRAIN_IDS[colours])

@@ -1,4 +1,4 @@
-"""The curve of a training: what it keeps, also over an interruption, and that it is drawn."""
+"""The curve of a training: its points, also after an interruption, and its picture."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_loss_is_the_mean_of_the_steps_since_the_point_before(tmp_path: Path
     assert curve.loss[-1] == (1000, 998.0)
 
 
-def test_a_training_that_goes_on_from_a_checkpoint_replaces_what_came_after_it(tmp_path: Path) -> None:
+def test_a_training_that_resumes_from_a_checkpoint_replaces_later_points(tmp_path: Path) -> None:
     first = TrainingCurve(tmp_path / "curve.json")
     for number in range(1, 9):
         first(step(number, 10, 1.0, pacc=0.1 * number if number % 2 == 0 else None))

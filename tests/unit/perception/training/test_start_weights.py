@@ -1,4 +1,4 @@
-"""Going on from the weights of any network of ours: the same logits, in the channels and units that training has."""
+"""Start files from the weights of any network of ours: the same logits, in the channels and units of training."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_blue_first_and_8_bit_values_become_red_first_and_the_unit_without_chang
     assert torch.allclose(found, expected, atol=1e-4)
 
 
-def test_a_function_file_begins_as_it_is(network, tmp_path: Path) -> None:
+def test_a_function_file_is_its_own_start_file(network, tmp_path: Path) -> None:
     document, payload = network()
     path = tmp_path / "start.safetensors"
     path.write_bytes(start_file(document, payload))
@@ -67,6 +67,6 @@ def test_a_network_with_other_classes_is_refused(network) -> None:
         start_file(swapped, payload)
 
 
-def test_only_networks_can_be_trained_on(write_onnx) -> None:
+def test_only_networks_can_be_trained(write_onnx) -> None:
     with pytest.raises(InvalidInput, match=r"own architectures.*tenths, kind onnx"):
         start_file(*write_onnx())

@@ -1,4 +1,4 @@
-"""Registered functions: written once, found by name and digest, kept while something needs them."""
+"""Registered functions: written once, found by name and digest, kept while a run needs them."""
 
 from __future__ import annotations
 
@@ -103,14 +103,14 @@ class TestTheRegistry:
             with pytest.raises(Conflict, match=f"the name '{name}' belongs to"):
                 register(pipeline, tmp_path, name=name)
 
-    def test_a_file_that_is_not_the_documents_is_refused(self, pipeline: Pipeline, tmp_path: Path) -> None:
+    def test_a_file_that_the_document_does_not_name_is_refused(self, pipeline: Pipeline, tmp_path: Path) -> None:
         document, payload = small_onnx(tmp_path)
         payload.write_bytes(payload.read_bytes() + b"\0")
         with pytest.raises(InvalidInput, match=r"payload\.sha256: not the file that the document names"):
             registry.register(pipeline.context, document, payload)
         assert pipeline.context.store.usage("functions").objects == 0
 
-    def test_an_unknown_name_is_told_with_near_ones(self, pipeline: Pipeline, tmp_path: Path) -> None:
+    def test_an_unknown_name_comes_with_near_matches(self, pipeline: Pipeline, tmp_path: Path) -> None:
         register(pipeline, tmp_path, name="street-net")
         with pytest.raises(UnknownName, match="did you mean street-net"):
             found(pipeline, "stret-net")
@@ -118,7 +118,7 @@ class TestTheRegistry:
             pipeline.submit(named("stret-net"))
 
     @pytest.mark.parametrize("prefix", ["", "12", "xyzxyz", "ABCDEF", "0" * 33])
-    def test_what_is_no_beginning_of_a_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
+    def test_a_malformed_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
         register(pipeline, tmp_path)
         with pytest.raises(InvalidInput, match="not the first characters of a digest"):
             found(pipeline, f"small@{prefix}")
@@ -128,7 +128,7 @@ class TestTheRegistry:
         with pytest.raises(NotFound, match="there is no version of the function small@000000"):
             found(pipeline, "small@000000")
 
-    def test_garbage_collection_keeps_what_is_registered(
+    def test_garbage_collection_keeps_registered_functions(
         self, pipeline: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         from datetime import timedelta
@@ -234,7 +234,7 @@ def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
         registry.remove(pipeline.context, "small")
 
 
-def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline, tmp_path: Path) -> None:
+def test_the_catalog_shows_the_classes_and_the_workers_of_a_function(served: Pipeline, tmp_path: Path) -> None:
     version = register(served, tmp_path, output={"classes": ["street", "person"], "class_map": {"street": "void"}})
     shown = catalogued(served.context, "small")
     assert shown.classes == ("person",)
@@ -262,7 +262,7 @@ def test_a_registered_function_is_opened_by_its_name_for_other_uses(pipeline: Pi
 
 
 class TestBesideARun:
-    """A data set that is evaluated beside a run is shown to what the run looked with."""
+    """A data set that is evaluated beside a run is predicted by the functions that the run pinned."""
 
     def test_the_version_that_the_run_saw_is_opened_and_not_the_newest(self, served: Pipeline, tmp_path: Path) -> None:
         first = register(served, tmp_path)
@@ -277,7 +277,7 @@ class TestBesideARun:
         with pytest.raises(UnknownName, match="unknown function of the run"):
             run_side(served.context, run, newest.reference)
 
-    def test_what_runs_otherwise_here_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
+    def test_another_numeric_class_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
         register(served, tmp_path)
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
@@ -286,7 +286,7 @@ class TestBesideARun:
         with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* computed alike"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
 
-    def test_what_gives_other_labels_since_then_is_refused(
+    def test_another_revision_is_refused(
         self, served: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         register(served, tmp_path)
@@ -297,7 +297,7 @@ class TestBesideARun:
         with pytest.raises(Conflict, match=f"is in revision {EngineFunction.revision} here; the run pinned"):
             open_pinned(side.called, side.pin, context=served.context)
 
-    def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:
+    def test_a_removed_version_is_named(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
@@ -306,7 +306,7 @@ class TestBesideARun:
         with pytest.raises(NotFound, match="it was removed"):
             open_pinned(side.called, side.pin, context=served.context)
 
-    def test_a_run_that_has_not_started_saw_nothing(self, pipelines: Callable[..., Pipeline]) -> None:
+    def test_a_run_that_has_not_started_has_no_pinned_functions(self, pipelines: Callable[..., Pipeline]) -> None:
         pipeline = pipelines(workers=False)
         run = pipeline.submit()
         with pytest.raises(Conflict, match="has not started yet"):

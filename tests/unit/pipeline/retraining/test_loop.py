@@ -1,5 +1,6 @@
 import json
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -134,9 +135,9 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     assert new
     assert (registered.document.name, registered.version) == ("semantic-fpn-small-retrained", 1)
     assert registered.document.input == weakness.document.input, "how frames go in stays"
-    opened = open_reference(registered.reference, context=context)
-    assert opened.card.provenance["started-from"] == header.provenance["started-from"]
-    assert opened.predict(np.zeros((64, 96, 3), np.uint8)).shape == (64, 96)
+    with closing(open_reference(registered.reference, context=context)) as opened:
+        assert opened.card.provenance["started-from"] == header.provenance["started-from"]
+        assert opened.predict(np.zeros((64, 96, 3), np.uint8)).shape == (64, 96)
     again = retrain(weakness, tmp_path / "again.safetensors", settings, folder=tmp_path / "work")
     assert again.steps == 2  # from the checkpoint: nothing was rendered or trained again
     assert not register_retrained(context, again, weakness.next_name)[1], "the same training is the same version"

@@ -132,7 +132,7 @@ class _Builder:
 
 def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
     held = {tensor.name for tensor in graph.initializer}
-    inputs = [value for value in graph.input if value.name not in held]
+    inputs: list[onnx.ValueInfoProto] = [value for value in graph.input if value.name not in held]
     if len(inputs) != 1:
         names = ", ".join(value.name for value in inputs) or "none"
         raise InvalidInput("a network with one input is needed", field="onnx.inputs", value=names)
@@ -147,12 +147,11 @@ def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
 
 
 def _output(graph: onnx.GraphProto, wanted: str) -> onnx.ValueInfoProto:
-    if not wanted:
-        return graph.output[0]
-    for value in graph.output:
-        if value.name == wanted:
+    outputs: list[onnx.ValueInfoProto] = list(graph.output)
+    for value in outputs:
+        if wanted in ("", value.name):
             return value
-    names = ", ".join(value.name for value in graph.output)
+    names = ", ".join(value.name for value in outputs)
     raise InvalidInput("the network has no such output", field="options.output", value=wanted, limit=names)
 
 
