@@ -148,7 +148,7 @@ def test_a_range_beyond_the_end_is_refused_with_the_size(api: httpx.Client, fram
     assert (answer.status_code, answer.headers["Content-Range"]) == (416, f"bytes */{size}")
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert answer.json()["errors"][0] == {
-        "field": "range", "message": "it begins beyond the end", "value": wanted, "limit": size,
+        "field": "range", "message": "begins beyond the end", "value": wanted, "limit": size,
     }  # fmt: skip
 
 

@@ -106,6 +106,15 @@ def test_what_is_no_form_is_refused(fresh: httpx.Client) -> None:
     assert broken.status_code == 422
 
 
+@pytest.mark.parametrize("name", ["engine", "payload"])
+def test_a_part_of_the_form_that_is_given_twice_is_refused(fresh: httpx.Client, onnx: Path, name: str) -> None:
+    part = ("a.onnx", onnx.read_bytes()) if name == "payload" else (None, "torch")
+    other = ("b.onnx", b"another file") if name == "payload" else (None, "openvino")
+    answer = fresh.post("/v1/functions", files=[(name, part), (name, other)])
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0] == {"field": name, "message": "given twice", "value": None, "limit": None}
+
+
 def test_names_of_installed_functions_are_taken(fresh: httpx.Client, onnx: Path) -> None:
     assert post(fresh, onnx, document=SIDE, name="semantic-fpn-small").status_code == 409
 
