@@ -1,6 +1,6 @@
-"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print what runs on this machine as one line of JSON.
 
-In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
+This is a process of its own, since a driver may crash and a worker's supervising process never loads GL or torch.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 from valerie.testing.onnx_function import small_onnx
 
-#: Under this name workers offer to ask functions behind HTTP.
+#: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
 
 
 def probe_engine(name: str) -> list[dict[str, Any]]:
-    """Offers of one engine and of the truth pass beside it."""
+    """Return the offers of one render engine and of the truth pass beside it."""
     renderer = plugins.create_renderer(name)
     try:
         offers = [{"name": name, "numeric_class": renderer.numeric_class, "revision": renderer.revision}]
@@ -41,7 +41,7 @@ def probe_engine(name: str) -> list[dict[str, Any]]:
 
 
 def probe_function(name: str) -> list[dict[str, Any]]:
-    """Offer of one installed function under test, or of an inference engine (see `inference_names`)."""
+    """Return the offer of one installed function under test, or of an inference engine (see `inference_names`)."""
     if name in inference_names():
         return probe_inference(name)
     settings = load_settings()
@@ -62,7 +62,7 @@ def probe_function(name: str) -> list[dict[str, Any]]:
 
 
 def probe_inference(name: str) -> list[dict[str, Any]]:
-    """Offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+    """Return the offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
     settings = load_settings()
     if name == HTTP:
         if not settings.http_addresses:
@@ -82,13 +82,13 @@ def probe_inference(name: str) -> list[dict[str, Any]]:
 
 
 def inference_names() -> tuple[str, ...]:
-    """Every inference engine in every precision that there may be."""
-    of_engines = (f"{engine}/{one}" for engine, several in PRECISIONS.items() if engine != "none" for one in several)
-    return (*of_engines, HTTP)
+    """Return every inference engine in every precision that it may have, and ``http``."""
+    engines = ((engine, precisions) for engine, precisions in PRECISIONS.items() if engine != "none")
+    return (*(f"{engine}/{precision}" for engine, precisions in engines for precision in precisions), HTTP)
 
 
 def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument, Path]:
-    """A function that is quickly opened in an engine."""
+    """Return a function that an engine opens quickly."""
     if engine == "torch":
         path = function_path(FUNCTIONS[0])
         document = file_document(FUNCTIONS[0], path)
@@ -103,7 +103,7 @@ _PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the offers of all names that work; complaints go to standard error, and only all failing is a failure."""
+    """Print the offers of all names that work, and errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
     offers: list[dict[str, Any]] = []
     for name in names:
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str]) -> int:
             offers += _PROBES[stage](name)
         except ValerieError as error:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
-        except Exception as error:  # a defect of one plug-in must not take the others along
+        except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
     print(json.dumps(offers))  # noqa: T201
     return 0 if offers else 1
