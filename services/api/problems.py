@@ -92,7 +92,7 @@ def install(app: FastAPI) -> None:
     """Render every error of ``app`` as a problem document."""
 
     @app.exception_handler(ValerieError)
-    async def ours(_: Request, error: ValerieError) -> JSONResponse:
+    async def valerie_error(_: Request, error: ValerieError) -> JSONResponse:
         members: dict[str, Any] = {}
         deciding: ValerieError = error
         if isinstance(error, InvalidInput):

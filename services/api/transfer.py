@@ -43,10 +43,10 @@ class Conditions:
 
         Malformed ranges and several ranges are ignored, as the RFC allows.
         """
-        found = _RANGE.fullmatch(self.range.strip()) if self.range else None
-        if found is None or (self._if_range is not None and self._if_range.strip() != etag):
+        match = _RANGE.fullmatch(self.range.strip()) if self.range else None
+        if match is None or (self._if_range is not None and self._if_range.strip() != etag):
             return None
-        first, last, suffix = found.groups()
+        first, last, suffix = match.groups()
         if suffix is not None:
             start, end = max(size - int(suffix), 0), size - 1
             return start, (end - start + 1 if int(suffix) else 0)

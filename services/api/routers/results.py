@@ -153,25 +153,25 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
 
 
 def _filter(text: str, resolved: ResolvedRun) -> results.Filter:
-    column, comparison, wanted = text.split(":", 2)
+    column, comparison, value_text = text.split(":", 2)
     if comparison == "null":
-        if wanted not in ("true", "false"):
-            raise InvalidInput("null is compared with true or false", field=f"filter.{column}", value=wanted)
-        return results.Filter(column, comparison, wanted == "true")
+        if value_text not in ("true", "false"):
+            raise InvalidInput("null is compared with true or false", field=f"filter.{column}", value=value_text)
+        return results.Filter(column, comparison, value_text == "true")
     if column in _NAMED:
-        return _named(column, comparison, wanted, resolved)
+        return _named(column, comparison, value_text, resolved)
     if column == "undefined_reason":
-        return results.Filter(column, comparison, wanted)
+        return results.Filter(column, comparison, value_text)
     try:
-        number = float(wanted)
+        number = float(value_text)
     except ValueError:
-        raise InvalidInput("not a number", field=f"filter.{column}", value=wanted) from None
+        raise InvalidInput("not a number", field=f"filter.{column}", value=value_text) from None
     if not math.isfinite(number):
-        raise InvalidInput("not a finite number", field=f"filter.{column}", value=wanted)
+        raise InvalidInput("not a finite number", field=f"filter.{column}", value=value_text)
     return results.Filter(column, comparison, number)
 
 
-def _named(column: str, comparison: str, wanted: str, resolved: ResolvedRun) -> results.Filter:
+def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> results.Filter:
     """Return a comparison with a name as one with its position in the spec."""
     spec = resolved.spec
     names = {
@@ -181,6 +181,6 @@ def _named(column: str, comparison: str, wanted: str, resolved: ResolvedRun) -> 
     }[column]
     if comparison not in ("eq", "ne"):
         raise InvalidInput("names have no order", field=f"filter.{column}", value=comparison, limit="eq or ne")
-    if wanted not in names:
-        raise UnknownName(column, wanted, names, field=f"filter.{column}")
-    return results.Filter(_NAMED[column], comparison, names.index(wanted))
+    if name not in names:
+        raise UnknownName(column, name, names, field=f"filter.{column}")
+    return results.Filter(_NAMED[column], comparison, names.index(name))
