@@ -57,8 +57,8 @@ class Trends:
 
     def of(self, column: str, function: str, sensor: str) -> tuple[Trend, ...]:
         """Return the trends of one panel: of each character, then of all together."""
-        wanted = (column, function, sensor)
-        return tuple(item for item in self.items if (item.column, item.function, item.sensor) == wanted)
+        panel = (column, function, sensor)
+        return tuple(item for item in self.items if (item.column, item.function, item.sensor) == panel)
 
     def to_json(self) -> dict[str, object]:
         """Return the trends as JSON values."""
