@@ -1,4 +1,4 @@
-"""The street as an asset pack: the contract of all of them, and what its seed changes."""
+"""The street as an asset pack: the contract of all packs, and the effects of its seed."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The people of a generated street: who, how many, where, and that nobody is made in vain."""
+"""The people of a generated street: numbers, places, and shapes that are made only when needed."""
 
 from __future__ import annotations
 

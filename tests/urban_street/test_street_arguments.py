@@ -1,4 +1,4 @@
-"""What each argument of the generated street does to it, measured on triangles and textures, and what it leaves as it was."""
+"""Effects of each argument of the generated street, measured on triangles and textures; and what it leaves alone."""
 
 from __future__ import annotations
 

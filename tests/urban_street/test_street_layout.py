@@ -1,4 +1,4 @@
-"""Where things stand: rules that hold for any seed."""
+"""Places of things: rules that hold for any seed."""
 
 from __future__ import annotations
 

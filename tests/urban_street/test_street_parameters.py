@@ -1,4 +1,4 @@
-"""What each declared parameter of the street writes: a table by hand, and all the rest of the scene as it was."""
+"""Effects of each declared parameter of the street: a table by hand, and the rest of the scene unchanged."""
 
 import math
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What the street's arguments do, and the houses, trees and furniture that only some of them bring."""
+"""Layouts under the street's arguments, and the houses, trees and furniture in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The built-in street: its declaration, where its cameras stand, and that it survives glTF."""
+"""The generated street: declarations, places of cameras, and a round trip through glTF."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Riders: they sit, hold and stand where the vehicle says."""
+"""Riders: they sit, hold and stand at the places of the vehicle."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def test_the_ring_of_a_car_has_its_length_width_and_belt(kind: str) -> None:
 
 
 def test_a_hull_is_a_rounded_box() -> None:
-    hull = Hull(-3.0, 3.0, 2.0, 0.5, 2.5, corners=(0.2, 0.3), inset=((0.5, 0.0), (2.5, 0.1)))
+    hull = Hull((-3.0, 3.0), 2.0, (0.5, 2.5), corners=(0.2, 0.3), inset=((0.5, 0.0), (2.5, 0.1)))
     points = cut(hull.master, hull.master.domain).surface.positions
     np.testing.assert_allclose(points.min(axis=0), [0.0, -3.0, 0.5], atol=0.01)
     np.testing.assert_allclose(points.max(axis=0), [1.0, 3.0, 2.5], atol=0.01)

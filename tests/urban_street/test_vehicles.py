@@ -1,4 +1,4 @@
-"""Vehicles: sizes, parts, triangles, and that they are closed where a body is."""
+"""Vehicles: sizes, parts, triangles, closed bodies."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from urban_street.street.plan import (
     SIDE_ROAD_HALF,
     GroundRegion,
     Placement,
+    Spot,
     StreetLayout,
     StreetSettings,
     disc,
@@ -173,23 +174,23 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
                 # Fronts face the side street: those before it (smaller y) look to +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
                 style = str(rng.choice([s for s in _ENDS if s != previous]))
-                _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width), _SIDE_DEPTH)
+                spot = Spot(origin, y + side * SIDE_HALF, heading)
+                _add_house(plan, rng, style, spot, float(width), _SIDE_DEPTH)
                 previous, x = style, x + outward * float(width)
         heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
-        _add_house(plan, rng, "classic", end, origin, heading, 22.0)
+        _add_house(plan, rng, "classic", Spot(end, origin, heading), 22.0)
 
 
 def _add_house(
-    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float,
-    depth: float = HOUSE_DEPTH,
-) -> None:  # fmt: skip
-    """Add a house with its left end at (x, y), and its footprint."""
+    plan: Plan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
+) -> None:
+    """Add a house, whose front has its left end at ``spot``, and its footprint; width and depth in metres."""
     bays, door = _bays(width, rng)
     house = plan.add(
-        "building", style, x, y, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
+        "building", style, spot.x, spot.y, z=plan.lines.kerb_height, heading=spot.heading, seed=_seed(rng),
         size=(round(width, 3), depth, bays, door), variant=int(rng.integers(4, 6)),
     )  # fmt: skip
-    plan.block(house, turned_rectangle(x, y, heading, (0.0, 0.0), (width, depth)))
+    plan.block(house, spot.outline((0.0, 0.0), (width, depth)))
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
@@ -244,7 +245,7 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
         while x < last:
             width = float(rng.uniform(11.0, 16.0))
             style = str(rng.choice([s for s in _ENDS if s != previous]))
-            _add_house(plan, rng, style, x if direction > 0 else x + width, y, heading, width)
+            _add_house(plan, rng, style, Spot(x if direction > 0 else x + width, y, heading), width)
             previous = style
             x += width
 

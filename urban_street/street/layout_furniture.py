@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from urban_street.street.plan import SIDE_HALF
+from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import Plan
 
 #: Nothing stands nearer to the cameras than this, metres along the street.
@@ -51,9 +51,7 @@ def _place_signals(plan: Plan, *, left: bool) -> None:
         return
     for crossing in plan.lines.crossings[1:]:
         x, y = _kerb(plan, 0.5, left=left), crossing + 2.2
-        placed = plan.add_where_free(
-            "pole", "mast", x, y, (-0.12, -0.12), (0.12, 0.12), heading=math.pi, margin=0.25, height=None
-        )
+        placed = plan.add_where_free("pole", "mast", Spot(x, y, math.pi), ((-0.12, -0.12), (0.12, 0.12)), margin=0.25)
         if placed:
             plan.add("traffic-light", "signal", x - 3.4, y - 0.1, z=plan.lines.kerb_height + 2.15)
 
@@ -65,7 +63,7 @@ def _place_railings(plan: Plan, *, left: bool) -> None:
         if plan.lines.in_side_street(y + 2.0, SIDE_HALF + 2.2, left=left):
             y = crossing - 10.0
         plan.add_where_free(
-            "fence", "guard-rail", _kerb(plan, 0.3, left=left), y, (-0.04, 0.0), (0.04, 3.6), heading=0.0, margin=0.15,
+            "fence", "guard-rail", Spot(_kerb(plan, 0.3, left=left), y, 0.0), ((-0.04, 0.0), (0.04, 3.6)), margin=0.15,
             size=(3.6,),
         )  # fmt: skip
 
@@ -80,8 +78,8 @@ def _place_bus_stop(plan: Plan) -> None:
             continue
         if width >= 2.7:
             placed = plan.add_where_free(
-                "static", "shelter", _kerb(plan, 0.55, left=False), float(y), (-2.2, -0.15), (2.2, 1.4),
-                heading=heading, margin=0.25, height=2.6,
+                "static", "shelter", Spot(_kerb(plan, 0.55, left=False), float(y), heading), ((-2.2, -0.15), (2.2, 1.4)),
+                margin=0.25, height=2.6,
             )  # fmt: skip
             if placed is None:
                 continue
@@ -117,8 +115,8 @@ def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> No
             abs(y - c) < 4.6 for c in plan.lines.crossings
         )
         placed = None if blocked else plan.add_where_free(
-            "static", kind, _kerb(plan, inset, left=left), y, low, high, heading=_towards_houses(left=left),
-            margin=0.3, height=height,
+            "static", kind, Spot(_kerb(plan, inset, left=left), y, _towards_houses(left=left)), (low, high), margin=0.3,
+            height=height,
         )  # fmt: skip
         if placed is None:
             y += 0.8
@@ -140,6 +138,6 @@ def _place_cabinets(plan: Plan, rng: np.random.Generator, *, left: bool) -> None
         if any(abs(y - door) < 1.6 for door in doors) or plan.lines.in_side_street(y, SIDE_HALF + 1.0, left=left):
             continue
         plan.add_where_free(
-            "static", "cabinet", x, float(y), (-0.65, -0.2), (0.65, 0.2), heading=heading, margin=0.02,
+            "static", "cabinet", Spot(x, float(y), heading), ((-0.65, -0.2), (0.65, 0.2)), margin=0.02,
             seed=int(rng.integers(2**31)),
         )  # fmt: skip

@@ -146,6 +146,19 @@ _SIDE_Y, _SIDE_CROSSING = 46.0, 39.6
 
 
 @dataclass(frozen=True, slots=True)
+class Spot:
+    """A spot on the ground: x and y in metres, heading in radians (0 faces +y, counter-clockwise seen from above)."""
+
+    x: float
+    y: float
+    heading: float
+
+    def outline(self, low: Point, high: Point) -> Polygon:
+        """Return the rectangle ``low`` … ``high`` of the frame of an object at this spot."""
+        return turned_rectangle(self.x, self.y, self.heading, low, high)
+
+
+@dataclass(frozen=True, slots=True)
 class Placement:
     """One object of the street.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import shapely
@@ -11,10 +12,11 @@ from urban_street.street.plan import (
     Footprint,
     Lines,
     Placement,
+    Point,
     Polygon,
+    Spot,
     StreetSettings,
     lines_of,
-    turned_rectangle,
 )
 
 
@@ -46,13 +48,23 @@ class Plan:
         return not any(shape.intersects(shapely.Polygon(footprint.polygon)) for footprint in self.footprints)
 
     def add_where_free(
-        self, object_class: str, kind: str, x: float, y: float, low: tuple[float, float], high: tuple[float, float],
-        *, heading: float, margin: float = 0.45, height: float | None = None, **more: Any,
+        self, object_class: str, kind: str, spot: Spot, room: tuple[Point, Point], *, margin: float = 0.45,
+        height: float | None = None, **more: Any,
     ) -> Placement | None:  # fmt: skip
-        """Place and block an object with the given rectangle in its own frame, if its place is free."""
-        polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
+        """Place an object on the pavement with its footprint, if its spot is free.
+
+        Args:
+            object_class, kind: of the object.
+            spot: where it is to stand.
+            room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
+            margin: metres that must be free around it.
+            height: see `Footprint`.
+            more: other fields of `Placement`.
+        """
+        polygon = replace(spot, x=round(spot.x, 4), y=round(spot.y, 4)).outline(*room)
         if not self.is_free(polygon, margin):
             return None
-        placement = self.add(object_class, kind, x, y, z=self.lines.kerb_height, heading=heading, **more)
+        z, heading = self.lines.kerb_height, spot.heading
+        placement = self.add(object_class, kind, spot.x, spot.y, z=z, heading=heading, **more)
         self.block(placement, polygon, height)
         return placement

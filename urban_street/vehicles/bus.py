@@ -16,6 +16,7 @@ from urban_street.vehicles.details import facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides, on_left
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 11.95
 WIDTH: Final = 2.55
@@ -29,7 +30,7 @@ _DOORS: Final = ((4.30, 5.52), (-0.62, 0.66), (-5.02, -3.78))
 def build_bus() -> list[RawPart]:
     """Build body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
     hull = Hull(
-        -0.5 * LENGTH, 0.5 * LENGTH, WIDTH, 0.30, 2.93, corners=(0.30, 0.40),
+        (-0.5 * LENGTH, 0.5 * LENGTH), WIDTH, (0.30, 2.93), corners=(0.30, 0.40),
         inset=((0.30, 0.05), (0.40, 0.012), (0.95, 0.0), (2.45, 0.06), (2.72, 0.10), (2.86, 0.17), (2.93, 0.27)),
         rake=((0.3, 0.05), (0.5, 0.0), (1.0, 0.02), (2.0, 0.14), (2.93, 0.34)),
     )  # fmt: skip
@@ -89,7 +90,7 @@ def build_bus() -> list[RawPart]:
     parts = [RawPart("body", body)]
     for k, (y0, y1) in enumerate(_DOORS):
         parts.append(RawPart(f"door-{k + 1}", _door(hull, y0, y1), (0.5 * WIDTH, y1, 0.0), "rot.z"))
-    return parts + wheels(_TYRE, 0.29, 0.29, "steel", 0.5 * WIDTH - 0.20, _AXLES)
+    return parts + wheels(WheelSize(_TYRE, 0.29, 0.29), "steel", 0.5 * WIDTH - 0.20, _AXLES)
 
 
 def _largest(shape: shapely.Geometry) -> shapely.Geometry:

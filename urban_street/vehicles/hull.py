@@ -17,9 +17,9 @@ class Hull:
     """The half x ≥ 0 of a rounded box; its domain is (metres along the plan from the middle of the tail, height).
 
     Args:
-        tail, nose: y of both ends.
+        ends: y of tail and nose, metres.
         width: metres.
-        low, high: heights.
+        heights: of the lower and the upper edge, metres.
         corners: radii in plan of tail and nose corner.
         inset: (height, metres inwards) of the section.
         rake: (height, metres backwards) of the nose.
@@ -28,11 +28,9 @@ class Hull:
 
     def __init__(
         self,
-        tail: float,
-        nose: float,
+        ends: tuple[float, float],
         width: float,
-        low: float,
-        high: float,
+        heights: tuple[float, float],
         *,
         corners: tuple[float, float],
         inset: Sequence[tuple[float, float]],
@@ -40,6 +38,7 @@ class Hull:
         columns: float = 0.6,
         rows: float = 0.35,
     ) -> None:
+        (tail, nose), (low, high) = ends, heights
         half = 0.5 * width
         self.half, self.tail, self.nose, self.low, self.high = half, tail, nose, low, high
         r0, r1 = corners

@@ -15,6 +15,7 @@ from urban_street.vehicles.details import facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides, on_left
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 7.40
 WIDTH: Final = 2.46
@@ -34,14 +35,13 @@ def build_truck() -> list[RawPart]:
     parts = [RawPart("body", body)]
     for k, side in enumerate((-1, 1)):
         parts.append(RawPart(f"door-{k + 1}", doors if side > 0 else on_left(doors), (side * 1.02, 3.22, 0.0), "rot.z"))
-    return parts + wheels(_TYRE, 0.235, 0.245, "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
+    return parts + wheels(WheelSize(_TYRE, 0.235, 0.245), "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
 
 
 def _cab(body: Bag) -> Bag:
-    y0, y1 = _CAB
     width = 2.12
     hull = Hull(
-        y0, y1, width, 0.42, 2.36, corners=(0.10, 0.24),
+        _CAB, width, (0.42, 2.36), corners=(0.10, 0.24),
         inset=((0.42, 0.03), (0.52, 0.0), (1.35, 0.0), (2.05, 0.055), (2.24, 0.10), (2.36, 0.24)),
         rake=((0.42, 0.06), (0.55, 0.0), (1.0, 0.03), (1.35, 0.07), (2.36, 0.44)), columns=0.35, rows=0.22,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,17 @@ RIMS: Final = {
 _UPRIGHT = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def build_wheel(radius: float, width: float, rim_radius: float, design: str, *, fine: bool = True) -> Bag:
+class WheelSize(NamedTuple):
+    """The size of a wheel in metres: radius and width of the tyre, radius of the rim."""
+
+    radius: float
+    width: float
+    rim_radius: float
+
+
+def build_wheel(size: WheelSize, design: str, *, fine: bool = True) -> Bag:
     """Build a wheel around the origin, its outer face at +x; about 1,200 triangles."""
+    radius, width, rim_radius = size
     bag = Bag()
     sides = 24 if fine else 12
     half = 0.5 * width
