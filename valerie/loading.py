@@ -156,7 +156,7 @@ def _checked(value: Any, field: str, depth: int) -> Any:
             return value
         if not -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE:
             shown = repr(value) if isinstance(value, float) else f"an integer of {value.bit_length()} bits"
-            raise InvalidInput("not a finite number of usable size", field=field, value=shown, limit=MAX_MAGNITUDE)
+            raise InvalidInput("not finite or too large", field=field, value=shown, limit=MAX_MAGNITUDE)
         return value
     if isinstance(value, str):
         if "\x00" in value:

@@ -172,7 +172,7 @@ class TestAnEngineOfAPackage:
 
     @pytest.mark.parametrize(("path", "value"), [("rain", 5), ("cloud_cover", 0.5), ("street_lamps", "on")])
     def test_refuses_weather_and_lamps_that_it_does_not_declare(self, path: str, value: object) -> None:
-        with pytest.raises(InvalidInputs, match=r"the engine 'mine' cannot show it; .*limit: raster, cycles"):
+        with pytest.raises(InvalidInputs, match=r"the engine 'mine' cannot render it; .*limit: raster, cycles"):
             self.run(constants={f"environment-1.{path}": value})
 
     def test_without_nights_it_wants_the_sun_above_the_horizon(self) -> None:

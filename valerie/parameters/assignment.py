@@ -1,4 +1,4 @@
-"""One point of a parameter space, and the canonical JSON and digest that every identity in the project is made of."""
+"""One point of a parameter space; the canonical JSON and the digest behind every identity in the project."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from valerie.parameters.definitions import Value
 
 #: Hexadecimal characters of a digest: SHA-256 truncated to 128 bits.
 DIGEST_LENGTH: Final = 32
-#: Integral floats below this are written as integers; larger numbers keep their exponent.
+#: Integral floats below this limit are written as integers; larger ones keep their exponent.
 _INTEGRAL_LIMIT: Final = float(2**63)
 
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """One frozen point of a space.
+    """One point of a space.
 
     Attributes:
         index: place in the space, from 0.
         block: index of the block that it comes from.
-        values: path to value, for what the spec varies or holds constant; everything else keeps the asset's default.
+        values: path to value, for every parameter that the spec sets; all others keep the asset's default.
     """
 
     index: int
@@ -39,20 +39,20 @@ class Assignment:
 
 
 class CanonicalJson(bytes):
-    """A part of a digest that is its canonical JSON already, for whoever makes many that differ little."""
+    """Text that is canonical JSON already; `digest` takes it without encoding it again."""
 
 
 def canonical_json(value: object) -> bytes:
-    """The one JSON text of a value: keys sorted, no spaces, −0.0 as 0 and 45.0 as 45: equal inputs have equal bytes.
+    """Return the canonical JSON of a value, so that equal values have equal bytes.
 
-    Takes None, bool, int, float, str, mappings with str keys, lists and tuples, and numpy scalars of these kinds.
-    True and 1 differ; a tuple equals a list.
+    Keys are sorted, there are no spaces, −0.0 is written as 0 and 45.0 as 45. True and 1 differ; a tuple equals a list.
+    The value consists of None, bool, int, float, str, mappings with str keys, lists, tuples and numpy scalars.
 
     Raises:
         InvalidInput: NaN or infinity, an integer beyond 64 bits, or a type that has no canonical form.
     """
     try:
-        if type(value) is str:  # most parts of digests are digests
+        if type(value) is str:  # a shortcut: most parts of digests are digests
             return orjson.dumps(value)
         return orjson.dumps(_canonical(value), option=orjson.OPT_SORT_KEYS)
     except TypeError as error:
@@ -60,17 +60,17 @@ def canonical_json(value: object) -> bytes:
 
 
 def digest(*parts: object) -> str:
-    """32 hexadecimal characters that stand for ``parts``: THE way every digest in the project is made.
+    """Return the digest of ``parts``, 32 hexadecimal characters. Every digest in the project is computed here.
 
-    SHA-256, truncated to 128 bits, over each part's kind, length and bytes, so that no two different sequences of
-    parts share an encoding. A part of type ``bytes`` is taken as it is; every other part as its `canonical_json`, which a
-    `CanonicalJson` holds.
+    It is SHA-256, truncated to 128 bits, over the kind, length and bytes of each part, so that no two different
+    sequences of parts share an encoding. A part of type ``bytes`` is hashed as it is, and every other part as its
+    `canonical_json`.
     """
     return DigestPrefix(*parts).digest()
 
 
 class DigestPrefix:
-    """The first parts of digests that share them: ``DigestPrefix(a, b).digest(c) == digest(a, b, c)``, hashed once."""
+    """The first parts of several digests, hashed once: ``DigestPrefix(a, b).digest(c) == digest(a, b, c)``."""
 
     __slots__ = ("_hash",)
 
@@ -79,14 +79,14 @@ class DigestPrefix:
         _update(self._hash, parts)
 
     def extended(self, *parts: object) -> Self:
-        """A longer prefix; this one stays as it is."""
+        """Return a longer prefix; this one stays as it is."""
         longer = type(self)()
-        longer._hash = self._hash.copy()  # noqa: SLF001  its own class
+        longer._hash = self._hash.copy()  # noqa: SLF001  same class
         _update(longer._hash, parts)  # noqa: SLF001
         return longer
 
     def digest(self, *parts: object) -> str:
-        """The digest of the prefix followed by ``parts``."""
+        """Return the digest of the prefix followed by ``parts``."""
         hasher = self._hash.copy()
         _update(hasher, parts)
         return hasher.hexdigest()[:DIGEST_LENGTH]
@@ -100,7 +100,7 @@ def _update(hasher: Any, parts: Iterable[object]) -> None:
 
 
 def _canonical(value: Any) -> Any:
-    # The exact types come first: this runs for every product of every frame.
+    # Exact types come first for speed: this runs for every product of every frame.
     kind = type(value)
     if kind is str or kind is int or kind is bool or value is None:
         return value

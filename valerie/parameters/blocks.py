@@ -1,4 +1,4 @@
-"""One block of a run: one design over its varied parameters, the others constant; nothing is enumerated."""
+"""One block of a run: one design over its varied parameters. Its variants are indexed, never stored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.parameters.samplers import SAMPLERS, Sampler, SamplerFactory
 GRID: Final = "grid"
 POINTS: Final = "points"
 
-#: Values of one grid dimension are listed once if they are at most this many, else computed where needed.
+#: Largest number of values of a grid dimension that are stored; the values of longer ones are computed on demand.
 _LISTED: Final = 65_536
 #: Rows that a sampler draws at once.
 _CHUNK: Final = 4096
@@ -24,7 +24,12 @@ _CHUNK: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """One parameter and how it is varied."""
+    """One parameter and its distribution.
+
+    Attributes:
+        path: of the parameter; within a `Block`, its name is accepted too.
+        distribution: of its values.
+    """
 
     path: str
     distribution: Distribution
@@ -37,9 +42,9 @@ class Block:
     Attributes:
         design: ``grid``, ``points`` or the name of a sampler.
         variations: varied parameters; in a grid the right-most moves fastest.
-        constants: path to value, the same in every row; stronger than the run's constants.
+        constants: path to value, the same in every row; they override the run's constants.
         count: number of variants of a sampler's design; None for ``grid`` and ``points``.
-        points: rows of a ``points`` design, path to value; a row may leave out what others set.
+        points: rows of a ``points`` design, path to value; rows may set different parameters.
     """
 
     design: str = GRID
@@ -56,7 +61,7 @@ class Rows(Protocol):
     def size(self) -> int: ...
 
     def read(self, start: int, stop: int) -> Iterator[dict[str, Value]]:
-        """Rows start … stop − 1; each dictionary is the caller's own."""
+        """Yield rows start … stop − 1; each dictionary belongs to the caller."""
         ...
 
 
@@ -68,7 +73,14 @@ def rows_of(
     index: int,
     samplers: Mapping[str, SamplerFactory] = SAMPLERS,
 ) -> Rows:
-    """The rows of a block; ``seed`` is the spec's, ``index`` the block's place in it.
+    """Return the rows of a block.
+
+    Args:
+        block: with paths as names.
+        definitions: path to definition.
+        seed: of the spec.
+        index: place of the block in the spec.
+        samplers: name to sampler, for the designs other than ``grid`` and ``points``.
 
     Raises:
         InvalidInput: a distribution does not fit its parameter, or ``count`` is missing or out of place.
@@ -80,7 +92,7 @@ def rows_of(
     if block.design == POINTS:
         return PointRows(block, definitions)
     if block.points:
-        raise InvalidInput("only the design points lists points", field="points", limit="design: points")
+        raise InvalidInput("only the design points takes points", field="points", limit="design: points")
     if block.design == GRID:
         return GridRows(block, definitions)
     if block.count is None or block.count < 1:
@@ -109,7 +121,7 @@ class GridRows:
 
     def __init__(self, block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
         if block.count is not None:
-            raise InvalidInput("a grid counts its values itself", field="count", value=block.count)
+            raise InvalidInput("a grid takes no count: it has all combinations", field="count", value=block.count)
         self._paths = [variation.path for variation in block.variations]
         self._axes: list[tuple[Value, ...] | _Axis] = []
         counts: list[int] = []
@@ -146,7 +158,7 @@ class GridRows:
         yield row.copy()
         last = len(paths) - 1
         for _ in range(start + 1, stop):
-            # An odometer: almost always only the right-most wheel turns.
+            # Like an odometer: usually only the right-most wheel turns.
             wheel = last
             digits[wheel] += 1
             while digits[wheel] == counts[wheel]:
@@ -177,11 +189,11 @@ class SampledRows:
         for variation in block.variations:
             definition = definitions[variation.path]
             if isinstance(variation.distribution, Constant):
-                # No dimension of the design: a constant beside them leaves the other draws as they are.
+                # A constant is no dimension of the design, so adding one leaves the other draws as they are.
                 self._constants[variation.path] = variation.distribution.value(0, definition)
             else:
                 self._varied.append((variation.path, variation.distribution, definition))
-        # Blocks of one spec draw different points; so do different designs with one seed.
+        # Different blocks of one spec draw different points, and so do different designs with the same seed.
         block_seed = int(digest("sampler", block.design, seed, index), 16)
         self._sampler: Sampler | None = None
         if self._varied:
@@ -209,9 +221,9 @@ class PointRows:
 
     def __init__(self, block: Block, definitions: Mapping[str, ParameterDefinition]) -> None:
         if block.variations:
-            raise InvalidInput("the design points lists its values itself", field="vary", limit="points: [...]")
+            raise InvalidInput("the design points varies nothing else", field="vary", limit="points: [...]")
         if block.count is not None:
-            raise InvalidInput("the design points counts its points itself", field="count", value=block.count)
+            raise InvalidInput("the design points takes no count", field="count", value=block.count)
         if not block.points:
             raise InvalidInput("the design points needs at least one point", field="points")
         self._points: list[dict[str, Value]] = []
@@ -233,7 +245,7 @@ class PointRows:
 
 
 class _Axis:
-    """The values of one long grid dimension, computed where needed."""
+    """The values of one long grid dimension, computed on demand."""
 
     def __init__(self, distribution: Distribution, definition: ParameterDefinition) -> None:
         self._distribution, self._definition = distribution, definition
@@ -243,7 +255,7 @@ class _Axis:
 
 
 def at(place: str, problem: InvalidInput) -> InvalidInput:
-    """The same problem with its field below ``place``."""
+    """Return the same problem with its field nested in ``place``."""
     field = f"{place}.{problem.field}" if problem.field else place
     if isinstance(problem, UnknownName):
         return UnknownName(problem.kind, problem.name, problem.known, field=field, limit=problem.limit)

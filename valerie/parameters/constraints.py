@@ -2,10 +2,10 @@
 
     p1 < 3 and (p2 >= 2 * p1 or person-1.character == 'yellow-shirt')
 
-`_GRAMMAR` is the whole language; ``0 <= p1 < 3`` means ``0 <= p1 and p1 < 3``. A name is a parameter's name or path. Names
-hold dots and hyphens: the longest known name wins, and a minus beside a name wants a space. Numbers are in the
-parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse tree
-becomes closures.
+`_GRAMMAR` is the whole language; ``0 <= p1 < 3`` means ``0 <= p1 and p1 < 3``. A name is a parameter's name or path.
+Names contain dots and hyphens, so the longest known name wins, and a minus next to a name needs a space. Numbers are in
+the parameter's unit. Types are checked when a constraint is compiled. No text is ever executed as Python: the parse
+tree becomes closures.
 
 The same grammar selects rows of results (`valerie.analysis.where`), where values may be missing. Logic then has three
 values, as in SQL: a comparison with a missing value is neither true nor false, and only a true expression holds.
@@ -117,7 +117,7 @@ class _Kind(StrEnum):
 
 
 class _Term(NamedTuple):
-    """A part of a constraint: its closure, its kind, its depth, and its origin if it is a bare name or text."""
+    """A part of a constraint: its closure, kind and depth, and its origin if it is a bare name or text."""
 
     evaluate: _Evaluate
     kind: _Kind
@@ -132,7 +132,7 @@ class Constraint:
 
     Attributes:
         text: source.
-        paths: of the parameters that it names.
+        paths: of the parameters in it.
     """
 
     text: str
@@ -180,7 +180,7 @@ def compile_constraint(
 
 @lru_cache(maxsize=16)
 def _parser(names: frozenset[str]) -> Lark:
-    """Build the parser for a set of names; its lexer takes the longest of them that fits."""
+    """Build the parser for a set of names; its lexer takes the longest name that matches."""
     longest_first = sorted((re.escape(name) for name in names - _WORDS if name), key=len, reverse=True)
     known = "|".join(longest_first) or "(?!)"
     return Lark(_GRAMMAR + f"NAME.3: /(?:{known})(?![A-Za-z0-9_])/\n", parser="lalr", propagate_positions=True)
@@ -328,7 +328,7 @@ def _unless_missing(apply: Callable[..., Any], *operands: Any) -> Any:
 
 
 def _all(parts: Iterable[Any]) -> bool | None:
-    """Kleene's "and": false as soon as one part is; missing if one is and none is false."""
+    """Return Kleene's "and": false if any part is false, else None if any is missing."""
     result: bool | None = True
     for part in parts:
         if part is None:
@@ -339,7 +339,7 @@ def _all(parts: Iterable[Any]) -> bool | None:
 
 
 def _any(parts: Iterable[Any]) -> bool | None:
-    """Kleene's "or": true as soon as one part is; missing if one is and none is true."""
+    """Return Kleene's "or": true if any part is true, else None if any is missing."""
     result: bool | None = False
     for part in parts:
         if part is None:

@@ -1,4 +1,4 @@
-"""Short forms in which an asset made by code declares its parameters."""
+"""Shorthands with which the code of an asset declares its parameters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, P
 def number(
     path: str, low: float, high: float, default: float, affects: Affects, unit: str = "", description: str = ""
 ) -> ParameterDefinition:
-    """A FLOAT in [low, high], in ``unit``."""
+    """Declare a FLOAT in [low, high], in ``unit``."""
     return ParameterDefinition(
         path=path,
         type=ParameterType.FLOAT,
@@ -24,7 +24,7 @@ def number(
 def angle(
     path: str, default: float, affects: Affects, description: str = "", *, low: float = 0.0, high: float = TURN
 ) -> ParameterDefinition:
-    """An ANGLE in degrees: a whole turn, unless told a part of it."""
+    """Declare an ANGLE in [low, high], in degrees; by default a whole turn."""
     return ParameterDefinition(
         path=path,
         type=ParameterType.ANGLE,
@@ -39,7 +39,7 @@ def angle(
 def choice(
     path: str, choices: tuple[str, ...], default: str, affects: Affects, description: str = ""
 ) -> ParameterDefinition:
-    """A CATEGORICAL with its choices in order."""
+    """Declare a CATEGORICAL with its choices in order."""
     return ParameterDefinition(
         path=path,
         type=ParameterType.CATEGORICAL,
@@ -51,7 +51,7 @@ def choice(
 
 
 def switch(path: str, default: bool, affects: Affects, description: str = "") -> ParameterDefinition:
-    """A BOOL."""
+    """Declare a BOOL."""
     return ParameterDefinition(
         path=path, type=ParameterType.BOOL, default=default, affects=affects, description=description
     )

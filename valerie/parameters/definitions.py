@@ -1,7 +1,7 @@
-"""What an asset declares as variable: the paper's ``parameter_name, scene_graph_ref, type, minimum, maximum``.
+"""The variable parameters of an asset: the paper's ``parameter_name, scene_graph_ref, type, minimum, maximum``.
 
-(Section 4.) Angles are degrees here and everywhere at the user's edge: specs, assignments, database. Radians exist only
-inside scenes.
+See section 4 of the paper. Angles are in degrees here and in specs, assignments and the database; only scenes use
+radians.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from valerie.parameters.paths import parse_path, short_name
 #: One value of one parameter; ANGLE values are degrees.
 Value = float | int | bool | str
 
-#: Largest magnitude of any number that is accepted.
+#: Largest accepted magnitude of a number.
 MAX_MAGNITUDE: Final = 1e12
 #: A full turn, degrees.
 TURN: Final = 360.0
 
 
 class ParameterType(StrEnum):
-    """What kind of value a parameter takes."""
+    """The kind of value that a parameter takes."""
 
     FLOAT = "FLOAT"
     INT = "INT"
     BOOL = "BOOL"
     CATEGORICAL = "CATEGORICAL"
-    #: Periodic, in degrees: 360 is 0.
+    #: Periodic, in degrees: 360 equals 0.
     ANGLE = "ANGLE"
 
 
 class Affects(StrEnum):
-    """Which stage a parameter is an input of."""
+    """The stage that a parameter is an input of."""
 
     GEOMETRY = "geometry"
     LIGHT = "light"
@@ -50,14 +50,15 @@ class ParameterDefinition(BaseModel):
     """One variable parameter of an asset.
 
     Attributes:
-        name: how specs call it; the path without ``scene.`` unless declared otherwise.
+        name: its name in specs; by default the path without ``scene.``.
         path: where it acts, e.g. ``scene.person-1.pos.x`` (the paper's ``scene_graph_ref``).
-        minimum, maximum: declared range in ``unit`` (both ends belong to it); None: unbounded. An ANGLE is periodic
+        minimum, maximum: declared range in ``unit``, both ends included; None for no bound. An ANGLE is periodic,
             and its range spans at most 360 degrees. None for BOOL and CATEGORICAL.
         choices: the values of a CATEGORICAL parameter, in order.
         unit: e.g. ``m``, ``deg``, ``EV``; empty for pure numbers.
-        default: taken where an assignment does not mention the parameter.
+        default: value of the parameter where an assignment does not set it.
         affects: the stage that it is an input of.
+        description: for people.
 
     Raises:
         InvalidInput: the declaration contradicts itself.
@@ -78,19 +79,19 @@ class ParameterDefinition(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_in(cls, given: Any) -> Any:
-        """The name follows from the path, and an ANGLE's unit and range from its type, where they are not given."""
-        if not isinstance(given, dict):
-            return given
-        filled = dict(given)
-        path = filled.get("path", filled.get("scene_graph_ref"))
-        if not filled.get("name") and isinstance(path, str):
-            filled["name"] = short_name(path)
-        if filled.get("type") == ParameterType.ANGLE:
-            filled.setdefault("unit", "deg")
-            if filled.get("minimum") is None and filled.get("maximum") is None:
-                filled.update(minimum=0.0, maximum=TURN)
-        return filled
+    def _fill_in(cls, declaration: Any) -> Any:
+        """Derive a missing name from the path, and an ANGLE's missing unit and range from its type."""
+        if not isinstance(declaration, dict):
+            return declaration
+        complete = dict(declaration)
+        path = complete.get("path", complete.get("scene_graph_ref"))
+        if not complete.get("name") and isinstance(path, str):
+            complete["name"] = short_name(path)
+        if complete.get("type") == ParameterType.ANGLE:
+            complete.setdefault("unit", "deg")
+            if complete.get("minimum") is None and complete.get("maximum") is None:
+                complete.update(minimum=0.0, maximum=TURN)
+        return complete
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -112,7 +113,7 @@ class ParameterDefinition(BaseModel):
             raise InvalidInput("the minimum is above the maximum", field=f"{self.name}.minimum", value=low, limit=high)
         if self.type is ParameterType.ANGLE and (low is None or high is None or high - low > TURN):
             raise InvalidInput(
-                "an ANGLE declares a minimum and a maximum at most a turn apart",
+                "an ANGLE declares a minimum and a maximum, at most one turn apart",
                 field=f"{self.name}.maximum",
                 value=high,
                 limit="minimum + 360 deg",
@@ -120,7 +121,7 @@ class ParameterDefinition(BaseModel):
         if self.type is ParameterType.CATEGORICAL:
             if not self.choices or len(set(self.choices)) != len(self.choices):
                 raise InvalidInput(
-                    "a CATEGORICAL parameter lists its different choices",
+                    "a CATEGORICAL parameter lists its choices, each once",
                     field=f"{self.name}.choices",
                     value=self.choices,
                 )
@@ -131,11 +132,13 @@ class ParameterDefinition(BaseModel):
 
     @property
     def is_number(self) -> bool:
-        """FLOAT, INT or ANGLE."""
+        """True for FLOAT, INT and ANGLE."""
         return self.type in (ParameterType.FLOAT, ParameterType.INT, ParameterType.ANGLE)
 
     def check(self, value: object, *, field: str = "") -> Value:
-        """The value in its one form: FLOAT and ANGLE as float (an ANGLE within [minimum, minimum + 360)), INT as int.
+        """Return a value in its canonical form.
+
+        FLOAT and ANGLE are returned as float (an ANGLE within [minimum, minimum + 360)), INT as int.
 
         Raises:
             InvalidInput: wrong type, not finite, or outside the declared range.
@@ -157,33 +160,33 @@ class ParameterDefinition(BaseModel):
     def _check_number(self, value: object, field: str) -> float | int:
         if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
             raise InvalidInput(f"a {self.type} takes a number", field=field, value=value)
-        # Compared before the conversion, since an int may be too large for a float.
+        # The comparison comes before the conversion, since an int may be too large for a float.
         number = float(value) if -MAX_MAGNITUDE <= value <= MAX_MAGNITUDE else math.inf
         if not math.isfinite(number):
-            raise InvalidInput("not a finite number of usable size", field=field, value=value, limit=MAX_MAGNITUDE)
+            raise InvalidInput("not finite or too large", field=field, value=value, limit=MAX_MAGNITUDE)
         if self.type is ParameterType.ANGLE:
             return self._check_angle(number, field)
         if (self.minimum is not None and number < self.minimum) or (self.maximum is not None and number > self.maximum):
             raise InvalidInput("outside the declared range", field=field, value=value, limit=self.range_text)
         if self.type is ParameterType.INT:
             if not number.is_integer():
-                raise InvalidInput("an INT takes whole numbers", field=field, value=value)
+                raise InvalidInput("an INT takes a whole number", field=field, value=value)
             return int(number)
         return number + 0.0  # −0.0 becomes 0.0
 
     def _check_angle(self, number: float, field: str) -> float:
         assert self.minimum is not None, "an ANGLE has both bounds"
         assert self.maximum is not None, "an ANGLE has both bounds"
-        turned = wrap(number, self.minimum)
-        if turned > self.maximum:
+        wrapped = wrap(number, self.minimum)
+        if wrapped > self.maximum:
             raise InvalidInput(
                 "outside the declared range (modulo 360)", field=field, value=number, limit=self.range_text
             )
-        return turned
+        return wrapped
 
     @property
     def range_text(self) -> str:
-        """The declared range for people, e.g. ``-10…20 m``; the choices where there is no range."""
+        """The declared range as text, e.g. ``-10…20 m``; the choices of a parameter without a range."""
         if self.type is ParameterType.CATEGORICAL:
             return ", ".join(self.choices)
         if self.type is ParameterType.BOOL:
@@ -194,11 +197,11 @@ class ParameterDefinition(BaseModel):
 
 
 def wrap(degrees: float, start: float = 0.0) -> float:
-    """The same angle within [start, start + 360), degrees; an angle that is there already is returned unchanged."""
+    """Return the same angle within [start, start + 360), in degrees; an angle in this range is returned unchanged."""
     if start <= degrees < start + TURN:
         return degrees + 0.0
-    turned = start + math.fmod(degrees - start, TURN)
-    if turned < start:
-        turned += TURN
-    # A tiny negative difference rounds up to the whole turn: that is the start.
-    return (start if turned >= start + TURN else turned) + 0.0
+    wrapped = start + math.fmod(degrees - start, TURN)
+    if wrapped < start:
+        wrapped += TURN
+    # A tiny negative difference rounds up to the whole turn, which equals the start.
+    return (start if wrapped >= start + TURN else wrapped) + 0.0

@@ -1,7 +1,7 @@
-"""How one parameter is varied: which values it takes in a grid, and how a number in [0, 1) becomes a value elsewhere.
+"""Distributions: the values of one parameter in a grid, and the value for a number in [0, 1) in all other designs.
 
 HOMOGENEOUS and GAUSSIAN are the paper's (section 4.0.1). All numbers are in the unit of the parameter's definition.
-Steps are counted in decimals: 0 … 1 in steps of 0.1 is 11 values, and the fourth of them is 0.3.
+Steps are counted in decimals: 0 … 1 in steps of 0.1 has 11 values, and the fourth is 0.3.
 
 A Gaussian x ~ N(μ, σ²) truncated to [a, b] has the quantile μ + σ·Φ⁻¹(Φ(α) + u·(Φ(β) − Φ(α))) with α = (a − μ)/σ and
 β = (b − μ)/σ.
@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import MAX_MAGNITUDE, TURN, ParameterDefinition, ParameterType, Value, wrap
 
-#: A range that misses its maximum by less than this share of a step reaches it.
+#: Share of a step by which a range may miss its maximum and still reach it.
 STEP_TOLERANCE: Final = Decimal("1e-9")
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_MAGNITUDE, le=MAX_MAGNITUDE)]
@@ -29,34 +29,34 @@ Count = Annotated[int, Field(ge=1, strict=True)]
 class _Distribution(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    #: Whether a grid needs ``count``.
+    #: True if a grid needs ``count``.
     continuous: ClassVar[bool] = False
 
     def check(self, definition: ParameterDefinition) -> None:
-        """Refuse what does not fit the definition.
+        """Check that the distribution fits the definition.
 
         Raises:
-            InvalidInput: names the distribution's own field (``step``, ``mean`` …).
+            InvalidInput: it does not; the error names the distribution's own field (``step``, ``mean`` …).
         """
         raise NotImplementedError
 
     def count(self, definition: ParameterDefinition) -> int | None:
-        """Number of values in a grid; None for a continuous distribution without ``count``."""
+        """Return the number of values in a grid; None for a continuous distribution without ``count``."""
         raise NotImplementedError
 
     def value(self, k: int, definition: ParameterDefinition) -> Value:
-        """The k-th value in a grid, k = 0 … count − 1."""
+        """Return the k-th value in a grid, k = 0 … count − 1."""
         raise NotImplementedError
 
     def quantile(self, u: float, definition: ParameterDefinition) -> Value:
-        """The value at ``u`` in [0, 1); listed values have equal weight."""
+        """Return the value at ``u`` in [0, 1); the values of a discrete distribution have equal weight."""
         count = self.count(definition)
         assert count is not None, "continuous distributions have their own quantile"
         return self.value(min(int(u * count), count - 1), definition)
 
 
 class Homogeneous(_Distribution):
-    """``minimum + k · step ≤ maximum``. An ANGLE drops its last value where it coincides with the first modulo 360."""
+    """Values ``minimum + k · step ≤ maximum``. An ANGLE drops its last value if it equals the first modulo 360."""
 
     distribution: Literal["HOMOGENEOUS"] = "HOMOGENEOUS"
     minimum: Number
@@ -80,7 +80,7 @@ class Homogeneous(_Distribution):
             for name in ("minimum", "step"):
                 number = getattr(self, name)
                 if not number.is_integer():
-                    raise InvalidInput("an INT takes whole numbers", field=name, value=number)
+                    raise InvalidInput("an INT takes a whole number", field=name, value=number)
 
     @property
     def _steps(self) -> Decimal:
@@ -94,7 +94,7 @@ class Homogeneous(_Distribution):
         return steps + 1
 
     def reaches_maximum(self) -> bool:
-        """Whether the maximum is a whole number of steps from the minimum."""
+        """Return True if the maximum is a whole number of steps from the minimum."""
         return abs(self._steps - self._steps.to_integral_value()) <= STEP_TOLERANCE
 
     def value(self, k: int, definition: ParameterDefinition) -> Value:
@@ -103,11 +103,11 @@ class Homogeneous(_Distribution):
 
 
 class Gaussian(_Distribution):
-    """Normal, truncated to the declared range.
+    """Normal distribution, truncated to the declared range.
 
     An ANGLE declared over a full turn is truncated to mean ± 180 and wrapped, since such a range has no ends. An INT
-    is the rounded value of a normal truncated to [minimum − ½, maximum + ½]. In a grid: the mid-quantiles (k + ½) /
-    count.
+    is the rounded value of a normal distribution truncated to [minimum − ½, maximum + ½]. A grid takes the
+    mid-quantiles (k + ½) / count.
     """
 
     continuous: ClassVar[bool] = True
@@ -135,7 +135,7 @@ class Gaussian(_Distribution):
         _, share_low, share_high = _truncation(self.mean, self.standard_deviation, *self._support(definition))
         if share_high - share_low <= 0.0:
             raise InvalidInput(
-                "the declared range lies too many standard deviations from the mean",
+                "the declared range is too many standard deviations away from the mean",
                 field="mean",
                 value=self.mean,
                 limit=definition.range_text,
@@ -149,7 +149,7 @@ class Gaussian(_Distribution):
         if definition.type is ParameterType.ANGLE:
             if high - low >= TURN:
                 return self.mean - TURN / 2, self.mean + TURN / 2
-            # The copy of the range that lies nearest to the mean.
+            # The periodic copy of the range that is nearest to the mean.
             turns = TURN * round((self.mean - (low + high) / 2) / TURN)
             return low + turns, high + turns
         return low, high
@@ -167,15 +167,15 @@ class Gaussian(_Distribution):
         low, high = self._support(definition)
         sign, share_low, share_high = _truncation(self.mean, self.standard_deviation, low, high)
         z = sign * float(ndtri(share_low + (u if sign > 0 else 1.0 - u) * (share_high - share_low)))
-        # 12 digits: libraries of different machines may differ in the last bits, assignments must not.
+        # 12 digits, since the libraries of two machines may differ in the last bits and assignments must not.
         number = float(f"{self.mean + self.standard_deviation * z:.12g}")
         return _typed(min(max(number, low), high), definition)
 
 
 class Uniform(_Distribution):
-    """Every value of [minimum, maximum] is equally likely; without ends, of the declared range.
+    """Uniform distribution over [minimum, maximum], which default to the declared range.
 
-    In a grid: the mid-quantiles (k + ½) / count.
+    A grid takes the mid-quantiles (k + ½) / count.
     """
 
     continuous: ClassVar[bool] = True
@@ -200,12 +200,14 @@ class Uniform(_Distribution):
         low, high = self._ends(definition)
         for name, end in (("minimum", low), ("maximum", high)):
             if not math.isfinite(end):
-                raise InvalidInput("the declaration has no such end: give one", field=name)
+                raise InvalidInput(f"the parameter declares no {name}, so the spec must give one", field=name)
         if low > high:
             raise InvalidInput("the minimum is above the maximum", field="minimum", value=low, limit=high)
         check_range(low, high, definition)
         if definition.type is ParameterType.INT and math.ceil(low) > math.floor(high):
-            raise InvalidInput("no whole number lies between the ends", field="minimum", value=low, limit=high)
+            raise InvalidInput(
+                "there is no whole number between minimum and maximum", field="minimum", value=low, limit=high
+            )
 
     def _ends(self, definition: ParameterDefinition) -> tuple[float, float]:
         low = definition.minimum if self.minimum is None else self.minimum
@@ -228,7 +230,7 @@ class Uniform(_Distribution):
 
 
 class Choice(_Distribution):
-    """One of the listed values, in the order given."""
+    """Listed values, in their order."""
 
     distribution: Literal["CHOICE"] = "CHOICE"
     values: Annotated[tuple[Value, ...], Field(min_length=1)]
@@ -249,7 +251,7 @@ class Choice(_Distribution):
 
 
 class Constant(_Distribution):
-    """One value."""
+    """A single value."""
 
     distribution: Literal["CONSTANT"] = "CONSTANT"
     constant: Value = Field(alias="value")
@@ -273,16 +275,16 @@ Distribution = Annotated[
 
 
 def check_range(low: float, high: float, definition: ParameterDefinition) -> None:
-    """Refuse a range that leaves the declared one; an ANGLE's is compared modulo 360.
+    """Check that a range lies within the declared one; an ANGLE's range is compared modulo 360.
 
     Raises:
-        InvalidInput: names ``minimum`` or ``maximum``.
+        InvalidInput: it does not; the error names ``minimum`` or ``maximum``.
     """
     if definition.type is ParameterType.ANGLE:
         assert definition.minimum is not None, "an ANGLE has both bounds"
         assert definition.maximum is not None, "an ANGLE has both bounds"
         if high - low > TURN:
-            raise InvalidInput("an ANGLE spans at most a turn", field="maximum", value=high, limit=low + TURN)
+            raise InvalidInput("an ANGLE spans at most one turn", field="maximum", value=high, limit=low + TURN)
         if definition.maximum - definition.minimum >= TURN:
             return
         high += wrap(low, definition.minimum) - low
@@ -315,7 +317,7 @@ def _typed(number: float, definition: ParameterDefinition) -> Value:
         return wrap(number, definition.minimum)
     if definition.type is ParameterType.INT:
         rounded = math.floor(number + 0.5)
-        # A normal's support is half a unit wider than the range: its very end rounds outwards.
+        # The support of a Gaussian is half a unit wider than the range, and its upper end would round out of the range.
         high = rounded if definition.maximum is None else math.floor(definition.maximum)
         return min(rounded, high)
     return number + 0.0
@@ -323,7 +325,7 @@ def _typed(number: float, definition: ParameterDefinition) -> Value:
 
 @lru_cache(maxsize=4096)
 def _truncation(mean: float, deviation: float, low: float, high: float) -> tuple[float, float, float]:
-    """(sign, Φ(α), Φ(β)); above the mean everything is mirrored, since Φ keeps its precision in the lower tail."""
+    """Return (sign, Φ(α), Φ(β)); a range above the mean is mirrored, since Φ is precise in the lower tail only."""
     from scipy.special import ndtr
 
     alpha, beta = (low - mean) / deviation, (high - mean) / deviation

@@ -16,12 +16,12 @@ MAX_PATH_LENGTH: Final = 200
 
 _PART = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
 _INSTANCE = re.compile(r".*-[0-9]+")
-#: First words of attributes of two words, for nodes whose own name carries no instance number.
+#: First words of two-word attributes, for nodes whose name has no instance number.
 _GROUPS: Final = frozenset({"pos", "rot", "scale", "cloth", "material"})
 
 
 def parse_path(path: str, *, field: str = "") -> tuple[str, ...]:
-    """The parts of a well-formed path: ``("scene", "person-1", "pos", "x")``.
+    """Return the parts of a well-formed path, e.g. ``("scene", "person-1", "pos", "x")``.
 
     Raises:
         InvalidInput: another root, an empty or malformed part, no attribute, or more than `MAX_PATH_LENGTH` characters.
@@ -32,11 +32,13 @@ def parse_path(path: str, *, field: str = "") -> tuple[str, ...]:
     if parts[0] not in ROOTS:
         raise InvalidInput("a path starts with scene. or sensor.", field=field, value=path)
     if len(parts) < 2:
-        raise InvalidInput("a path names a node and an attribute, as scene.person-1.pos.x", field=field, value=path)
+        raise InvalidInput(
+            "a path names a node and an attribute, such as scene.person-1.pos.x", field=field, value=path
+        )
     for part in parts:
         if not _PART.fullmatch(part):
             raise InvalidInput(
-                f"{part!r} is no part of a path (letters, digits, _ and -, starting with a letter)",
+                f"{part!r} cannot be part of a path (letters, digits, _ and -, starting with a letter)",
                 field=field,
                 value=path,
             )
@@ -55,15 +57,15 @@ def _split(path: str) -> int:
 
 
 def node_of(path: str) -> str:
-    """The node that a path speaks of: ``scene.car-3.door-1`` of ``scene.car-3.door-1.rot.z``."""
+    """Return the node of a path, e.g. ``scene.car-3.door-1`` for ``scene.car-3.door-1.rot.z``."""
     return ".".join(path.split(".")[: _split(path)])
 
 
 def attribute_of(path: str) -> str:
-    """The attribute at the end of a path: ``rot.z`` of ``scene.car-3.door-1.rot.z``."""
+    """Return the attribute of a path, e.g. ``rot.z`` for ``scene.car-3.door-1.rot.z``."""
     return ".".join(path.split(".")[_split(path) :])
 
 
 def short_name(path: str) -> str:
-    """The name that an asset gives a parameter by default: the path without ``scene.``."""
+    """Return the default name of a parameter: its path without ``scene.``."""
     return path.removeprefix("scene.")

@@ -1,4 +1,4 @@
-"""The validation parameter space (VPS) of one run: a sequence of assignments, described and indexed, never enumerated.
+"""The validation parameter space (VPS) of one run: a sequence of assignments that is indexed, never stored.
 
     >>> along_x = Variation("p1", Homogeneous(minimum=0, maximum=9, step=1))
     >>> space = ParameterSpace(definitions, [Block(variations=(along_x,))])
@@ -27,15 +27,23 @@ class ParameterSpace:
     """An immutable sequence of `Assignment`.
 
     Args:
-        definitions: what may be varied, in force for this run. Blocks, constants and constraints may call a parameter
+        definitions: the parameters that may be varied. Blocks, constants and constraints may refer to a parameter
             by its name or its path.
-        blocks: in order; an empty sequence is one variant of constants and defaults alone.
-        constants: name or path to value, for all blocks; a block's own constants and variations are stronger.
-        constraints: comparisons that a variant must meet; one that does not stays in the space and is rejected, so that
-            indexes mean the same with and without constraints.
+        blocks: in order; an empty sequence stands for one variant of constants and defaults.
+        constants: name or path to value, for all blocks; a block's constants and variations override them.
+        constraints: comparisons that a variant must meet. A variant that does not meet them stays in the space and is
+            rejected, so that indexes mean the same with and without constraints.
         seed: of all random designs; 0 is a seed like any other.
-        samplers: name to sampler of the designs beside ``grid`` and ``points``.
+        samplers: name to sampler, for the designs other than ``grid`` and ``points``.
         aliases: further names of parameters, to their paths.
+
+    Attributes:
+        definitions: path to definition.
+        names: every name, alias and path to its definition; a name overrides an alias.
+        seed: see above.
+        blocks: see above; never empty.
+        constants: path to value for each block, the run's constants included.
+        constraints: compiled.
 
     Raises:
         InvalidInput, UnknownName: the field begins with ``blocks.N``, ``constants`` or ``constraints.N``.
@@ -54,23 +62,22 @@ class ParameterSpace:
     ) -> None:
         self.definitions = {definition.path: definition for definition in definitions}
         by_name = {definition.name: definition for definition in self.definitions.values()}
-        further = {alias: self.definitions[path] for alias, path in (aliases or {}).items()}
-        #: Every name and path to its definition; a name is stronger than an alias.
-        self.names = further | self.definitions | by_name
+        by_alias = {alias: self.definitions[path] for alias, path in (aliases or {}).items()}
+        self.names = by_alias | self.definitions | by_name
         self.seed = seed
-        shared = self._constants(constants or {}, "constants")
+        of_run = self._checked(constants or {}, "constants")
         self.blocks: tuple[Block, ...] = tuple(blocks) or (Block(),)
         self._rows: list[Rows] = []
-        self._fixed: list[dict[str, Value]] = []
+        self.constants: list[dict[str, Value]] = []
         for i, block in enumerate(self.blocks):
             try:
                 by_path = self._by_path(block)
-                fixed = shared | self._constants(block.constants or {}, "constants")
+                of_block = self._checked(block.constants or {}, "constants")
                 rows = rows_of(by_path, self.definitions, seed=seed, index=i, samplers=samplers)
             except InvalidInput as problem:
                 raise at(f"blocks.{i}", problem) from None
             self._rows.append(rows)
-            self._fixed.append(fixed)
+            self.constants.append(of_run | of_block)
         self._ends = list(accumulate(rows.size for rows in self._rows))
         self.constraints: tuple[Constraint, ...] = tuple(
             compile_constraint(text, self.names, field=f"constraints.{i}") for i, text in enumerate(constraints)
@@ -81,7 +88,7 @@ class ParameterSpace:
             raise UnknownName("parameter", name, self.names, field=field)
         return self.names[name].path
 
-    def _constants(self, constants: Mapping[str, Value], field: str) -> dict[str, Value]:
+    def _checked(self, constants: Mapping[str, Value], field: str) -> dict[str, Value]:
         checked: dict[str, Value] = {}
         for name, value in constants.items():
             path = self._path(name, f"{field}.{name}")
@@ -105,21 +112,22 @@ class ParameterSpace:
 
     @property
     def size(self) -> int:
-        """Number of variants, exact however large (``len`` stops at 2^63 − 1)."""
+        """Number of variants, exact at any size (``len`` stops at 2^63 − 1)."""
         return self._ends[-1]
 
     @property
     def block_sizes(self) -> tuple[int, ...]:
+        """Number of variants of each block."""
         return tuple(rows.size for rows in self._rows)
 
     def __len__(self) -> int:
         return self.size
 
     def block_of(self, index: int) -> int:
-        """The block that variant ``index`` comes from.
+        """Return the index of the block that a variant comes from.
 
         Raises:
-            IndexError: not in 0 … size − 1.
+            IndexError: ``index`` is not in 0 … size − 1.
         """
         if not 0 <= index < self.size:
             raise IndexError(index)
@@ -137,43 +145,52 @@ class ParameterSpace:
             yield Assignment(index, block, values)
 
     def values(self, start: int, stop: int) -> Iterator[tuple[int, dict[str, Value]]]:
-        """(block, path to value) of variants start … stop − 1: the fast way through a large space.
+        """Yield (block, path to value) for variants start … stop − 1: the fast way through a large space.
 
-        Each dictionary is the caller's own and holds the constants first.
+        Each dictionary belongs to the caller and holds the constants first.
         """
         stop = min(stop, self.size)
         while start < stop:
             block = self.block_of(start)
             first = self._ends[block - 1] if block else 0
             end = min(stop, self._ends[block])
-            fixed = self._fixed[block]
+            constants = self.constants[block]
             for row in self._rows[block].read(start - first, end - first):
-                yield block, ({**fixed, **row} if fixed else row)
+                yield block, ({**constants, **row} if constants else row)
             start = end
 
     @property
     def varied(self) -> tuple[str, ...]:
         """Paths that may have more than one value in the run, in the order in which the blocks mention them."""
-        found: dict[str, None] = {}
-        held: dict[str, set[Value]] = {}
-        for block, fixed in zip(self.blocks, self._fixed, strict=True):
+        paths: dict[str, None] = {}
+        constants: dict[str, set[Value]] = {}
+        for block, of_block in zip(self.blocks, self.constants, strict=True):
             for variation in block.variations:
                 if not isinstance(variation.distribution, Constant):
-                    found.setdefault(self._path(variation.path, "vary"))
+                    paths.setdefault(self._path(variation.path, "vary"))
             for point in block.points:
-                found.update(dict.fromkeys(self._path(name, "points") for name in point))
-            for path, value in fixed.items():
-                held.setdefault(path, set()).add(value)
-        for path, values in held.items():
-            everywhere = all(path in fixed for fixed in self._fixed)
-            if len(values if everywhere else values | {self.definitions[path].default}) > 1:
-                found.setdefault(path)
-        return tuple(found)
+                paths.update(dict.fromkeys(self._path(name, "points") for name in point))
+            for path, value in of_block.items():
+                constants.setdefault(path, set()).add(value)
+        for path, values in constants.items():
+            in_all_blocks = all(path in of_block for of_block in self.constants)
+            if len(values if in_all_blocks else values | {self.definitions[path].default}) > 1:
+                paths.setdefault(path)
+        return tuple(paths)
+
+    @property
+    def used(self) -> frozenset[str]:
+        """Paths that any block varies, holds constant or sets in a point."""
+        paths = {path for constants in self.constants for path in constants}
+        paths |= {self._path(v.path, "vary") for block in self.blocks for v in block.variations}
+        paths |= {self._path(name, "points") for block in self.blocks for point in block.points for name in point}
+        return frozenset(paths)
 
     def violated(self, values: Mapping[str, Value]) -> str | None:
-        """Why a variant is rejected: the first constraint that it does not meet; None if it meets all.
+        """Return the reason why a variant is rejected: the first constraint that it does not meet; None if it meets all.
 
-        What ``values`` (path to value) leaves out has its default.
+        Args:
+            values: path to value; a path that is missing has its default.
         """
         for constraint in self.constraints:
             if not constraint.holds(values):

@@ -1,7 +1,7 @@
 """Quantities with units, as people write them: ``50 cm``, ``1.2 rad``, ``-0.5 EV``, ``30 %``.
 
-A number without a unit takes the unit of the parameter's declaration. Conversions are decimal where the units are, so
-that ``30 cm`` is exactly ``0.3``.
+A number without a unit is in the unit of the parameter's declaration. Conversions between decimal units are decimal,
+so that ``30 cm`` is exactly ``0.3``.
 """
 
 from __future__ import annotations
@@ -39,22 +39,27 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
 
 
 class Quantity(NamedTuple):
-    """A number in the unit that was asked for, and whether its own unit was written with it."""
+    """A number in the requested unit.
+
+    Attributes:
+        number: the number.
+        has_unit: True if the number was written with a unit.
+    """
 
     number: float
-    unit_given: bool
+    has_unit: bool
 
 
 def is_quantity(text: str) -> bool:
-    """Whether ``text`` reads as a number with or without a unit (the unit may be unknown)."""
+    """Return True if ``text`` is a number with or without a unit; the unit may be unknown."""
     return _QUANTITY.fullmatch(text) is not None
 
 
 def to_unit(value: object, unit: str, *, field: str = "") -> Quantity:
-    """A number or a quantity as it was written, in ``unit``.
+    """Convert a number or a quantity to ``unit``.
 
     Raises:
-        InvalidInput: no number, NaN, infinite or huge, or a unit of another dimension.
+        InvalidInput: no number, NaN, infinite or too large, or a unit of another dimension.
         UnknownName: no such unit.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -63,26 +68,26 @@ def to_unit(value: object, unit: str, *, field: str = "") -> Quantity:
         match = _QUANTITY.fullmatch(value)
         if match is None:
             raise InvalidInput("a number is needed here", field=field, value=value, limit=_form(unit))
-        number, given = Decimal(match[1]), match[2]
-        factor = Decimal(1) if given is None or given == unit else _factor(given, unit, value, field)
-        return Quantity(_finite(number * factor, value, field), given is not None)
+        number, own_unit = Decimal(match[1]), match[2]
+        factor = Decimal(1) if own_unit is None or own_unit == unit else _factor(own_unit, unit, value, field)
+        return Quantity(_finite(number * factor, value, field), own_unit is not None)
     return Quantity(_finite(value, value, field), False)
 
 
-def _factor(given: str, unit: str, value: str, field: str) -> Decimal:
-    if given not in UNITS:
-        raise UnknownName("unit", given, (*filter(None, UNITS), *filter(None, (unit,))), field=field)
-    dimension, size = UNITS[given]
-    wanted, wanted_size = UNITS.get(unit, (unit, Decimal(1)))
-    if dimension != wanted:
-        raise InvalidInput(f"the unit {given!r} does not fit", field=field, value=value, limit=_form(unit))
-    return size / wanted_size
+def _factor(source: str, target: str, value: str, field: str) -> Decimal:
+    if source not in UNITS:
+        raise UnknownName("unit", source, (*filter(None, UNITS), *filter(None, (target,))), field=field)
+    source_dimension, source_size = UNITS[source]
+    target_dimension, target_size = UNITS.get(target, (target, Decimal(1)))
+    if source_dimension != target_dimension:
+        raise InvalidInput(f"the unit {source!r} does not fit", field=field, value=value, limit=_form(target))
+    return source_size / target_size
 
 
 def _finite(number: Decimal | float, value: object, field: str) -> float:
-    # The comparison also refuses NaN, and never converts a huge integer to a float.
+    # This comparison also refuses NaN, and never converts a huge integer to a float.
     if not -MAX_MAGNITUDE <= number <= MAX_MAGNITUDE:
-        raise InvalidInput("not a finite number of usable size", field=field, value=value, limit=MAX_MAGNITUDE)
+        raise InvalidInput("not finite or too large", field=field, value=value, limit=MAX_MAGNITUDE)
     return float(number)
 
 

@@ -1,4 +1,4 @@
-"""The sensor of a run: a setting with a variant's values put in, and what it asks of the camera and of other products."""
+"""The sensors of a run: their settings with a variant's values, and the camera data and products that they need."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _PREFIX: Final = f"{SENSOR_ROOT}."
 
 
 class Response(NamedTuple):
-    """What of a sensor a prediction depends on.
+    """The part of a sensor that a prediction depends on.
 
     Attributes:
-        document: canonical JSON of all that makes a difference to the picture.
-        needs_depth: the picture depends on the depth of the truth too.
-        distorts: the truth has to be distorted with the picture.
-        needs_velocity: the picture depends on how things move.
+        document: canonical JSON of everything that changes the picture.
+        needs_depth: True if the picture also depends on the depth of the truth.
+        distorts: True if the truth must be distorted like the picture.
+        needs_velocity: True if the picture depends on how things move.
     """
 
     document: bytes
@@ -35,53 +35,53 @@ class Response(NamedTuple):
 
 
 def sensor_values(assignment: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a variant that is the sensor's: path to value."""
+    """Return the part of an assignment that belongs to the sensor: path to value."""
     return {path: value for path, value in assignment.items() if path.startswith(_PREFIX)}
 
 
 def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: bool) -> SensorSetting:
-    """A setting with what the variant says of the sensor put in; the asset's defaults are not.
+    """Return a setting with a variant's values for the sensor; the asset's defaults do not override the setting.
 
     Args:
         setting: of the spec.
         assignment: of the variant.
-        moves: whether the run knows how things move; else the shutter makes no difference.
+        moves: True if the run knows how things move; otherwise the shutter has no effect.
     """
-    own = setting.with_assignment(sensor_values(assignment))
-    return own if moves else own.without_shutter()
+    of_variant = setting.with_assignment(sensor_values(assignment))
+    return of_variant if moves else of_variant.without_shutter()
 
 
 def response(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
-    """What a prediction behind a setting depends on.
+    """Return what a prediction on the picture of a sensor depends on.
 
     Args:
-        setting: of the spec; its name makes no pixel.
+        setting: of the spec; its name changes no pixel.
         sensor: `sensor_values` of the variant, in their canonical form.
-        run_seed: counts where chance decides.
-        moves: as of `setting_of`.
+        run_seed: seed of the run; it matters only to settings with random effects.
+        moves: see `setting_of`.
     """
     return _response(setting, canonical_json(sensor), run_seed, moves)
 
 
 @lru_cache(maxsize=4096)
 def _response(setting: SensorSetting, sensor: bytes, run_seed: int, moves: bool) -> Response:
-    own = setting_of(setting, orjson.loads(sensor), moves=moves)
-    document = canonical_json(short_document(own, run_seed))
-    return Response(document, own.needs_depth, own.moves_truth, own.needs_velocity)
+    of_variant = setting_of(setting, orjson.loads(sensor), moves=moves)
+    document = canonical_json(short_document(of_variant, run_seed))
+    return Response(document, of_variant.needs_depth, of_variant.moves_truth, of_variant.needs_velocity)
 
 
 def short_document(setting: SensorSetting, run_seed: int) -> dict[str, Any]:
-    """All that makes a difference to the picture of a frame, by parameter; the run's seed where chance decides."""
+    """Return everything that changes the picture of a frame, by parameter, with the run's seed if effects are random."""
     document = setting.response()
     return {**document, "seed": run_seed} if setting.needs_seed else document
 
 
-class Needs(NamedTuple):
-    """What a sensor of a run asks for, or does without.
+class SensorNeeds(NamedTuple):
+    """The inputs that a sensor of a run needs, and its settings without effect.
 
     Attributes:
-        focal_length, depth, velocity: the effect that needs it, in words; None: nothing does.
-        idle: values that change nothing, in words.
+        focal_length, depth, velocity: the effect that needs this input, in words; None if no effect does.
+        idle: one sentence for each setting that changes nothing.
     """
 
     focal_length: str | None
@@ -90,13 +90,13 @@ class Needs(NamedTuple):
     idle: tuple[str, ...]
 
 
-#: Effects that need the camera's focal length, and the parameters that switch them on.
+#: Effects that need the camera's focal length, and the parameters that turn them on.
 _OF_FOCAL_LENGTH: Final = {
     "defocus": ("lens.f_number",),
     "distortion": ("distortion.k1", "distortion.k2", "distortion.p1", "distortion.p2", "distortion.k3"),
     "vignetting": ("lens.vignetting",),
 }
-#: Effects that need to know how things move.
+#: Effects that need velocities, and the parameters that turn them on.
 _OF_VELOCITY: Final = {"motion blur": ("shutter.exposure_ms",), "a rolling shutter": ("shutter.line_time_us",)}
 _COUNTING: Final = (
     "noise.shot", "noise.read_electrons", "noise.adc_bits", "pixels.dead_rate", "pixels.hot_rate",
@@ -104,7 +104,7 @@ _COUNTING: Final = (
 _CHANCE: Final = (
     "noise.shot", "noise.read_electrons", "pixels.dead_rate", "pixels.hot_rate", "soiling.dirt", "soiling.drops",
 )  # fmt: skip
-#: Parameters that change nothing as long as all of others are neutral.
+#: Parameters that change nothing while all of the others listed are 0.
 _IDLE_WITHOUT: Final = {
     "lens.focus_distance_m": ("lens.f_number",),
     "noise.full_well_electrons": _COUNTING,
@@ -113,8 +113,8 @@ _IDLE_WITHOUT: Final = {
 }
 
 
-def needed_by(setting: SensorSetting, used: Collection[str]) -> Needs:
-    """What a setting needs when a run varies some parameters.
+def needs_of(setting: SensorSetting, used: Collection[str]) -> SensorNeeds:
+    """Return the needs of a sensor setting in a run.
 
     Args:
         setting: of the spec.
@@ -125,23 +125,28 @@ def needed_by(setting: SensorSetting, used: Collection[str]) -> Needs:
     def active(names: Iterable[str]) -> bool:
         return any(_PREFIX + name in used or document.get(name) for name in names)
 
-    wanting = [effect for effect, names in _OF_FOCAL_LENGTH.items() if active(names)]
+    lens_effects = [effect for effect, names in _OF_FOCAL_LENGTH.items() if active(names)]
     idle = [
         f"{name} changes nothing while {' and '.join(others)} {'is' if len(others) == 1 else 'are'} 0"
         for name, others in _IDLE_WITHOUT.items()
         if (_PREFIX + name in used or name in document) and not active(others)
     ]
-    moving = next((effect for effect, names in _OF_VELOCITY.items() if active(names)), None)
-    return Needs(wanting[0] if wanting else None, "defocus" if "defocus" in wanting else moving, moving, tuple(idle))
+    shutter_effect = next((effect for effect, names in _OF_VELOCITY.items() if active(names)), None)
+    return SensorNeeds(
+        focal_length=lens_effects[0] if lens_effects else None,
+        depth="defocus" if "defocus" in lens_effects else shutter_effect,
+        velocity=shutter_effect,
+        idle=tuple(idle),
+    )
 
 
 def focal_length_path(camera: str) -> str:
-    """The parameter that tells a camera's focal length."""
+    """Return the path of the parameter with a camera's focal length."""
     return f"{ROOT}.{camera}.focal_length_mm"
 
 
 def focal_length_mm(manifest: Manifest, camera: str, assignment: Mapping[str, Value]) -> float | None:
-    """The focal length of a camera in a variant, millimetres; None where the manifest does not declare it."""
+    """Return the focal length of a camera in a variant, in millimetres; None if the manifest does not declare it."""
     path = focal_length_path(camera)
     definition = manifest.by_path.get(path)
     if definition is None:

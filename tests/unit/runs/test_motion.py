@@ -158,4 +158,4 @@ def test_what_cannot_be_is_refused_at_its_place(
 
 def test_a_sequence_in_which_nothing_moves_is_pointed_out(street: Manifest) -> None:
     assert any("nothing moves" in text for text in run(street, sequence=[2, 1]).warnings)
-    assert any("0 s alone" in text for text in run(street, trajectories=WALK).warnings)
+    assert any("only the moment 0 s" in text for text in run(street, trajectories=WALK).warnings)

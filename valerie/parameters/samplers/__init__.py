@@ -1,4 +1,4 @@
-"""Designs that draw a stated number of variants: name to sampler."""
+"""Samplers: the designs that draw a stated number of variants."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from valerie.parameters.samplers.random import RandomSampler
 
 __all__ = ["SAMPLERS", "Sampler", "SamplerFactory", "UnitPoints"]
 
-#: The built-in designs that are samplers; ``grid`` and ``points`` need none.
+#: Name to sampler of the built-in designs; ``grid`` and ``points`` need none.
 SAMPLERS: Final = MappingProxyType[str, SamplerFactory](
     {
         "latin_hypercube": LatinHypercubeSampler,

@@ -1,9 +1,9 @@
 """Latin hypercube: each coordinate has exactly one point in each of ``count`` equal strata (McKay et al. 1979).
 
 DOI 10.1080/00401706.1979.10489755. A point is (π_d(i) + v) / count with one permutation π_d per dimension and v
-uniform in [0, 1). The permutation must be computed at i alone, without being stored: it is a Feistel network over the
-2h-bit numbers that cover 0 … count − 1, walked until it lands inside (cycle walking; Black and Rogaway 2002, DOI
-10.1007/3-540-45760-7_9). A Feistel network is a bijection whatever its round function, and so is the walk.
+uniform in [0, 1). The permutation must be computable for a single i, without being stored: it is a Feistel network over
+the 2h-bit numbers that cover 0 … count − 1, applied until the result is below count (cycle walking; Black and Rogaway
+2002, DOI 10.1007/3-540-45760-7_9). A Feistel network is a bijection for any round function, and so is the walk.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from valerie.parameters.samplers.base import UnitPoints, random_words
 
 _ROUNDS: Final = 10
-#: The place within a stratum has 31 bits, so that stratum + place is exact and never rounds into the next stratum.
+#: Bits of the place within a stratum: few enough that stratum + place is exact and never rounds into the next stratum.
 _PLACE_BITS: Final = 31
 
 
@@ -25,7 +25,7 @@ class LatinHypercubeSampler:
 
     def __init__(self, *, dimensions: int, count: int, seed: int) -> None:
         self.dimensions, self.count, self.seed = dimensions, count, seed
-        # The keys of the permutations come from a stream that the places (rows 0 … count − 1) never reach.
+        # The keys of the permutations come from rows that the places (rows 0 … count − 1) never reach.
         first = 1 << 64
         self._keys = random_words(seed, first, first + dimensions, _ROUNDS)
 
@@ -41,7 +41,7 @@ class LatinHypercubeSampler:
 
 
 def permute(indexes: NDArray[np.uint64], count: int, keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The permutation of 0 … count − 1 that ``keys`` stand for, at ``indexes`` (any shape, uint64)."""
+    """Apply the permutation of 0 … count − 1 that ``keys`` define to ``indexes`` (any shape, uint64)."""
     half = max(2, -(-(count - 1).bit_length() // 2))
     permuted = _feistel(indexes, half, keys)
     outside = permuted >= count
@@ -60,7 +60,7 @@ def _feistel(numbers: NDArray[np.uint64], half: int, keys: NDArray[np.uint64]) -
 
 
 def _mix(words: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The finalizer of SplitMix64 (Steele et al. 2014, DOI 10.1145/2660193.2660195); arithmetic modulo 2^64."""
+    """Apply the finalizer of SplitMix64 (Steele et al. 2014, DOI 10.1145/2660193.2660195), modulo 2^64."""
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return words ^ (words >> np.uint64(31))

@@ -1,8 +1,8 @@
 """Low-discrepancy designs of ``scipy.stats.qmc``, read at any index.
 
-The first points of a larger design with the same seed are the points of the smaller one: a run may be continued.
-scipy is imported where points are drawn, since ``scipy.stats`` takes most of a second and the API only describes
-designs.
+The points of a smaller design are the first points of a larger one with the same seed, so a run may be continued.
+scipy is imported where points are drawn, since importing ``scipy.stats`` takes most of a second and the API only
+describes designs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from valerie.parameters.samplers.base import UnitPoints
 
 
 class SobolSampler:
-    """Sobol' points with Owen-type scrambling (linear matrix scramble and digital shift); best with 2^k of them."""
+    """Sobol' points with Owen-type scrambling (linear matrix scramble and digital shift); balanced for 2^k points."""
 
     #: scipy's generator has 30 bits.
     max_count = 2**30
@@ -32,7 +32,7 @@ class SobolSampler:
             engine.fast_forward(start)
             drawn = engine.random(stop - start)
         else:
-            # From the first point on scipy wants a power of two.
+            # When it starts at the first point, scipy warns unless it draws a power of two.
             drawn = engine.random(1 << max(stop - 1, 0).bit_length())[:stop]
         return np.asarray(drawn, np.float64)
 

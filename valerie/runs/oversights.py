@@ -1,0 +1,118 @@
+"""Warnings about specs that are legal and probably not what their authors intended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
+from valerie.parameters.distributions import Homogeneous
+from valerie.parameters.space import ParameterSpace
+from valerie.rendering.engine import Ability
+from valerie.runs.documents import RunSpec
+from valerie.runs.motion import Times
+from valerie.runs.sensors import SensorNeeds
+from valerie.runs.vocabulary import Vocabulary
+from valerie.scene.motion.trajectory import TIME_PATH
+
+#: Largest number of values of a range that a warning lists.
+_LISTED: Final = 5
+
+
+def shortfall(distribution: Homogeneous, definition: ParameterDefinition) -> str:
+    """Return the warning about a range whose maximum is no whole number of steps from its minimum."""
+    count = distribution.count(definition)
+    listed = ", ".join(f"{distribution.value(k, definition):g}" for k in range(min(count, _LISTED)))
+    if count > _LISTED:
+        listed += f", … {distribution.value(count - 1, definition):g}"
+    return (
+        f"{distribution.minimum:g}…{distribution.maximum:g} step {distribution.step:g} gives {listed}; "
+        f"the maximum {distribution.maximum:g} is not reached"
+    )
+
+
+def sensor_warnings(spec: RunSpec, needs: Sequence[SensorNeeds], *, moves: bool) -> Iterator[str]:
+    """Yield the warnings about what the sensors of a run cost, and about settings without effect.
+
+    Args:
+        spec: the spec.
+        needs: of each of its sensors.
+        moves: True if the run has a sequence, time or trajectories.
+    """
+    for sensor, need in zip(spec.sensors, needs, strict=True):
+        if need.velocity is not None and not moves:
+            yield (
+                f"sensor {sensor.name}: {need.velocity} changes nothing: the run has no sequence, time or trajectories"
+            )
+        elif need.velocity is not None:
+            yield (
+                f"sensor {sensor.name}: {need.velocity} needs velocities: they are made for every frame, "
+                "and its pictures wait for them and for the ground truth"
+            )
+        elif need.depth is not None:
+            yield (
+                f"sensor {sensor.name}: {need.depth} needs depth: its pictures wait for the ground truth too, and "
+                "are not shared by variants with other truth"
+            )
+        for text in need.idle:
+            yield f"sensor {sensor.name}: {text}"
+
+
+def oversights(vocabulary: Vocabulary, space: ParameterSpace, times: Times) -> Iterator[str]:
+    """Yield the warnings about a resolved spec.
+
+    Args:
+        vocabulary: the names of the spec.
+        space: its variants.
+        times: its moments, and what moves.
+    """
+    yield from _about_blocks(vocabulary, space)
+    yield from _about_declarations(vocabulary, space)
+    yield from _about_times(space, times)
+    spec, manifest = vocabulary.spec, vocabulary.manifest
+    if not vocabulary.renders(Ability.CUT_OUTS) and (manifest.files or manifest.placed_files):
+        yield (
+            f"renderer {spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
+            "fences), its images do not match the ground truth"
+        )
+    if not spec.functions:
+        yield "no function under test: the run makes frames and truth, and evaluates nothing"
+
+
+def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:
+    spec = vocabulary.spec
+    for i, (block, constants) in enumerate(zip(space.blocks, space.constants, strict=True)):
+        for variation in block.variations:
+            if variation.path in constants:
+                name = vocabulary.definitions[variation.path].name
+                yield f"{spec.field(f'blocks.{i}.vary')}: {name} is varied and constant; it is varied"
+        count = block.count
+        if block.design == "sobol" and count is not None and count & (count - 1):
+            lower = 1 << (count.bit_length() - 1)
+            yield (
+                f"{spec.field(f'blocks.{i}.count')}: sobol points are balanced for powers of two, and {count} is none; "
+                f"the nearest are {lower} and {2 * lower}"
+            )
+
+
+def _about_declarations(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:
+    used = space.used
+    for parameter in vocabulary.spec.parameters:
+        definition = vocabulary.definitions[vocabulary.paths[parameter.name]]
+        if definition.path not in used:
+            default = _text(definition.default, definition)
+            yield f"{definition.name} is declared and not varied; it stays at {default}"
+
+
+def _about_times(space: ParameterSpace, times: Times) -> Iterator[str]:
+    if times.motion is None:
+        return
+    if not times.motion.trajectories:
+        yield "sequence: nothing moves; all frames of a variant are the same"
+    elif len(times.elapsed) == 1 and TIME_PATH not in space.used:
+        yield "trajectories without sequence or time: the run covers only the moment 0 s"
+
+
+def _text(value: Value, definition: ParameterDefinition) -> str:
+    is_decimal = definition.is_number and definition.type is not ParameterType.INT
+    return f"{value:g} {definition.unit}".rstrip() if is_decimal else str(value)
