@@ -96,7 +96,7 @@ def measured(settings: Settings, run_id: str) -> dict[str, Any]:
         context.engine.dispose()
     return {
         name: {
-            "digest": run.pins["functions"][name]["digest"],
+            "digest": run.pinned().functions[name].digest,
             **statistics([codecs.decode_counts(packed) for _, packed in rows.values()]),
         }
         for name, rows in found.items()

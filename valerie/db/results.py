@@ -21,7 +21,7 @@ from sqlalchemy import (
     select,
     tuple_,
 )
-from sqlalchemy.orm import aliased
+from sqlalchemy.orm import InstrumentedAttribute, aliased
 
 from valerie.db.links import velocity_of_frame
 from valerie.db.models import (
@@ -35,8 +35,11 @@ from valerie.db.models import (
     Score,
     Variant,
 )
+from valerie.db.rows import columns_of, read_all
 from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.products import ProductError
+from valerie.runs.states import ProductKind, ProductState
 
 _OF_FRAME = and_(
     Evaluation.run_id == Frame.run_id,
@@ -497,48 +500,38 @@ def product(connection: Connection, digest: str) -> Row[Any]:
     return row
 
 
-def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[dict[str, Any]]:
-    """What failed for good in a run: (variant, camera, …), stage, error and attempts, one entry per link."""
-    frame_links = [
-        select(
-            Frame.variant_index, Frame.camera_index, Frame.time_index, Product.digest, Product.kind, Product.error
-        ).join(Product, Product.digest == column)
-        for column in (Frame.background, Frame.layer, Frame.truth)
+@dataclass(frozen=True, slots=True)
+class LinkedFailure:
+    """A product that failed for good, and a frame that it belongs to."""
+
+    variant_index: int
+    camera_index: int
+    time_index: int
+    digest: str
+    kind: ProductKind
+    error: ProductError
+
+
+def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[LinkedFailure]:
+    """Return what failed for good in a run, at most ``limit``: one entry for each link to a failed product."""
+    links: list[tuple[type[Frame | FrameAnnotation | Evaluation], InstrumentedAttribute[str]]] = [
+        (Frame, Frame.background),
+        (Frame, Frame.layer),
+        (Frame, Frame.truth),
+        (FrameAnnotation, FrameAnnotation.product),
+        (Evaluation, Evaluation.prediction),
+        (Evaluation, Evaluation.scores),
     ]
-    evaluation_links = [
-        select(
-            Evaluation.variant_index,
-            Evaluation.camera_index,
-            Evaluation.time_index,
-            Product.digest,
-            Product.kind,
-            Product.error,
-        ).join(Product, Product.digest == column)
-        for column in (Evaluation.prediction, Evaluation.scores)
-    ]
-    annotation_links = [
-        select(
-            FrameAnnotation.variant_index,
-            FrameAnnotation.camera_index,
-            FrameAnnotation.time_index,
-            Product.digest,
-            Product.kind,
-            Product.error,
-        ).join(Product, Product.digest == FrameAnnotation.product)
-    ]
-    found: list[dict[str, Any]] = []
-    for table, queries in (
-        (Frame, frame_links),
-        (FrameAnnotation, annotation_links),
-        (Evaluation, evaluation_links),
-    ):
-        for query in queries:
-            rows = connection.execute(
-                query.where(table.run_id == run_id, Product.state == "failed")
-                .order_by(table.variant_index, table.camera_index, table.time_index)
-                .limit(limit - len(found))
-            ).mappings()
-            found += [dict(row) for row in rows]
-            if len(found) >= limit:
-                return found
-    return found
+    linked: list[LinkedFailure] = []
+    for table, column in links:
+        query = (
+            select(*columns_of(LinkedFailure, table, Product))
+            .join(Product, Product.digest == column)
+            .where(table.run_id == run_id, Product.state == ProductState.FAILED)
+            .order_by(table.variant_index, table.camera_index, table.time_index)
+            .limit(limit - len(linked))
+        )
+        linked += read_all(connection, query, LinkedFailure)
+        if len(linked) >= limit:
+            break
+    return linked

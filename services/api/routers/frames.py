@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -34,6 +33,7 @@ from valerie.pipeline.reading.pictures import ANNOTATION_KINDS, FRAME_KINDS, FUN
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import character_of, frame_id
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun
 from valerie.storage.keys import product_key
 
@@ -134,7 +134,9 @@ def read_frame(frame_id: FrameId, context: ContextDependency) -> FrameDetail:
                 }
                 for one in persons
             ],
-            "evaluations": [_evaluation(frame_id, one, resolved, run.pins, scores[one.scores]) for one in evaluations],
+            "evaluations": [
+                _evaluation(frame_id, one, resolved, run.pinned(), scores[one.scores]) for one in evaluations
+            ],
             "annotations": {kind: one.product for kind, one in annotations.items()},
             "images": {
                 kind: _address(frame_id, kind=kind)
@@ -247,9 +249,7 @@ def _light(row: Any) -> dict[str, float | None]:
     return {name: getattr(row, name, None) for name in ("irradiance", "shadow_share", "contrast")}
 
 
-def _evaluation(
-    frame: str, row: Any, resolved: ResolvedRun, pins: Mapping[str, Any], persons: list[Any]
-) -> dict[str, Any]:
+def _evaluation(frame: str, row: Any, resolved: ResolvedRun, pins: Pins, persons: list[Any]) -> dict[str, Any]:
     sensor = resolved.spec.sensors[row.sensor_index].name
     function = resolved.spec.functions[row.function_index]
     return {

@@ -17,6 +17,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import choose_frames, run_where
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.states import Stage
 
 
 def moving(**more: Any) -> dict[str, Any]:
@@ -38,7 +39,9 @@ def test_each_moment_is_a_frame_and_equal_moments_share_their_products(pipeline:
         ("0", 0.0), ("1", 0.5), ("2", 1.0), ("3", 1.5), ("4", 2.0),
     ]  # fmt: skip
     assert len({row["distance_m"] for row in rows if row["instance_id"] == 24001}) == 3
-    assert pipeline.row(run_id).progress["stages"]["render"]["done"] == 5
+    progress = pipeline.row(run_id).progress
+    assert progress is not None
+    assert progress.stages[Stage.RENDER].done == 5
     assert pipeline.row(run_id).summary is not None
 
 

@@ -29,6 +29,7 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailable
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.export.folder import FRAGMENTS, close_partial, open_partial, require_free_name, require_room
 from valerie.pipeline.reading.annotation_files import (
     Arrays,
@@ -41,7 +42,7 @@ from valerie.pipeline.reading.annotation_files import (
 from valerie.pipeline.reading.capture import Capture
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import RunCache, StoredRun
+from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     FrameKey,
@@ -366,7 +367,7 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
         "splits": counts,
         "asset": resolved.spec.model_dump(mode="json")["asset"],
         "asset_digest": resolved.asset_digest,
-        "pins": export.stored.pins,
+        "pins": export.stored.pins.model_dump(mode="json", exclude_none=True),
         "sensor": resolved.spec.sensors[export.sensor].model_dump(mode="json"),
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},

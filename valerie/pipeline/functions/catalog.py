@@ -17,6 +17,8 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import inference_name
 from valerie.pipeline.functions import registry
+from valerie.runs.pins import FunctionOffer, Offer
+from valerie.runs.states import Stage
 from valerie.scene.assets.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
@@ -51,9 +53,9 @@ def asset(settings: Settings, name: str) -> dict[str, Any]:
 
 def renderers(context: Context) -> list[dict[str, Any]]:
     """Engines, and the numeric classes in which living workers offer them."""
-    offers = _offers(context, "render")
+    offers = _offers(context, Stage.RENDER)
     return [
-        {"name": name, "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == name})}
+        {"name": name, "numeric_classes": sorted({o.numeric_class for o in offers if o.name == name})}
         for name in plugins.renderer_names()
     ]
 
@@ -64,17 +66,17 @@ def functions(context: Context) -> list[dict[str, Any]]:
     First those that are installed, then those that are registered: every version, by name, newest first. One whose file is
     missing or damaged says so in ``problem``.
     """
-    offers = _offers(context, "infer")
+    offers = _offers(context, Stage.INFER)
     found = []
     for name in plugins.function_names():
-        offered = next((FunctionCard(**o["card"]) for o in offers if o["name"] == name), None)
+        offered = next((o.card for o in offers if isinstance(o, FunctionOffer) and o.name == name), None)
         card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
         if name in FUNCTIONS:
             try:
                 card, document = function_card(name), function_document(name)
             except ValerieError as error:
                 problem = str(error)
-        classes = sorted({o["numeric_class"] for o in offers if o["name"] == name})
+        classes = sorted({o.numeric_class for o in offers if o.name == name})
         told = _told(card, document)
         found.append({**told, **_NOT_REGISTERED, "numeric_classes": classes, "problem": problem})
     with reading(context.engine) as connection:
@@ -98,17 +100,17 @@ def function(context: Context, reference: str) -> dict[str, Any]:
 def registered_function(context: Context, found: registry.Registered) -> dict[str, Any]:
     """A version with its card, its document, and the numeric classes in which living workers offer its engine."""
     document = found.document.model_dump(mode="json")
-    return {**_registered(found, _offers(context, "infer")), "document": document}
+    return {**_registered(found, _offers(context, Stage.INFER)), "document": document}
 
 
-def _registered(found: registry.Registered, offers: list[dict[str, Any]]) -> dict[str, Any]:
+def _registered(found: registry.Registered, offers: list[Offer]) -> dict[str, Any]:
     document = found.document
     return {
         **_told(document.card(), document),
         "reference": found.reference,
         "version": found.version,
         "created_at": found.created_at.isoformat(),
-        "numeric_classes": sorted({o["numeric_class"] for o in offers if o["name"] == inference_name(document)}),
+        "numeric_classes": sorted({o.numeric_class for o in offers if o.name == inference_name(document)}),
         "problem": None,
     }
 
@@ -124,6 +126,6 @@ def _told(card: FunctionCard, document: FunctionDocument | None) -> dict[str, An
     }
 
 
-def _offers(context: Context, stage: str) -> list[dict[str, Any]]:
+def _offers(context: Context, stage: Stage) -> list[Offer]:
     with reading(context.engine) as connection:
-        return [offer for offer in processes.offers(connection, now=time.time()) if offer["stage"] == stage]
+        return [offer for offer in processes.offers(connection, now=time.time()) if offer.stage is stage]

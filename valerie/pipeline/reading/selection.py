@@ -14,6 +14,7 @@ from valerie.db import results
 from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.tables import character_of, frame_id, table_row
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation.conditions import conditions, with_sun_angles
 
@@ -95,12 +96,12 @@ def function_index(name: str, resolved: ResolvedRun) -> int:
     return resolved.spec.functions.index(name)
 
 
-def as_called(reference: str, resolved: ResolvedRun, pins: Mapping[str, Any]) -> str:
+def as_called(reference: str, resolved: ResolvedRun, pins: Pins) -> str:
     """What a run's spec calls the version that ``name@digest`` means; the reference itself where it is no version of the run."""
     name, at, beginning = reference.partition("@")
     if at and reference not in resolved.spec.functions:
         for called in resolved.spec.functions:
-            if called.partition("@")[0] == name and pins["functions"][called]["digest"].startswith(beginning):
+            if called.partition("@")[0] == name and pins.functions[called].digest.startswith(beginning):
                 return called
     return reference
 

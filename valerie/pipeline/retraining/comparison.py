@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +39,7 @@ from valerie.pipeline.reading.selection import (
 )
 from valerie.pipeline.reading.tables import varied_types
 from valerie.pipeline.retraining.targets import run_values
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun
 from valerie.storage import codecs
 
@@ -113,7 +113,7 @@ def compare_versions(
         frames = list(finished_frames(connection, run_id, resolved))
     if not frames:
         raise Conflict(f"run {run_id} has no finished frames yet")
-    known = {display_name(one): _known(one, resolved, run.pins, open_function) for one in references}
+    known = {display_name(one): _known(one, resolved, run.pinned(), open_function) for one in references}
     if not mixed:  # before the frames are looked at
         _require_one_class(known)
     looked = {
@@ -142,11 +142,11 @@ def compare_versions(
 def _known(
     reference: str,
     resolved: ResolvedRun,
-    pins: Mapping[str, Any],
+    pins: Pins,
     open_function: Callable[[str], PerceptionFunction],
 ) -> _Version:
     if reference in resolved.spec.functions:
-        card, numeric_class = pinned_card(pins, reference), str(pins["functions"][reference]["numeric_class"])
+        card, numeric_class = pinned_card(pins, reference), pins.functions[reference].numeric_class
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
     function = open_function(reference)
     try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +23,7 @@ from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput
+from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS, to_train_ids
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
@@ -38,6 +38,7 @@ from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.functions.opening import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
@@ -281,7 +282,7 @@ class RunSide:
     """
 
     called: str
-    pin: Mapping[str, Any]
+    pin: FunctionPin
     scores: CollectionScores
 
 
@@ -300,10 +301,9 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
         resolved = resolve_stored(run, context.settings)
-        if run.pins is None:
-            raise Conflict(f"run {run_id} has not started yet")
-        called = as_called(function, resolved, run.pins)
+        pins = run.pinned()
+        called = as_called(function, resolved, pins)
         found = results.predictions(connection, run_id, 0, function_index(called, resolved))
-    judged = pinned_card(run.pins, called).judged_ids
+    judged = pinned_card(pins, called).judged_ids
     scores = collection_scores([codecs.decode_counts(packed) for _, packed in found.values()], judged)
-    return RunSide(called, run.pins["functions"][called], scores)
+    return RunSide(called, pins.functions[called], scores)

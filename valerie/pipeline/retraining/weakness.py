@@ -89,8 +89,8 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
     asset, arguments, seed = _generated(resolved)
     region, evaluated = _region(context, run_id, resolved, where, name)
     with reading(context.engine) as connection:
-        pins = runs.get(connection, run_id).pins  # what has rows has pins
-    document, file = pinned_network(name, pins["functions"][name], context=context)
+        pins = runs.get(connection, run_id).pinned()
+    document, file = pinned_network(name, pins.functions[name], context=context)
     return Weakness(
         run_id=run_id,
         function=name,

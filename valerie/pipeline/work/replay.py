@@ -16,6 +16,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
+from valerie.runs.states import ProductKind
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ObjectInfo
@@ -70,22 +71,29 @@ def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_
     render, infer, evaluate = RenderMaker(scratch.context), InferMaker(scratch.context), EvaluateMaker(scratch.context)
     made = [
         scratch.compare(render, Job(digest=digest, kind=kind, **shared), "")
-        for kind, digest in (("background", frame.background), ("layer", frame.layer), ("truth", frame.truth))
+        for kind, digest in (
+            (ProductKind.BACKGROUND, frame.background),
+            (ProductKind.LAYER, frame.layer),
+            (ProductKind.TRUTH, frame.truth),
+        )
     ]
     made += [
-        scratch.compare(render, Job(one.product, kind, **shared), "", stored=one) for kind, one in annotations.items()
+        scratch.compare(render, Job(one.product, ProductKind(kind), **shared), "", stored=one)
+        for kind, one in annotations.items()
     ]
     spec = run.spec
     for one in evaluations:
-        name = f"{spec['functions'][one.function_index]} / {spec['sensors'][one.sensor_index]['name']}"
+        name = f"{spec.functions[one.function_index]} / {spec.sensors[one.sensor_index].name}"
         links = {
             **shared,
             "prediction": one.prediction,
             "sensor_index": one.sensor_index,
             "function_index": one.function_index,
         }
-        made.append(scratch.compare(infer, Job(digest=one.prediction, kind="prediction", **links), name))
-        made.append(scratch.compare(evaluate, Job(digest=one.scores, kind="evaluation", **links), name, stored=one))
+        made.append(scratch.compare(infer, Job(digest=one.prediction, kind=ProductKind.PREDICTION, **links), name))
+        made.append(
+            scratch.compare(evaluate, Job(digest=one.scores, kind=ProductKind.EVALUATION, **links), name, stored=one)
+        )
     return made
 
 

@@ -7,13 +7,14 @@ what is missing has failed for good, with the deadline as the reason.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from valerie.db import functions, results, runs
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
+from valerie.db.runs import RunRow
 from valerie.errors import Conflict, InvalidInput, NotFound, TransientError, UnknownName
 from valerie.labels import VOID
 from valerie.perception.documents.function import FunctionDocument
@@ -64,10 +65,10 @@ def put_prediction(
             raise NotFound("frame", f"{run_id}.{variant}.{camera}.{time_index}")
         digest = next(one.prediction for one in rows if (one.sensor_index, one.function_index) == place)
         name = resolved.spec.functions[place[1]]
-        registered = functions.of_digest(connection, run.pins["functions"][name]["digest"])
+        registered = functions.of_digest(connection, run.pinned().functions[name].digest)
     if registered is None:
         raise NotFound("version of the function", f"{name}: it was removed")
-    encoded, pixels = _encoded(data, FunctionDocument.model_validate(registered.document), resolved)
+    encoded, pixels = _encoded(data, registered.document, resolved)
     return _publish(context, digest, encoded, pixels)
 
 
@@ -83,7 +84,7 @@ class _Given:
         return Finished(job.digest, len(self._data), self._pixels, 0.0)
 
 
-def _place(run: Any, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
+def _place(run: RunRow, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
     """(sensor index, function index)."""
     awaited = tuple(deadlines(run.pins))
     if not awaited:

@@ -22,7 +22,7 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     pipeline, run_id = completed_run(tmp_path)
     context = pipeline.context
     resolved = resolve_stored(pipeline.row(run_id), context.settings)
-    cards = [pinned_card(pipeline.row(run_id).pins, name) for name in resolved.spec.functions]
+    cards = [pinned_card(pipeline.row(run_id).pinned(), name) for name in resolved.spec.functions]
     (found,) = read_classes(context.engine, run_id, resolved, cards)
 
     summary = orjson.loads(context.store.get(run_key(run_id, "summary.json")))["summary"]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from numpy import uint8
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from valerie.pipeline.functions.source import FunctionSource
 from valerie.pipeline.reading.capture import capture_of_job
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -68,7 +68,7 @@ class InferMaker:
             raise InferenceError(f"product {job.digest} is no prediction")
         run = self._runs.run(job.run_id)
         name = run.resolved.spec.functions[job.function_index]
-        function = self._function(name, run.pins["functions"][name])
+        function = self._function(name, run.pins.functions[name])
         pictures = {job.digest: self._picture(job)}
         # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
         size = function.batch_size if job.attempts == 1 else 1
@@ -115,8 +115,8 @@ class InferMaker:
         """What the function sees."""
         return capture_of_job(self._runs.run(job.run_id).resolved, job).picture(self._reader)
 
-    def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
-        key = (name, pin["digest"], pin["numeric_class"])
+    def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
+        key = (name, pin.digest, pin.numeric_class)
         if self._loaded is None or self._loaded[0] != key:
             if self._loaded is not None:
                 self._loaded[1].close()
