@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from valerie import entry_points, plugins
+
 
 def write_package(
     folder: Path, name: str, *, modules: Mapping[str, str], entry_points: Mapping[str, Mapping[str, str]]
@@ -33,6 +35,40 @@ def write_package(
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source)
     return folder
+
+
+def look_again() -> None:
+    """Let this process see what was installed, and what the operator names, since it first looked."""
+    for cached in (entry_points.installed, entry_points.named_packages, plugins.samplers):
+        cached.cache_clear()
+
+
+#: An asset pack: the boxes of `valerie.testing.assets`, in a street of any bearing.
+BOXES = """
+from pydantic import Field
+
+from valerie.scene.assets.asset import PackSettings
+from valerie.testing.assets import simple_manifest, simple_scene
+
+REVISION = 1
+
+
+class Settings(PackSettings):
+    seed: int = Field(default=0, ge=0)
+    bearing_deg: float = Field(default=0.0, ge=0.0, lt=360.0)
+
+
+def make_manifest(settings):
+    return simple_manifest().model_copy(update={"name": "boxes", "bearing_deg": settings.bearing_deg})
+
+
+def make_scene(settings, manifest):
+    return simple_scene(manifest)
+
+
+def draw_arguments(rng):
+    return {"bearing_deg": float(rng.integers(360))}
+"""
 
 
 #: Functions that hang and that ask for too much, each where the picture's first pixel says so; all else is road.
@@ -82,3 +118,10 @@ _POINTS = {"valerie.functions": {"sleeper": "greedy:Sleeper", "glutton": "greedy
 def write_greedy(folder: Path) -> Path:
     """The distribution ``greedy-functions`` with the functions ``sleeper`` and ``glutton``; ``folder``."""
     return write_package(folder, "greedy-functions", modules={"greedy": GREEDY}, entry_points=_POINTS)
+
+
+def write_boxes(folder: Path) -> Path:
+    """The distribution ``box-assets`` with the asset ``boxes``; ``folder``."""
+    return write_package(
+        folder, "box-assets", modules={"boxes": BOXES}, entry_points={"valerie.assets": {"boxes": "boxes"}}
+    )

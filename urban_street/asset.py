@@ -30,13 +30,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+import numpy as np
+from pydantic import Field
 
+from urban_street.human.stances import GAITS
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES, Crowd, person_parameters, persons
 from urban_street.street.layout import layout_street
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings
 from urban_street.traffic_places import (
-    ADDED,
+    TRAINED_ON,
     WAITING,
     TrafficPlace,
     place_parameters,
@@ -46,16 +48,17 @@ from urban_street.traffic_places import (
 )
 from urban_street.varied_houses import house_parameters, varied_houses, ways
 from urban_street.vehicles.build import picked_paint, vehicle_seed
+from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
-from valerie.scene.assets.asset import GeneratorSettings
-from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest
+from valerie.scene.assets.asset import PackSettings
+from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest, TrainingRules
 from valerie.scene.assets.objects import classified
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, POSITIONS, Camera, Environment, Material, Node, Scene, Sun
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH
-from valerie.scene.graph.paints import PAINTS, is_paint
+from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.light.solar import CLOCK
 
@@ -73,16 +76,10 @@ SENSOR_WIDTH_MM: Final = 36.0
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
 
-class Settings(StreetSettings, GeneratorSettings):
+class Settings(StreetSettings, PackSettings):
     """What the street can be told: see `StreetSettings`."""
 
     persons: int = Field(default=2, ge=1, le=len(PLACES))
-
-    @model_serializer(mode="wrap")
-    def _told(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The seed and what differs from the default: a new argument leaves the digests of older assets alone."""
-        fields = type(self).model_fields
-        return {name: value for name, value in handler(self).items() if name == "seed" or value != fields[name].default}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +110,7 @@ def make_manifest(settings: Settings) -> Manifest:
     layout = layout_street(settings)
     places = traffic(layout)
     paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
+    vehicles = tuple(f"{ROOT}.{name}" for name in places)
     return Manifest(
         name=NAME,
         title="Urban street",
@@ -120,8 +118,7 @@ def make_manifest(settings: Settings) -> Manifest:
         bearing_deg=BEARING_DEG,
         extent=layout.extent,
         parameters=tuple(_parameters(settings, layout, places)),
-        added=(*ADDED, *(house.path for house in varied_houses(layout))),
-        movable=(*paths, *(f"{ROOT}.{name}" for name in places)),
+        movable=(*paths, *vehicles),
         obstacles=(*_obstacles(layout), *traffic_obstacles(places)),
         ways=tuple(ways(layout)),
         ground=tuple(GroundRegion(polygon=region.polygon, height=region.height) for region in layout.ground),
@@ -129,6 +126,14 @@ def make_manifest(settings: Settings) -> Manifest:
         person_radius_m=PERSON_RADIUS_M,
         cameras=tuple(CAMERAS),
         node_classes=dict.fromkeys(_rider_paths(places), "rider"),
+        gaits=GAITS,
+        paints=PAINTS,
+        training=TrainingRules(
+            left_out=tuple(path for path in vehicles if path not in TRAINED_ON),
+            poses={"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08},
+            worn=("shoe-",),
+            skin=("skin-head", "skin-limbs"),
+        ),
     )
 
 
@@ -160,6 +165,22 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
         sun=Sun(azimuth=math.radians(SUN_AZIMUTH_DEG), elevation=math.radians(SUN_ELEVATION_DEG)),
         environment=Environment(bearing=math.radians(BEARING_DEG)),
     )
+
+
+def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
+    """Draw what a street to train on is told besides its seed; all choices come from ``rng``."""
+
+    def pick(shares: Mapping[str, float]) -> str:
+        return str(rng.choice(list(shares), p=list(shares.values())))
+
+    return {
+        "season": pick({"summer": 0.4, "spring": 0.2, "autumn": 0.25, "winter": 0.15}),
+        "surface": pick({"asphalt": 0.85, "paving": 0.15}),
+        "side_street": pick({"right": 0.4, "left": 0.25, "both": 0.15, "none": 0.2}),
+        "lanes": int(rng.choice([1, 2, 3], p=[0.65, 0.25, 0.1])),
+        "pavement_width_m": round(float(rng.uniform(2.2, 4.5)), 2),
+        "setback_m": float(rng.choice([0.0, 0.0, 0.0, 2.5])),
+    }
 
 
 def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:

@@ -9,28 +9,15 @@ from typing import Final
 
 import numpy as np
 
+from urban_street.human.characters import CHARACTERS
+from urban_street.human.stances import CARRIED, DEFAULT, POSES
 from valerie.parameters.declaring import angle, choice, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.attributes import ABSENT
-from valerie.scene.graph.model import CARRIED, POSES, Material, Node, Stance, Texture
+from valerie.scene.graph.model import Material, Node, Texture
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.graph.transforms import place
 
-#: What the persons can look like; the names are those of `human.figure` (known here without building anything).
-CHARACTERS: Final = (
-    "black-outfit",
-    "yellow-shirt",
-    "red-coat",
-    "grey-hoodie",
-    "blue-dress",
-    "white-tee",
-    "striped-boy",
-    "pink-girl",
-    "brown-hat",
-    "green-parka",
-    "navy-coat",
-    "orange-workwear",
-)
 #: Radius in metres that a pedestrian needs to stand; arms may reach over a bonnet.
 PERSON_RADIUS_M: Final = 0.3
 
@@ -72,13 +59,12 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
     yield choice(
         f"{path}.character", (*CHARACTERS, ABSENT), person.character, Affects.GEOMETRY, "who is seen, or nobody"
     )
-    own = Stance()
-    yield choice(f"{path}.pose", POSES, own.pose, Affects.GEOMETRY, "what the person does")
+    yield choice(f"{path}.pose", POSES, DEFAULT.pose, Affects.GEOMETRY, "what the person does")
     yield number(
-        f"{path}.gait_phase", 0.0, 1.0, own.gait_phase, Affects.GEOMETRY, "",
+        f"{path}.gait_phase", 0.0, 1.0, DEFAULT.gait_phase, Affects.GEOMETRY, "",
         "of a walk: share of the cycle after the character's first instant; the nearest 1/16 is shown",
     )  # fmt: skip
-    yield choice(f"{path}.carries", CARRIED, own.carries, Affects.GEOMETRY, "own: what the character comes with")
+    yield choice(f"{path}.carries", CARRIED, DEFAULT.carries, Affects.GEOMETRY, "own: what the character comes with")
     for field, default in (("metallic", 0.0), ("roughness", 0.8), ("specular_tint", 0.0)):
         yield number(f"{path}.cloth.{field}", 0.0, 1.0, default, Affects.MATERIAL, "", "of everything worn")
 

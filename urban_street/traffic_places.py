@@ -15,12 +15,12 @@ import shapely
 from urban_street.pedestrians import PERSON_RADIUS_M, PLACES
 from urban_street.street.plan import Polygon, StreetLayout, turned_rectangle
 from urban_street.vehicles.build import dimensions
+from urban_street.vehicles.paints import PAINTS
 from valerie.parameters.declaring import angle, choice, number, switch
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Footprint
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.graph.paints import PAINTS
 
 #: Paint of vehicles in traffic before any parameter.
 DEFAULT_PAINT: Final = "blue"
@@ -58,8 +58,8 @@ _FITTED: Final = {
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
 }
-#: Vehicles that streets had no parameters for at first (`Manifest.added`).
-ADDED: Final = tuple(f"{ROOT}.{name}" for name in _FITTED)
+#: Paths of the vehicles that scenes to train on show; what a seed draws is fixed, and shipped networks were trained on it.
+TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
 #: A cyclist who waits far down the street: he belongs to the background, and shares his shape with the moving one.
 WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
 

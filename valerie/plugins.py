@@ -1,29 +1,25 @@
 """What can be named in a spec, and the class behind each name, imported only when it is asked for.
 
-Three kinds: render engines, functions under test, samplers. Each has what is built in, and what installed packages declare as
-entry points, where the operator names the package in ``VALERIE_PLUGINS``: a plug-in is a program, and being installed (perhaps
-for the sake of something else) is no permission to run in every worker. Names come from here and from nowhere else: nothing in
-a message or a spec is ever imported.
+Four kinds: render engines, functions under test, samplers, and asset packs (`valerie.scene.assets.asset`). Each has what is
+built in, and what installed packages declare as entry points, where the operator allows it (`valerie.entry_points`). Names come
+from there and from nowhere else: nothing in a message or a spec is ever imported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
-from importlib import import_module
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from pydantic import BaseModel, ValidationError
 
-from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
+from valerie.entry_points import PluginKind, installed, named_packages
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.catalog import FUNCTIONS, load_function
-from valerie.settings import load_settings
-from valerie.spelling import package_name
+from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of
 
 if TYPE_CHECKING:
@@ -31,79 +27,6 @@ if TYPE_CHECKING:
 
 #: Accepted in specs only where the settings say so.
 TESTING_ENGINE: Final = "blank"
-
-
-@lru_cache
-def _installed(group: str) -> EntryPoints:
-    """What installed packages declare. Kept: it is asked for at each name in a spec, and opens a file of every package."""
-    return entry_points(group=group)
-
-
-@lru_cache
-def _allowed() -> frozenset[str]:
-    """The packages that the operator named.
-
-    Of this process's environment, as everything that is installed here is: who asks for a name is deep in the science and
-    knows no settings.
-    """
-    return frozenset(load_settings().plugin_packages)
-
-
-def _package(point: EntryPoint) -> str:
-    return package_name(point.dist.name) if point.dist is not None else ""
-
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """One kind of plugin: built-in names to ``module:attribute``, and a group of entry points."""
-
-    word: str
-    group: str
-    built_in: Mapping[str, str]
-
-    def declared(self) -> dict[str, str]:
-        """Name to ``module:attribute`` of what allowed packages declare; built-in names cannot be taken over."""
-        return {p.name: p.value for p in self._offered() if _package(p) in _allowed()}
-
-    def left_out(self) -> dict[str, str]:
-        """Name to package of what is installed and not allowed."""
-        names = self.names()
-        return {p.name: _package(p) for p in self._offered() if p.name not in names}
-
-    def _offered(self) -> list[EntryPoint]:
-        return [point for point in _installed(self.group) if point.name not in self.built_in]
-
-    def names(self) -> set[str]:
-        """Of all."""
-        return {*self.declared(), *self.built_in}
-
-    def load(self, name: str) -> Any:
-        """The attribute behind a name.
-
-        Raises:
-            UnknownName: no such name.
-            InvalidInput: it is installed, but the operator does not allow its package.
-            MissingDependency: a library of it is not installed.
-        """
-        table = {**self.declared(), **self.built_in}
-        if name not in table:
-            raise self.unknown(name, table, field=self.word)
-        module, _, attribute = table[name].partition(":")
-        try:
-            return getattr(import_module(module), attribute)
-        except ImportError as error:
-            raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
-
-    def unknown(self, name: str, known: Iterable[str], *, field: str) -> InvalidInput:
-        """What to say of a name that is not among ``known``: which switch would allow it, or near matches."""
-        package = self.left_out().get(name)
-        if package is None:
-            return UnknownName(self.word, name, known, field=field)
-        return InvalidInput(
-            f"{self.word} {name}: offered by the package {package}, which VALERIE_PLUGINS does not name",
-            field=field,
-            limit="whoever operates this deployment can allow it: packages in VALERIE_PLUGINS run as part of VALERIE",
-        )
 
 
 RENDERERS: Final = MappingProxyType(
@@ -122,22 +45,22 @@ WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_
 BY_DAY_ONLY: Final = frozenset({"pyrender"})
 #: Engines without cut-out textures.
 WHOLE_CARDS: Final = frozenset({"pyrender"})
-_RENDERERS: Final = _Kind(
+_RENDERERS: Final = PluginKind(
     "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
 )
-_ENGINE_SETTINGS: Final = _Kind(
+_ENGINE_SETTINGS: Final = PluginKind(
     "engine settings", "valerie.engine_settings", {"cycles": "valerie.rendering.cycles.settings:CyclesSettings"}
 )
-_TRUTH_PASSES: Final = _Kind(
+_TRUTH_PASSES: Final = PluginKind(
     "truth pass",
     "valerie.truth_passes",
     {"raster": "valerie.rendering.ground_truth:TruthPass", TESTING_ENGINE: "valerie.testing.blank:BlankTruthPass"},
 )
-_FUNCTIONS: Final = _Kind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
-_SAMPLERS: Final = _Kind("design", "valerie.samplers", {})
+_FUNCTIONS: Final = PluginKind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
+_SAMPLERS: Final = PluginKind("design", "valerie.samplers")
 
 
-_KINDS: Final = (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS)
+_KINDS: Final = (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
 
 
 def look_at_installed() -> tuple[str, ...]:
@@ -150,7 +73,7 @@ def look_at_installed() -> tuple[str, ...]:
     for kind in _KINDS:
         for name, package in sorted(kind.left_out().items()):
             left_out.setdefault(package, []).append(f"{kind.word} {name}")
-    offering = {_package(point) for kind in _KINDS for point in _installed(kind.group)}
+    offering = {offer.package for kind in _KINDS for offer in installed(kind.group)}
     return (
         *(
             f"the package {package} offers {', '.join(left_out[package])}; VALERIE_PLUGINS does not name it"
@@ -158,7 +81,7 @@ def look_at_installed() -> tuple[str, ...]:
         ),
         *(
             f"VALERIE_PLUGINS names {package}, and no package of this name with plug-ins is installed here"
-            for package in sorted(_allowed() - offering)
+            for package in sorted(named_packages() - offering)
         ),
     )
 
@@ -173,7 +96,7 @@ def unknown_name(
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
     """All engines that a spec may name; none is imported."""
-    return (*RENDERERS, *sorted(_RENDERERS.declared()), *((TESTING_ENGINE,) if testing else ()))
+    return (*RENDERERS, *_RENDERERS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
 def require_renderer(name: str, *, field: str) -> None:
@@ -203,7 +126,7 @@ def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Ren
     """Open an engine, with what a spec says of its settings.
 
     Raises:
-        UnknownName, InvalidInput, MissingDependency: see `_Kind.load`.
+        UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
         InvalidInputs: see `engine_settings`.
     """
     engine = _RENDERERS.load(name)
@@ -267,14 +190,14 @@ def light_engine(numeric_class: str) -> str:
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
     """All functions under test that a spec may name; neither torch nor a network is loaded."""
-    return (*FUNCTIONS, *sorted(_FUNCTIONS.declared()), *((TESTING_ENGINE,) if testing else ()))
+    return (*FUNCTIONS, *_FUNCTIONS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
 def create_function(name: str, *, threads: int = 1, device: str = "auto") -> PerceptionFunction:
     """Load a function under test; one of an installed package is made by calling its entry point without arguments.
 
     Raises:
-        UnknownName, InvalidInput, MissingDependency: see `_Kind.load`.
+        UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
         NotFound, InvalidInput: its file is missing or damaged.
     """
     if name in FUNCTIONS:
@@ -286,5 +209,5 @@ def create_function(name: str, *, threads: int = 1, device: str = "auto") -> Per
 @lru_cache(maxsize=1)
 def samplers() -> Mapping[str, SamplerFactory]:
     """Name to sampler of all designs that draw variants."""
-    plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in sorted(_SAMPLERS.declared())}
+    plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in _SAMPLERS.declared()}
     return MappingProxyType({**plugged, **SAMPLERS})

@@ -13,9 +13,11 @@ from fastapi import Depends, Path, Query, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 
-from services.api import examples
+from services.api.schemas.base import FRAME_ID, RUN_ID
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.pipeline.base.context import Context
+from valerie.runs.frames import FRAME_ID as FRAME_ID_PATTERN
+from valerie.runs.frames import FrameKey
 
 
 def _context(request: Request) -> Context:
@@ -51,27 +53,20 @@ def _declared(dependant: Dependant) -> Iterator[str]:
 
 
 ContextDependency = Annotated[Context, Depends(_context)]
-RunId = Annotated[
-    str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[examples.RUN_ID])
-]
-FrameId = Annotated[
-    str,
-    Path(
-        pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$",
-        description="run.variant.camera.time",
-        examples=[examples.FRAME_ID],
-    ),
-]
+RunId = Annotated[str, Path(pattern=r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}$", description="id of a run", examples=[RUN_ID])]
+
+
+def _frame_key(
+    frame_id: Annotated[
+        str, Path(pattern=FRAME_ID_PATTERN, description="run.variant.camera.time", examples=[FRAME_ID])
+    ],
+) -> FrameKey:
+    return FrameKey.parse(frame_id)
+
+
+FrameDependency = Annotated[FrameKey, Depends(_frame_key)]
 Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
-Cursor = Annotated[
-    str | None, Query(max_length=400, description="`next` of the page before", examples=[examples.CURSOR])
-]
-
-
-def split_frame_id(frame_id: str) -> tuple[str, int, int, int]:
-    """(run, variant, camera, time) of a frame id."""
-    run, variant, camera, time = frame_id.split(".")
-    return run, int(variant), int(camera), int(time)
+Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the page before", examples=["WzVd"])]
 
 
 def encode_cursor(*values: Any) -> str:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
 from fastapi import APIRouter, FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
+from pydantic import TypeAdapter
 
-from services.api import schemas
 from services.api.problems import INVALID_INPUT, MEDIA_TYPE, Problem
 
 #: Status to what it means here and an example of its detail.
@@ -106,23 +106,52 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> dict[str, Any]:
     for path, item in document["paths"].items():
         for operation in item.values():
             operation["security"] = [] if path in open_paths else [{"token": []}, {}]
-    _restore_examples(document, routers)
+    _add_examples(document, routers)
     return document
 
 
-def _restore_examples(document: dict[str, Any], routers: Sequence[APIRouter]) -> None:
-    """Put the examples back as they were written: the generator drops every null, which the schemas require."""
-    for name, schema in document["components"]["schemas"].items():
-        extra = getattr(getattr(schemas, name, None), "model_config", {}).get("json_schema_extra")
-        if isinstance(extra, dict) and "example" in extra:
-            schema["example"] = extra["example"]
+def _add_examples(document: dict[str, Any], routers: Sequence[APIRouter]) -> None:
+    """Give every JSON answer an example: the endpoint's own, or one built from the examples of the model's fields.
+
+    Examples are written again even where the generator took them over: it drops every null, which the schemas require.
+    """
     for route in (route for router in routers for route in router.routes if isinstance(route, APIRoute)):
+        models = {str(route.status_code or 200): route.response_model}
+        models |= {str(status): one["model"] for status, one in route.responses.items() if "model" in one}
         for method in route.methods or ():
-            responses = document["paths"][route.path][method.lower()]["responses"]
-            for status, response in route.responses.items():
+            for status, response in document["paths"][route.path][method.lower()]["responses"].items():
+                own = route.responses.get(int(status), {}).get("content", {})
                 for media_type, content in response.get("content", {}).items():
-                    if "example" in content:
-                        responses[str(status)]["content"][media_type]["example"] = content["example"]
+                    if "example" in own.get(media_type, {}):
+                        content["example"] = own[media_type]["example"]
+                    elif media_type == "application/json":
+                        content["example"] = example_of(TypeAdapter(models[status]).json_schema(mode="serialization"))
+
+
+def example_of(schema: Mapping[str, Any], models: Mapping[str, Any] | None = None) -> Any:
+    """Build an example of a JSON schema from the examples of its fields; an optional field without one is null.
+
+    Args:
+        schema: to build for.
+        models: definitions that it refers to; None: its own.
+
+    Raises:
+        KeyError: a field has neither example nor default.
+    """
+    models = schema.get("$defs", {}) if models is None else models
+    if "examples" in schema:
+        return schema["examples"][0]
+    if "$ref" in schema:
+        return example_of(models[schema["$ref"].rpartition("/")[2]], models)
+    if "anyOf" in schema:
+        references = [one for one in schema["anyOf"] if "$ref" in one]
+        return example_of(references[0], models) if references else schema.get("default")
+    if "properties" in schema:
+        return {name: example_of(one, models) for name, one in schema["properties"].items()}
+    if "propertyNames" in schema:
+        names = schema["propertyNames"]["enum"]
+        return dict.fromkeys(names, example_of(schema["additionalProperties"], models))
+    return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
 
 
 def _response(status: int) -> dict[str, Any]:

@@ -9,12 +9,14 @@ from typing import Annotated, Final
 
 from fastapi import Depends, Header, Response, status
 
-from services.api import examples
 from services.api.problems import INVALID_INPUT, problem
+from services.api.schemas.base import DIGEST
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
 #: Must be asked again each time, which costs a 304 and no picture; never kept by anybody in between.
 _CACHE: Final = "private, no-cache"
+
+_ETAG: Final = f'"{DIGEST}"'
 
 
 class Conditions:
@@ -25,11 +27,9 @@ class Conditions:
         range_: Annotated[str | None, Header(alias="range", description="one range", examples=["bytes=0-99"])] = None,
         if_none_match: Annotated[
             str | None,
-            Header(description="ETag of what is there already: 304 if it still holds", examples=[examples.ETAG]),
+            Header(description="ETag of what is there already: 304 if it still holds", examples=[_ETAG]),
         ] = None,
-        if_range: Annotated[
-            str | None, Header(description="ETag that the range belongs to", examples=[examples.ETAG])
-        ] = None,
+        if_range: Annotated[str | None, Header(description="ETag that the range belongs to", examples=[_ETAG])] = None,
     ) -> None:
         self.range, self._known, self._if_range = range_, if_none_match, if_range
 

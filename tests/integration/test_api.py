@@ -63,7 +63,7 @@ def _deployed(database_url: str, broker_url: str, folder: Path) -> Any:
         finished = work(context, bell, spec("finished"))
         dim = {"constants": {"sun-1.elevation": 12}}
         failed = work(
-            context, bell, spec("failed", **dim), broken=lambda job: job.kind == "layer" and job.variant_index == 4
+            context, bell, spec("failed", **dim), broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4
         )
         running = work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=100)
         context.engine.dispose()

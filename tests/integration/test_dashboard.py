@@ -11,6 +11,7 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from valerie.measures import Source, measures_from
 from valerie.perception.documents.cards import card_rows
 from valerie.pipeline.functions import registry
 from valerie.testing.onnx_function import small_onnx
@@ -44,7 +45,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     context, bell = open_sketch(settings_of(folder, log_level="error"))
     work(context, bell, spec("finished"))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
-    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.variant_index == 4)
+    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4)
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
     work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
@@ -186,6 +187,10 @@ def test_a_point_leads_to_its_frame_with_truth_and_prediction_over_the_picture(p
     assert "/frames/" in first
     drawn = "() => [...document.querySelectorAll('.viewer img')].filter(i => i.src && i.naturalWidth > 1).length >= 2"
     page.wait_for_function(drawn)
+    titles = page.locator(".columns th[scope=row]").all_inner_texts()
+    for measure in measures_from(Source.PLACE, Source.PIXELS, Source.FRAME_SCORE):
+        assert measure.title in [title[0].lower() + title[1:] for title in titles] + titles
+    assert "Light on the body" not in titles, "the run did not ask for light"
     page.keyboard.press("ArrowRight")
     page.wait_for_function("before => location.href !== before", arg=first)
 

@@ -51,7 +51,7 @@ def sketch(tmp_path_factory: pytest.TempPathFactory) -> Sketch:
     finished = work(context, bell, spec("finished"))
     dim = {"constants": {"sun-1.elevation": 12}}
     failed = work(
-        context, bell, spec("failed", **dim), broken=lambda job: job.kind == "layer" and job.variant_index == 4
+        context, bell, spec("failed", **dim), broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4
     )
     running = work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
     waiting = work(context, bell, spec("waiting", renderer="pyrender"), products=0)

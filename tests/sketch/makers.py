@@ -42,10 +42,10 @@ class SketchMaker:
         if self._broken(job):
             raise RenderingError("sketch: the image is constant (every sampled pixel is 0)")
         with reading(self._context.engine) as connection:
-            resolved = resolve_stored(runs.get(connection, job.run_id), self._context.settings)
-        values = {d.path: d.default for d in resolved.definitions} | job.assignment
+            resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings).resolved
+        values = {d.path: d.default for d in resolved.definitions} | job.frame.assignment
         size = resolved.spec.resolution
-        view = View(resolved.cameras[job.camera_index], size.width, size.height)
+        view = View(resolved.cameras[job.frame.key.camera], size.width, size.height)
         street = Street(values, view)
         rows: tuple[dict[str, Any], ...] = ()
         if job.kind == "background":
@@ -57,11 +57,11 @@ class SketchMaker:
             data = codecs.encode_truth(truth)
             rows = tuple(_view_row(job.digest, street, truth)) or (_nobody(job.digest),)
         else:
-            assert job.function_index is not None
-            truth = self._reader.truth(job.truth)
+            assert job.look is not None
+            truth = self._reader.truth(job.frame.products.truth)
             distances = [person.distance_m for person in street.persons()]
             data = codecs.encode_prediction(
-                predict(truth, job.function_index, min(distances, default=20.0), seed=int(job.digest[:8], 16))
+                predict(truth, job.look.function, min(distances, default=20.0), seed=int(job.digest[:8], 16))
             )
         self._context.store.put(product_key(job.kind, job.digest), data)
         return Finished(job.digest, len(data), view.width * view.height, CPU_SECONDS[job.kind], person_views=rows)

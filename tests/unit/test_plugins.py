@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.plugin_package import write_package
+from tests.plugin_package import look_again, write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
@@ -27,11 +27,6 @@ OF_WITNESS = {
 }
 
 
-def forget() -> None:
-    for cached in (plugins._installed, plugins._allowed, plugins.samplers):
-        cached.cache_clear()
-
-
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Installs a package with plug-ins, and lets the operator name packages."""
@@ -42,11 +37,11 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         folder = write_package(tmp_path / package, package, modules={"witness": WITNESS}, entry_points=points)
         monkeypatch.syspath_prepend(str(folder))
         monkeypatch.setenv("VALERIE_PLUGINS", allowed)
-        forget()
+        look_again()
 
     yield made
     sys.modules.pop("witness", None)
-    forget()
+    look_again()
 
 
 def test_names_are_listed_without_importing_what_they_name() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -13,8 +14,9 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 from urban_street.human import data, figure, stances, surface
 from urban_street.human.catalogue import LOOKS
 from urban_street.human.figure import Model, StanceKey
+from urban_street.human.stances import CARRIED, DEFAULT, POSES
 from valerie.errors import UnknownName
-from valerie.scene.graph.model import CARRIED, JOINTS, POSES, Mesh, Stance
+from valerie.scene.graph.model import JOINTS, Mesh, Stance
 
 #: The first instant of the walk, with both feet on the ground.
 FIRST = StanceKey("walking", 0, "nothing")
@@ -88,7 +90,7 @@ def test_who_reads_a_phone_looks_down_at_a_hand_before_the_chest(model: Model) -
 
 def test_an_umbrella_is_held_by_the_free_hand_and_lies_above_the_head() -> None:
     for pose, side in (("walking", 1.0), ("waving", -1.0)):
-        stance = Stance(pose=pose, carries="umbrella")
+        stance = replace(DEFAULT, pose=pose, carries="umbrella")
         canopy, shaft = (drawn("yellow-shirt", stance, part).positions for part in ("carried-canopy", "carried-shaft"))
         head = drawn("yellow-shirt", stance, "hair-head").positions
         assert canopy[:, 2].max() > head[:, 2].max() + 0.05
@@ -98,13 +100,13 @@ def test_an_umbrella_is_held_by_the_free_hand_and_lies_above_the_head() -> None:
 
 
 def test_a_shopping_bag_hangs_below_the_left_hand_and_above_the_ground() -> None:
-    bag = drawn("yellow-shirt", Stance(carries="shopping-bag"), "carried-shopping-bag").positions
+    bag = drawn("yellow-shirt", replace(DEFAULT, carries="shopping-bag"), "carried-shopping-bag").positions
     assert bag[:, 0].mean() < -0.1
     assert 0.05 < bag[:, 2].min() < bag[:, 2].max() < 0.95
 
 
 def test_a_backpack_is_behind_and_its_straps_lie_on_the_clothes() -> None:
-    stance = Stance(carries="backpack")
+    stance = replace(DEFAULT, carries="backpack")
     pack, shirt = (drawn("yellow-shirt", stance, part).positions for part in ("carried-backpack", "cloth-shirt"))
     assert np.percentile(pack[:, 1], 20) < shirt[:, 1].min()
     front = pack[pack[:, 1] > shirt[:, 1].mean()]  # what is before the chest are the straps
@@ -117,29 +119,29 @@ def test_a_backpack_is_behind_and_its_straps_lie_on_the_clothes() -> None:
 
 def test_what_is_carried_belongs_to_the_character_and_can_be_put_down() -> None:
     own = {mesh.material for mesh in figure("grey-hoodie").meshes}
-    without = {mesh.material for mesh in figure("grey-hoodie").taking(Stance(carries="nothing")).meshes}
+    without = {mesh.material for mesh in figure("grey-hoodie").taking(replace(DEFAULT, carries="nothing")).meshes}
     assert own - without == {"grey-hoodie/carried-backpack"}
 
 
 def test_stances_that_look_alike_share_their_meshes_and_others_do_not() -> None:
     one = figure("yellow-shirt")
-    first, near, other = (one.taking(Stance(gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
+    first, near, other = (one.taking(replace(DEFAULT, gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
     assert all(a is b for a, b in zip(first.meshes, near.meshes, strict=True))
     assert other.meshes[0] is not first.meshes[0]
-    assert one.taking(Stance(carries="nothing")).meshes is one.meshes
-    assert one.taking(Stance(gait_phase=1.0)).meshes is one.meshes  # a cycle later
+    assert one.taking(replace(DEFAULT, carries="nothing")).meshes is one.meshes
+    assert one.taking(replace(DEFAULT, gait_phase=1.0)).meshes is one.meshes  # a cycle later
 
 
 def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
     with pytest.raises(UnknownName, match="standing"):
-        figure("yellow-shirt").taking(Stance(pose="standig"))
+        figure("yellow-shirt").taking(replace(DEFAULT, pose="standig"))
     with pytest.raises(UnknownName, match="backpack"):
-        figure("yellow-shirt").taking(Stance(carries="bagpack"))
+        figure("yellow-shirt").taking(replace(DEFAULT, carries="bagpack"))
 
 
 def test_renamed_figures_share_their_bodies_and_keep_their_names_in_other_stances() -> None:
     one = figure("striped-boy").renamed("a/{}".format)
-    two = one.renamed("b/{}".format).taking(Stance(pose="standing"))
+    two = one.renamed("b/{}".format).taking(replace(DEFAULT, pose="standing"))
     assert {mesh.material.split("/")[0] for mesh in one.meshes} == {"a"}
     assert all(mesh.material.startswith("b/a/striped-boy/") for mesh in two.meshes)
 
@@ -234,7 +236,7 @@ def test_no_covered_skin_comes_through_anybodys_clothes_in_any_pose(name: str) -
 @pytest.mark.parametrize("carries", [c for c in CARRIED if c not in {"own", "nothing"}])
 @pytest.mark.parametrize("name", sorted(LOOKS))
 def test_everybody_can_carry_everything(name: str, carries: str) -> None:
-    for mesh in figure(name).taking(Stance(carries=carries)).meshes:
+    for mesh in figure(name).taking(replace(DEFAULT, carries=carries)).meshes:
         assert np.isfinite(mesh.positions).all()
         assert mesh.positions[:, 2].min() > -0.005, mesh.material
         np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-4)
@@ -244,9 +246,15 @@ def joint_places(name: str, stance: Stance) -> dict[str, NDArray[np.float64]]:
     return dict(zip(JOINTS, figure(name).taking(stance).joints, strict=True))
 
 
-@pytest.mark.parametrize("stance", [*(Stance("walking", phase) for phase in (0.2, 0.5, 0.8)), *map(Stance, POSES)])
+@pytest.mark.parametrize(
+    "stance",
+    [
+        *(replace(DEFAULT, gait_phase=phase) for phase in (0.2, 0.5, 0.8)),
+        *(replace(DEFAULT, pose=pose) for pose in POSES),
+    ],
+)
 def test_joints_keep_the_lengths_of_the_limbs_in_every_stance(stance: Stance) -> None:
-    first, here = joint_places("yellow-shirt", Stance()), joint_places("yellow-shirt", stance)
+    first, here = joint_places("yellow-shirt", DEFAULT), joint_places("yellow-shirt", stance)
     for side in ("left", "right"):
         for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):
             ends = f"{side}_{a}", f"{side}_{b}"

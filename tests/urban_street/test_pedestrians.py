@@ -13,11 +13,6 @@ from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.judging import rejection_reason
 
 
-def test_the_names_known_without_meshes_are_those_of_the_catalogue() -> None:
-    assert pedestrians.CHARACTERS == human.CHARACTERS
-    assert len(human.CHARACTERS) >= 10
-
-
 def test_a_street_has_as_many_people_as_it_is_told() -> None:
     manifest, digest = asset_manifest({"name": "urban-street", "persons": 4})
     assert manifest.persons == tuple(f"scene.person-{n}" for n in range(1, 5))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from urban_street.street.geometry import (
+from urban_street.solids.surfaces import (
     Bag,
     Surface,
     boxes,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
+from urban_street.solids.surfaces import Bag
 from urban_street.street import amenities
-from urban_street.street.geometry import Bag
 from urban_street.street.house_styles import BUILDERS
-from urban_street.street.layout import STYLES, layout_street
+from urban_street.street.layout import HOUSE_STYLES, layout_street
 from urban_street.street.materials import leaf_color, make_materials
 from urban_street.street.plan import Placement, StreetLayout, StreetSettings, lines_of
 from urban_street.street.textures import ground
@@ -21,13 +21,12 @@ from valerie.labels import label_of_node_class
 from valerie.scene.assets.asset import asset_manifest
 
 STREETS = {
-    "mixed": StreetSettings(variety="mixed"),
+    "default": StreetSettings(),
     "boulevard": StreetSettings(
         seed=2, length_m=300.0, lanes=4, lane_width_m=3.25, pavement_width_m=5.0, setback_m=3.0, side_street="both",
-        variety="mixed",
     ),
     "left turn": StreetSettings(seed=1, lanes=2, lane_width_m=3.0, side_street="left", kerb_height_m=0.08),
-    "narrow": StreetSettings(seed=3, length_m=100.0, pavement_width_m=1.8, side_street="right", variety="mixed"),
+    "narrow": StreetSettings(seed=3, length_m=100.0, pavement_width_m=1.8, side_street="right"),
 }  # fmt: skip
 
 
@@ -117,10 +116,10 @@ def test_a_side_street_is_level_with_the_road_and_free(layout: StreetLayout) -> 
             assert not any(polygon.intersects(mouth) for polygon in shapes(layout).values())
 
 
-def test_a_mixed_street_shows_every_style_of_house_and_what_belongs_to_a_street() -> None:
+def test_a_street_shows_every_style_of_house_and_what_belongs_to_a_street() -> None:
     boulevards = [layout_street(STREETS["boulevard"].model_copy(update={"seed": seed})) for seed in range(3)]
     kinds = {placement.kind.removeprefix("far-") for layout in boulevards for placement in layout.placements}
-    assert kinds >= set(STYLES["mixed"])
+    assert kinds >= set(HOUSE_STYLES)
     assert kinds >= {
         *SPECIES,
         "bench",
@@ -142,7 +141,7 @@ def test_arguments_out_of_range_name_the_field() -> None:
 
 def test_an_argument_at_its_default_leaves_the_digest_alone() -> None:
     plain = asset_manifest("urban-street")[1]
-    assert asset_manifest({"name": "urban-street", "lanes": 1, "variety": "mixed"})[1] == plain
+    assert asset_manifest({"name": "urban-street", "lanes": 1})[1] == plain
     assert asset_manifest({"name": "urban-street", "lanes": 2})[1] != plain
 
 

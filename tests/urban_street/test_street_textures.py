@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from urban_street.street.noise import band_noise, hashed, normal_map, srgb8, stretched_noise
+from urban_street.street.noise import band_noise, hashed, stretched_noise
 from urban_street.street.plan import LANE
 from urban_street.street.textures import ground, things, walls
+from urban_street.texels import normal_map, srgb8
 
 Image = NDArray[np.uint8]
 #: Colour and roughness of two pieces of road.

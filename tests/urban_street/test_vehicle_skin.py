@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import shapely
 
-from urban_street.street.geometry import Surface
+from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus, turned
+from urban_street.solids.surfaces import Surface
 from urban_street.vehicles.curves import Outline, hermite, smooth
 from urban_street.vehicles.designs import CARS
 from urban_street.vehicles.hull import Hull
 from urban_street.vehicles.shell import Shell, shrunk
 from urban_street.vehicles.skin import Master, cut, flange, mirrored
-from urban_street.vehicles.solids import bar, pillow, rod, rounded_outline, torus, turned
 
 _LINES = np.linspace(0.0, 2.0, 9)
 

@@ -11,9 +11,10 @@ import trimesh
 from urban_street.vehicles import KINDS, VehicleContent, VehiclePart, build_vehicle, dimensions
 from urban_street.vehicles import build as building
 from urban_street.vehicles.designs import CARS
+from urban_street.vehicles.paints import PAINTS
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import label_of_node_class
-from valerie.scene.graph.paints import PAINTS, is_paint
+from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose
 
 #: Triangles that a vehicle may have.
@@ -225,7 +226,7 @@ def test_lamps_glow_as_bright_as_asked_for() -> None:
 @pytest.mark.parametrize("colour", PAINTS)
 def test_a_named_colour_is_the_paint(colour: str) -> None:
     painted = build_vehicle("hatchback", colour=colour).materials[f"paint-{colour}"]
-    assert (painted.base_color, painted.metallic) == PAINTS[colour][:2]
+    assert (painted.base_color, painted.metallic) == (PAINTS[colour].base_color, PAINTS[colour].metallic)
 
 
 def test_equal_shapes_share_their_arrays() -> None:

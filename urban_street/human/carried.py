@@ -54,8 +54,8 @@ def build(carries: str, pose: str, body: Body, posed: Posed, worn: Points, groun
     """All parts in the posed body's frame.
 
     Args:
-        carries: one of `valerie.scene.graph.model.CARRIED` except ``own``.
-        pose: one of `valerie.scene.graph.model.POSES`.
+        carries: one of `urban_street.human.stances.CARRIED` except ``own``.
+        pose: one of `POSES`.
         body, posed: the body and where its bones are.
         worn: (V, 3) points of all clothes.
         ground: height of the ground, metres.

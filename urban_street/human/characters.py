@@ -15,8 +15,6 @@ from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 
 #: Names of the built-in characters.
 CHARACTERS: Final = tuple(LOOKS)
-#: Raise when the same name yields other geometry or looks.
-REVISION: Final = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

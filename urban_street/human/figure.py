@@ -30,10 +30,11 @@ from urban_street.human import (
 from urban_street.human.body import Body, shape_body
 from urban_street.human.catalogue import LOOKS
 from urban_street.human.riding import Contact, ride
+from urban_street.human.stances import CARRIED, POSES
 from urban_street.human.surface import Indices, Points
 from valerie.errors import UnknownName
 from valerie.scene.graph.deferred import DeferredMesh, DeferredTexture
-from valerie.scene.graph.model import CARRIED, POSES, Material, Mesh, Stance, Texture
+from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 
 #: Stances of a figure whose meshes are kept: a walk cycle, and the other poses.
 _KEPT_STANCES: Final = 24
@@ -83,7 +84,7 @@ def figure(name: str) -> Figure:
     """
     if name not in LOOKS:
         raise UnknownName("character", name, LOOKS)
-    return Figure(Model(name, LOOKS[name]()), Stance(), None)
+    return Figure(Model(name, LOOKS[name]()), stances.DEFAULT, None)
 
 
 class Figure:

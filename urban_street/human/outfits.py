@@ -52,7 +52,7 @@ class Look:
         hair_colour: sRGB.
         seed: of the small irregularities.
         hat: worn over the hair.
-        carries: one of `valerie.scene.graph.model.CARRIED` except ``own``.
+        carries: one of `urban_street.human.stances.CARRIED` except ``own``.
         bag_colour, umbrella_colour: sRGB, of what is carried.
     """
 

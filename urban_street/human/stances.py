@@ -14,8 +14,15 @@ from urban_street.human.body import Body
 from urban_street.human.pose import Gait, between, fingers, plant, pose_body, turn, walk
 from urban_street.human.surface import Points, normalize
 from valerie.errors import UnknownName
-from valerie.scene.graph.model import POSES
+from valerie.scene.graph.model import Stance
 
+#: Poses of a figure, and those of them that walk.
+POSES: Final = ("walking", "standing", "phone", "waving")
+GAITS: Final = ("walking",)
+#: What a figure can carry; ``own`` is what the character comes with.
+CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
+#: The stance of every figure by default: its first instant is shortly after a heel has struck, with both feet on the ground.
+DEFAULT: Final = Stance("walking", 0.0, "own")
 #: Instants of the walk that exist: a gait phase is rounded to the nearest one.
 GAIT_STEPS: Final = 16
 
@@ -64,7 +71,7 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[s
     Args:
         body: the shaped body.
         gait: how it walks; its phase is the first instant.
-        pose: one of `valerie.scene.graph.model.POSES`.
+        pose: one of `POSES`.
         step: how many `GAIT_STEPS`-ths of a cycle later.
         held: what is carried; an umbrella takes the right hand, a shopping bag the left one.
 

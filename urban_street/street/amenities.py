@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, boxes, fan, lathe, quads, repeat, tubes
+from urban_street.solids.surfaces import Bag, boxes, fan, lathe, quads, repeat, tubes
 from urban_street.street.plan import Placement
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from urban_street.solids.surfaces import Bag, pose
 from urban_street.street import amenities, furniture, house_styles, road
-from urban_street.street.geometry import Bag, pose
 from urban_street.street.houses import build_house
 from urban_street.street.layout import HOUSE_STYLES
 from urban_street.street.materials import make_materials, make_textures
@@ -61,8 +61,7 @@ def build_street(layout: StreetLayout) -> StreetContent:
                 parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
     used = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
-    reliefs = settings.variety == "mixed" or settings.surface == "paving"
-    made = make_materials(settings.seed, reliefs=reliefs) | workshop.materials
+    made = make_materials(settings.seed) | workshop.materials
     materials = {name: material for name, material in made.items() if name in used}
     wanted = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(settings) | workshop.textures

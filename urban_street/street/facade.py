@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats, Surface, boxes, extrude, quads
+from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, extrude, quads
 from urban_street.street.textures.walls import ATLAS_CELLS
 
 

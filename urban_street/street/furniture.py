@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.street.geometry import (
+from urban_street.solids.surfaces import (
     Bag,
     Floats,
     Surface,

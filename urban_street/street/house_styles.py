@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from urban_street.solids.surfaces import Bag, Floats, boxes, fan, pose, quads, tubes
 from urban_street.street.facade import Opening, Trim, build_front, moulding, railing
-from urban_street.street.geometry import Bag, Floats, boxes, fan, pose, quads, tubes
 from urban_street.street.houses import (
     CORNICE,
     DOOR_COLORS,

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from urban_street.solids.surfaces import Bag, Floats, boxes, fan, pose, quads, tubes
 from urban_street.street.facade import Opening, Trim, build_front, moulding, railing
-from urban_street.street.geometry import Bag, Floats, boxes, fan, pose, quads, tubes
 from urban_street.street.plan import Placement
 from urban_street.street.textures.walls import BRICK_TILE, RENDER_TILE, ROOF_TILE, STONE_TILE
 

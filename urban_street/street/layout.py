@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -31,16 +30,9 @@ from urban_street.street.plan import (
 from urban_street.street.planning import Plan
 from urban_street.vehicles.build import dimensions
 
-#: Styles of houses by the street's variety, and those of them that close a view.
-STYLES = {
-    "plain": ("brick", "classic", "plain", "gable", "shop"),
-    "mixed": ("brick", "classic", "plain", "gable", "shop", "mansard", "bay", "timber", "modern"),
-}
-_ENDS = {
-    "plain": ("brick", "classic", "plain", "shop"),
-    "mixed": ("brick", "classic", "plain", "shop", "mansard", "bay", "modern"),
-}
-HOUSE_STYLES = STYLES["mixed"]
+#: Styles of houses, and those of them that close a view.
+HOUSE_STYLES = ("brick", "classic", "plain", "gable", "shop", "mansard", "bay", "timber", "modern")
+_ENDS = ("brick", "classic", "plain", "shop", "mansard", "bay", "modern")
 #: Styles of corner houses.
 _CORNERS = ("brick", "classic", "plain", "shop")
 #: Styles whose gables face the street: not for wide plots.
@@ -94,8 +86,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     _place_furniture(plan, furniture, kerbside)
     _place_large_vehicles(plan)
     _place_cycles(plan, cycles)
-    if settings.variety == "mixed":
-        layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
+    layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
     left, right = round(lines.front(left=True), 4), round(lines.front(left=False), 4)
     stop, height = lines.road_stop - 6.0, lines.kerb_height
     ground = [
@@ -122,7 +113,7 @@ def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, left: bool) -> None:
-    lines, styles = plan.lines, STYLES[plan.settings.variety]
+    lines, styles = plan.lines, HOUSE_STYLES
     previous, since_garden = "", 0
     while y < stop - 0.1:
         rest = stop - y
@@ -181,7 +172,7 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
                 low, high = sorted((x, x + outward * float(width)))
                 # Fronts face the side street: those before it (smaller y) look to +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
-                style = str(rng.choice([s for s in _ENDS[plan.settings.variety] if s != previous]))
+                style = str(rng.choice([s for s in _ENDS if s != previous]))
                 _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width), _SIDE_DEPTH)
                 previous, x = style, x + outward * float(width)
         heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
@@ -252,7 +243,7 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
         x, previous = first, ""
         while x < last:
             width = float(rng.uniform(11.0, 16.0))
-            style = str(rng.choice([s for s in _ENDS[plan.settings.variety] if s != previous]))
+            style = str(rng.choice([s for s in _ENDS if s != previous]))
             _add_house(plan, rng, style, x if direction > 0 else x + width, y, heading, width)
             previous = style
             x += width
@@ -347,8 +338,6 @@ def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
 def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
     """Kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
     others = ("plane", "birch", "hornbeam", "cherry")
-    if settings.variety == "plain":
-        yield from repeat("tree")
     # A plane's crown needs room; birches and columns stand in narrow streets.
     avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
     while True:

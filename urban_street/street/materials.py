@@ -38,7 +38,8 @@ _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0
 def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     """All textures, each made when it is first looked at; equal settings give equal pixels."""
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
-    textures = _carriageways(settings, [next(streams) for _ in range(4)])
+    textures = _carriageways(settings, [next(streams) for _ in range(3)])
+    next(streams)  # spare: what a seed paints stays as it is
     textures |= _one("turf", partial(ground.turf, next(streams)))
     for names, make in (
         (("paving", "paving-normal", "paving-roughness"), ground.paving),
@@ -59,9 +60,7 @@ def make_textures(settings: StreetSettings) -> dict[str, Texture]:
     textures |= deferred_textures(
         [f"leaves-{k}" for k in range(len(hues))], lambda: [things.leaves(rng, hue) for hue in hues]
     )
-    if settings.variety == "mixed":
-        textures |= _mixed(settings)
-    return textures
+    return textures | _mixed(settings)
 
 
 def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
@@ -73,7 +72,7 @@ def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generato
 
     Args:
         settings: of the street.
-        streams: for three surfaces of asphalt, and for the normals that they share in a plain street.
+        streams: for three surfaces of asphalt.
     """
     lines = lines_of(settings)
     own = [np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7005]).spawn(4)]
@@ -92,10 +91,8 @@ def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generato
             images = (name, f"{name}-normal", f"{name}-roughness")
             textures |= deferred_textures(images, partial(surface, ground.setts, rng, name))
         return textures
-    for rng, name in zip((*streams[:3], own[0]), names, strict=False):
+    for rng, name in zip((*streams, own[0]), names, strict=False):
         textures |= deferred_textures((name, f"{name}-roughness"), partial(surface, ground.asphalt, rng, name))
-    if settings.variety == "plain":
-        return textures | _one("asphalt-normal", partial(ground.asphalt_normals, streams[3]))
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7008]))
     return textures | deferred_textures(
         [f"{name}-normal" for name in names],
@@ -143,16 +140,15 @@ def leaf_color(summer: Color, season: Season) -> Color:
     return red, green, blue
 
 
-def make_materials(seed: int, *, reliefs: bool = False) -> dict[str, Material]:
+def make_materials(seed: int) -> dict[str, Material]:
     """All materials; the seed chooses the colours of render, doors and roofs.
 
     Args:
         seed: of the street.
-        reliefs: each picture of a carriageway has normals of its own.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7002]))
     materials = [
-        *_ground(reliefs=reliefs),
+        *_ground(),
         *_walls(rng),
         Material("tyre", (0.022, 0.022, 0.023), roughness=0.85),
         Material("bark", base_color_texture="bark", base_color=(1.0, 1.0, 1.0), roughness=0.95),
@@ -188,7 +184,7 @@ def _leaf(k: int | str) -> Material:
     return Material(f"leaves-{k}", (1.0, 1.0, 1.0), f"leaves-{k}", roughness=0.62, specular=0.7, double_sided=True)
 
 
-def _ground(*, reliefs: bool) -> list[Material]:
+def _ground() -> list[Material]:
     white = (1.0, 1.0, 1.0)
     return [
         *(
@@ -196,7 +192,7 @@ def _ground(*, reliefs: bool) -> list[Material]:
                 name,
                 white,
                 name,
-                f"{name}-normal" if reliefs else "asphalt-normal",
+                f"{name}-normal",
                 f"{name}-roughness",
                 metallic=1.0,
                 roughness=1.0,

@@ -56,51 +56,6 @@ def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
     return smooth
 
 
-def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Linear reflectance in [0, 1] to sRGB bytes (IEC 61966-2-1)."""
-    value = np.clip(linear, 0.0, 1.0)
-    encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.power(np.maximum(value, 1e-8), 1.0 / 2.4) - 0.055)
-    pixels: NDArray[np.uint8] = np.round(encoded * 255.0).astype(np.uint8)
-    return pixels
-
-
-def normal_map(height: NDArray[np.floating], texel: tuple[float, float]) -> NDArray[np.uint8]:
-    """(H, W, 3) tangent-space normals of a periodic height field, as in glTF: x right, y up the picture, z out.
-
-    Args:
-        height: (H, W) metres.
-        texel: size of a pixel in metres, across and down.
-    """
-    across = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) / (2.0 * texel[0])
-    down = (np.roll(height, -1, 0) - np.roll(height, 1, 0)) / (2.0 * texel[1])
-    normals = np.stack([-across, down, np.ones_like(height)], -1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return np.round(normals * 127.0 + 128.0).clip(0, 255).astype(np.uint8)
-
-
-def roughness_map(roughness: NDArray[np.floating], metallic: NDArray[np.floating] | None = None) -> NDArray[np.uint8]:
-    """As `Material.roughness_texture` holds them; roughness needs no finer detail than half of the colour's.
-
-    Args:
-        roughness: (H, W) in [0, 1].
-        metallic: likewise; None: 0.
-
-    Returns:
-        (H / 2, W / 2, 3).
-    """
-    texels = np.full((roughness.shape[0] // 2, roughness.shape[1] // 2, 3), 255, np.uint8)
-    texels[..., 1] = np.round(np.clip(halved(roughness), 0.0, 1.0) * 255.0)
-    texels[..., 2] = 0 if metallic is None else np.round(np.clip(halved(metallic), 0.0, 1.0) * 255.0)
-    return texels
-
-
-def halved(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Means of two by two pixels of (H, W) or (H, W, C)."""
-    height, width, *channels = values.shape
-    means: NDArray[np.floating] = values.reshape(height // 2, 2, width // 2, 2, *channels).mean(axis=(1, 3))
-    return means
-
-
 def toward(value: Field, target: NDArray[np.floating] | float, share: NDArray[np.floating]) -> Field:
     """``value`` where ``share`` is 0, ``target`` where it is 1."""
     mixed: Field = (value + (target - value) * share).astype(np.float32)

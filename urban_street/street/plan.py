@@ -45,8 +45,6 @@ class StreetSettings(BaseModel):
         setback_m: of the houses behind the pavement; from 1.5 m on there are front gardens.
         side_street: on which sides a street branches off at y = 46 m; there the zebra crossing lies before it.
         surface: of the carriageway.
-        variety: ``plain`` is one family of terraced houses and one kind of tree; ``mixed`` has every style of house,
-            every kind of tree and all street furniture.
         season: of the trees.
     """
 
@@ -61,7 +59,6 @@ class StreetSettings(BaseModel):
     setback_m: float = Field(default=0.0, ge=0.0, le=8.0)
     side_street: Literal["none", "left", "right", "both"] = "right"
     surface: Literal["asphalt", "paving"] = "asphalt"
-    variety: Literal["plain", "mixed"] = "mixed"
     season: Season = "summer"
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats, boxes, quads
+from urban_street.solids.surfaces import Bag, Floats, boxes, quads
 from urban_street.street.plan import SIDE_ROAD_HALF, Lines, Placement
 from urban_street.street.textures.ground import PAVING_TILE, ROAD_TILE
 

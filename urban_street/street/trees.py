@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats, Surface, tubes, unit
+from urban_street.solids.surfaces import Bag, Floats, Surface, tubes, unit
 from urban_street.street.plan import Season
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))

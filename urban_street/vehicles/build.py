@@ -8,17 +8,18 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.street.geometry import Bag
+from urban_street.solids.surfaces import Bag
 from urban_street.vehicles import bicycle, bus, motorcycle, truck
 from urban_street.vehicles.cars import build_body, build_wheels
 from urban_street.vehicles.content import Polygon, RawPart, VehicleContent, VehiclePart, footprint_of
 from urban_street.vehicles.designs import CARS
 from urban_street.vehicles.details import PLATES
 from urban_street.vehicles.materials import common_materials, paint, plates
+from urban_street.vehicles.paints import FREQUENCIES, PAINTS, Color
 from urban_street.vehicles.wheels import RIMS
 from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.model import Material, Mesh, freeze
-from valerie.scene.graph.paints import PAINT_PREFIX, PAINTS, Color
+from valerie.scene.graph.paints import PAINT_PREFIX
 
 #: Every kind, and its Cityscapes class as in node names: a van is a car.
 KINDS: Final[dict[str, str]] = {
@@ -45,7 +46,7 @@ def build_vehicle(
     Args:
         kind: one of `KINDS`.
         seed: decides on rim, number plate and, without ``colour``, paint; 0 is a seed like any other.
-        colour: a name of `valerie.scene.graph.paints.PAINTS`, a linear RGB reflectance in [0, 1], or None.
+        colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
         fine: False builds a car for views from more than about 40 m, with a third of the triangles.
         lights: how bright the lamps are, 0 off … 1 full.
 
@@ -73,8 +74,8 @@ def build_vehicle(
 
 
 def picked_paint(kind: str, seed: int) -> str:
-    """The paint that a vehicle has if no colour is asked for: a name of `valerie.scene.graph.paints.PAINTS`."""
-    weights = np.array([weight for _, _, weight in PAINTS.values()])
+    """The paint that a vehicle has if no colour is asked for: a name of `PAINTS`."""
+    weights = np.array(FREQUENCIES)
     rng = np.random.default_rng(np.random.SeedSequence([seed, *kind.encode()]))
     return str(rng.choice(list(PAINTS), p=weights / weights.sum()))
 
@@ -133,8 +134,7 @@ def _paint(colour: str | Color) -> Material:
     if isinstance(colour, str):
         if colour not in PAINTS:
             raise UnknownName("paint", colour, PAINTS)
-        color, metallic, _ = PAINTS[colour]
-        return paint(f"{PAINT_PREFIX}{colour}", color, metallic)
+        return paint(f"{PAINT_PREFIX}{colour}", PAINTS[colour].base_color, PAINTS[colour].metallic)
     if not all(0.0 <= value <= 1.0 for value in colour):
         raise InvalidInput("colour out of range", field="colour", value=colour, limit="0…1")
     tag = "-".join(f"{round(10_000 * value):05d}" for value in colour)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from urban_street.street.geometry import Bag
+from urban_street.solids.surfaces import Bag
 from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.details import add_details, add_side_details

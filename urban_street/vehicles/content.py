@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urban_street.street.geometry import Bag
+from urban_street.solids.surfaces import Bag
 from valerie.scene.graph.model import Material, Matrix, Mesh, Texture
 
 Polygon = tuple[tuple[float, float], ...]

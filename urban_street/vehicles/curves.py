@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from urban_street.street.geometry import Floats
+from urban_street.solids.surfaces import Floats
 
 
 class Outline:

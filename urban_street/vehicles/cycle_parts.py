@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats
+from urban_street.solids.surfaces import Bag, Floats
 
 #: z of a lathe to x.
 AXLE: Final = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats, Surface, boxes, fan, merge, quads, sheet
+from urban_street.solids.rounded import pillow, rod, turned
+from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, fan, merge, quads, sheet
 from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Half
 from urban_street.vehicles.shell import HOUSE, Shell
-from urban_street.vehicles.solids import pillow, rod, turned
 
 PLATES = 8
 

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from urban_street.street.geometry import Bag, Floats, sheet
+from urban_street.solids.surfaces import Bag, Floats, sheet
 from urban_street.vehicles.shell import rounded, shrunk
 from urban_street.vehicles.skin import Master, cut, flange, mirrored
 

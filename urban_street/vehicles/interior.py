@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, boxes
+from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus, turned
+from urban_street.solids.surfaces import Bag, boxes
 from urban_street.vehicles.shell import Shell
-from urban_street.vehicles.solids import bar, pillow, rod, rounded_outline, torus, turned
 
 
 def add_interior(bag: Bag, shell: Shell) -> None:

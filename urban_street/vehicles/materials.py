@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from urban_street.street.noise import srgb8
+from urban_street.texels import srgb8
 from urban_street.vehicles.details import PLATES
+from urban_street.vehicles.paints import Color, gloss
 from valerie.scene.graph.model import Material, Texture
-from valerie.scene.graph.paints import Color, paint_gloss
 
 _COMMON: Final = (
     Material("vehicle-gap", (0.006, 0.006, 0.006), roughness=0.95, specular=0.2),
@@ -63,7 +63,7 @@ def common_materials(lights: float) -> dict[str, Material]:
 
 def paint(name: str, color: Color, metallic: float) -> Material:
     """A lacquered paint."""
-    return Material(name, color, metallic=metallic, roughness=paint_gloss(metallic), specular=1.35)
+    return Material(name, color, metallic=metallic, roughness=gloss(metallic), specular=1.35)
 
 
 _FONT: Final = {

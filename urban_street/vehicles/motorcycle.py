@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from urban_street.human.riding import Contact
-from urban_street.street.geometry import Bag, Floats, Surface, boxes, lathe, sheet
+from urban_street.solids.rounded import pillow, renormalled, rod, turned
+from urban_street.solids.surfaces import Bag, Floats, Surface, boxes, lathe, sheet
 from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.cycle_parts import AXLE, Wheel, arc
 from urban_street.vehicles.details import number_plate
-from urban_street.vehicles.solids import pillow, renormalled, rod, turned
 
 #: Where a rider touches it.
 MOTORCYCLE: Final = Contact(

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from urban_street.street.geometry import Bag, Floats, Surface, lathe, merge
+from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.shell import DECK, HOUSE, Shell, rounded, shrunk
 from urban_street.vehicles.skin import Master, Patch, cut, flange, mirrored, reversed_

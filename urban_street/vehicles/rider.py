@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 
 from urban_street.human.characters import CHARACTERS, seat_character
-from urban_street.street.geometry import Bag, Floats, sheet
+from urban_street.solids.rounded import pillow, renormalled, rod
+from urban_street.solids.surfaces import Bag, Floats, sheet
 from urban_street.vehicles.bicycle import BICYCLE
 from urban_street.vehicles.build import size_of
 from urban_street.vehicles.content import VehicleContent, VehiclePart
 from urban_street.vehicles.materials import common_materials
 from urban_street.vehicles.motorcycle import MOTORCYCLE
-from urban_street.vehicles.solids import pillow, renormalled, rod
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import Material, Mesh
 

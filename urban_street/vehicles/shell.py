@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from shapely.geometry.base import BaseGeometry
 
-from urban_street.street.geometry import Floats
+from urban_street.solids.surfaces import Floats
 from urban_street.vehicles.curves import Outline, hermite, smooth
 from urban_street.vehicles.designs import CarDesign
 from urban_street.vehicles.skin import Master, along_polyline

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from urban_street.street.geometry import Floats, Ints, Surface, unit
+from urban_street.solids.surfaces import Floats, Ints, Surface, unit
 
 #: Domain lengths below this are one point.
 _WELD = 1e-7

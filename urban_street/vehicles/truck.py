@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 import shapely
 
-from urban_street.street.geometry import Bag, boxes, sheet
+from urban_street.solids.rounded import bar, pillow, rod, rounded_outline, torus, turned
+from urban_street.solids.surfaces import Bag, boxes, sheet
 from urban_street.vehicles.cars import wheels
 from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.details import facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides, on_left
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, reversed_
-from urban_street.vehicles.solids import bar, pillow, rod, rounded_outline, torus, turned
 
 LENGTH: Final = 7.40
 WIDTH: Final = 2.46

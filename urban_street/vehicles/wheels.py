@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from urban_street.street.geometry import Bag, Floats, Surface, lathe, merge, repeat, sheet
+from urban_street.solids.surfaces import Bag, Floats, Surface, lathe, merge, repeat, sheet
 
 #: Designs of rims: spokes, share of the sector that a spoke fills at hub and rim, split spokes, dark.
 RIMS: Final = {

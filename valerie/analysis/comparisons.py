@@ -15,7 +15,8 @@ from valerie.analysis.frame_counts import ALL, UNNAMED, Group, characters, frame
 from valerie.analysis.intervals import MIN_SITUATIONS, Resampler
 from valerie.analysis.levels import levels_of
 from valerie.analysis.table import EvaluationTable, combine
-from valerie.analysis.trends import Axis, Trends, axis_of
+from valerie.analysis.trends import Trends
+from valerie.measures import measure_of
 
 #: Each side of a comparison needs this many person-frames (and `MIN_SITUATIONS` situations).
 MIN_PERSONS: Final = 10
@@ -95,7 +96,7 @@ def _between_bins(table: EvaluationTable, trends: Trends, resampler: Resampler) 
     for trend in trends.items:
         if trend.character not in together:
             continue
-        axis, x = axis_of(trend.column), table.numbers(trend.column)
+        axis, x = measure_of(trend.column), table.numbers(trend.column)
         rows = rows_of(table, Group(trend.function, trend.sensor, ALL)) & np.isfinite(x) & np.isfinite(pacc)
         who = trend.function + _behind(table, trend.sensor)
         for a, b in pairwise(trend.bins):
@@ -104,8 +105,8 @@ def _between_bins(table: EvaluationTable, trends: Trends, resampler: Resampler) 
             if difference is None:
                 continue
             steps = (
-                f"from {axis.title} {_range(axis, a.low, a.high)} ({100 * a.mean:.1f} %, n = {a.n:,}) to "
-                f"{_range(axis, b.low, b.high)} ({100 * b.mean:.1f} %, n = {b.n:,})"
+                f"from {axis.title} {axis.range_text(a.low, a.high)} ({100 * a.mean:.1f} %, n = {a.n:,}) to "
+                f"{axis.range_text(b.low, b.high)} ({100 * b.mean:.1f} %, n = {b.n:,})"
             )
 
             def say(positive: bool, size: str, interval: str, who: str = who, steps: str = steps) -> str:
@@ -342,7 +343,3 @@ def _unpaired(
 
 def _behind(table: EvaluationTable, sensor: str) -> str:
     return f" behind sensor {sensor}" if len(table.codes("sensor").names) > 1 else ""
-
-
-def _range(axis: Axis, low: float, high: float) -> str:
-    return f"{low * axis.scale:g}–{high * axis.scale:g} {axis.unit}"

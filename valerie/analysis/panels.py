@@ -10,7 +10,8 @@ import numpy as np
 
 from valerie.analysis.frame_counts import ALL, Group, characters, rows_of
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.trends import Axis, Trends, axis_of
+from valerie.analysis.trends import Trends
+from valerie.measures import Measure, measure_of
 
 #: Of a panel with more points than this, a random share is drawn (curves and bins always rest on all).
 MAX_POINTS: Final = 2500
@@ -74,7 +75,7 @@ class Panel:
         marks: binned means with an interval, all characters.
     """
 
-    axis: Axis
+    axis: Measure
     function: str
     sensor: str
     points: tuple[Points, ...]
@@ -104,7 +105,7 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
         sensor: behind which setting.
         seed: of the choice of points where there are more than `MAX_POINTS`.
     """
-    axis = axis_of(column)
+    axis = measure_of(column)
     names = characters(table)
     style = styles(names)
     x, pacc, frames = table.numbers(column), table.numbers("pacc"), table.arrow["frame_id"]
@@ -136,7 +137,7 @@ def make_panel(table: EvaluationTable, trends: Trends, column: str, function: st
                     b.mean * 100,
                     b.mean_interval.low * 100,
                     b.mean_interval.high * 100,
-                    f"{b.low * axis.scale:g}–{b.high * axis.scale:g} {axis.unit}: n = {b.n}",
+                    f"{axis.range_text(b.low, b.high)}: n = {b.n}",
                 )
                 for b in trend.bins
                 if b.mean_interval is not None

@@ -23,8 +23,9 @@ from valerie.analysis.panels import COMBINED_COLOR, Panel, make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
 from valerie.analysis.reading import READING, STATEMENT
 from valerie.analysis.report_model import ReportInput
-from valerie.analysis.trends import AXES, Axis
+from valerie.analysis.trends import AXES
 from valerie.errors import MissingDependency
+from valerie.measures import Measure
 from valerie.runs.moments import moment_text
 
 
@@ -104,7 +105,7 @@ def _header(source: ReportInput, name: str) -> Html:
         f"function{'s' if functions != 1 else ''}; {finished}."
     )
     links = [("summary", "Summary"), ("findings", "Findings")]
-    links += [(axis.column, axis.title.capitalize()) for axis in AXES if _has(source, axis)]
+    links += [(axis.name, axis.title.capitalize()) for axis in AXES if _has(source, axis)]
     if source.picture is not None:
         links.append(("examples", "Examples"))
     links += [("accounting", "Frames"), ("reading", "Reading"), ("provenance", "Provenance")]
@@ -139,17 +140,17 @@ def _summary(source: ReportInput) -> Html:
     )
 
 
-def _has(source: ReportInput, axis: Axis) -> bool:
-    return any(trend.column == axis.column for trend in source.trends.items)
+def _has(source: ReportInput, axis: Measure) -> bool:
+    return any(trend.column == axis.name for trend in source.trends.items)
 
 
-def _trend_section(source: ReportInput, axis: Axis, figures: list[dict[str, Any]]) -> Html:
+def _trend_section(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) -> Html:
     cells = []
     for (function, sensor), title in setting_labels(settings(source.table)).items():
-        panel = make_panel(source.table, source.trends, axis.column, function, sensor, seed=source.trends.seed)
+        panel = make_panel(source.table, source.trends, axis.name, function, sensor, seed=source.trends.seed)
         if not panel.total:
             continue
-        trends = source.trends.of(axis.column, function, sensor)
+        trends = source.trends.of(axis.name, function, sensor)
         cells.append(
             tag(
                 "figure",
@@ -160,7 +161,7 @@ def _trend_section(source: ReportInput, axis: Axis, figures: list[dict[str, Any]
             )
         )
     title = f"pACC over {axis.title}"
-    return _section(title, axis.column, join(_legend(source), tag("div", cells, class_="panels")))
+    return _section(title, axis.name, join(_legend(source), tag("div", cells, class_="panels")))
 
 
 def _share(panel: Panel) -> Html:

@@ -16,8 +16,9 @@ from valerie.analysis.intervals import Interval
 from valerie.analysis.regression import Curve
 from valerie.analysis.report_model import Failure, PictureKind, PictureSource, Provenance
 from valerie.analysis.summary import OCCLUDED, EmptyFrames, OcclusionShare, Summary, SummaryRow
-from valerie.analysis.trends import Trend, axis_of
+from valerie.analysis.trends import Trend
 from valerie.labels import TRAIN_LABELS
+from valerie.measures import measure_of
 from valerie.runs.moments import moment_text
 
 DASH: Final = "–"
@@ -202,11 +203,11 @@ def bins_table(trends: Sequence[Trend], threshold: float) -> Html:
     shown = [trend for trend in trends if trend.bins]
     if not shown:
         return Html("")
-    heads = (axis_of(shown[0].column).unit, "n", "mean pACC, %", "95 %", f"≥ {threshold:g}, %", "95 %")
+    heads = (measure_of(shown[0].column).unit, "n", "mean pACC, %", "95 %", f"≥ {threshold:g}, %", "95 %")
     head = tag("thead", tag("tr", [tag("th", text, scope="col", class_="number") for text in heads]))
     blocks = []
     for trend in shown:
-        scale, curve = axis_of(trend.column).scale, trend.curve
+        scale, curve = measure_of(trend.column).scale, trend.curve
         lines = [
             tag("tr", tag("th", _pedestrian(trend.character), _fit(curve), colspan=6, scope="rowgroup"), class_="block")
         ]

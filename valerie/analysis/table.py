@@ -1,7 +1,6 @@
 """The long table of a run: one row per (frame, sensor setting, function, person instance), typed, with honest gaps.
 
-A pyarrow table inside, numpy columns outside. Every analysis starts here, so what a column means is written once, in
-`COLUMNS`.
+A pyarrow table inside, numpy columns outside. Every analysis starts here. `valerie.measures` says what the columns mean.
 """
 
 from __future__ import annotations
@@ -22,65 +21,9 @@ import pyarrow.parquet
 from numpy.typing import ArrayLike, NDArray
 
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
+from valerie.measures import MEASURES, ColumnType, Measure
 
 _NAME: Final = pa.dictionary(pa.int32(), pa.string())
-
-#: The fixed columns: name, Arrow type, whether a row may leave it empty, what it holds.
-COLUMNS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
-    ("run_id", _NAME, False, "the run that the frame was evaluated for"),
-    ("variant_index", pa.int64(), False, "index of the variant in the run's parameter space"),
-    ("frame_id", pa.string(), False, "(variant, camera, time)"),
-    ("camera", _NAME, False, "name of the camera"),
-    ("time_s", pa.float64(), True, "when the frame is taken, seconds; 0 in a run without time"),
-    ("character", _NAME, True, "which pedestrian it is: the person's CATEGORICAL parameter"),
-    ("sensor", _NAME, False, "name of the sensor setting"),
-    ("function", _NAME, False, "name of the function under test"),
-    ("instance_id", pa.int32(), True, "label id × 1000 + n; empty where the frame holds no person at all"),
-    ("pixel_area", pa.int64(), True, "visible pixels of the person"),
-    ("pixel_area_percent", pa.float64(), True, "visible pixels, per cent of all image pixels"),
-    ("pixel_area_amodal", pa.int64(), True, "pixels of the person rendered alone, within the image"),
-    ("occlusion_rate", pa.float64(), True, "1 − visible / amodal, 0…1; empty when amodal = 0"),
-    ("truncation_rate", pa.float64(), True, "share of the person beyond the image border, 0…1"),
-    ("distance_m", pa.float64(), True, "optical centre to the person's ground origin, Euclidean, metres"),
-    ("depth_m", pa.float64(), True, "the same along the optical axis, metres"),
-    ("bearing_deg", pa.float64(), True, "from the optical axis to that origin, −180…180, positive to the right"),
-    (
-        "aspect_deg",
-        pa.float64(),
-        True,
-        "heading against the line of sight, −180…180: 0 faces the camera, ±180 the back",
-    ),
-    ("irradiance", pa.float64(), True, "light that arrives on the visible body, 1 = clear noon sun; annotation light"),
-    (
-        "shadow_share",
-        pa.float64(),
-        True,
-        "share of the visible body in shadow, 0…1; empty without a sun; annotation light",
-    ),
-    ("contrast", pa.float64(), True, "Michelson contrast to the ring around the body, −1…1; annotation light"),
-    ("sun_azimuth_deg", pa.float64(), True, "of the sun, clockwise from north, whichever way it was given"),
-    ("sun_elevation_deg", pa.float64(), True, "of the sun above the horizon; below 0 it has set"),
-    ("road_friction", pa.float64(), True, "peak friction of new tyres on this road in this weather, 50 km/h"),
-    ("tp", pa.int64(), False, "pixels of this person that the function calls person"),
-    ("fn", pa.int64(), False, "pixels of this person that it calls something else"),
-    ("pacc", pa.float64(), True, "tp / (tp + fn), 0…1; empty exactly when undefined_reason is given"),
-    ("undefined_reason", _NAME, True, "why pacc is undefined: absent | outside the image | fully hidden"),
-    (
-        "precision",
-        pa.float64(),
-        True,
-        "of the frame: TP / (TP + FP) over all its persons; empty when nothing is called person",
-    ),
-    ("iou", pa.float64(), True, "of the frame: TP / (TP + FP + FN) over all its persons; empty when the sum is 0"),
-    (
-        "pixel_accuracy",
-        pa.float64(),
-        True,
-        "of the frame: share of correct pixels of the classes that the function is judged by",
-    ),
-    ("fp", pa.int64(), False, "of the frame: pixels called person that belong to none (repeated in each of its rows)"),
-)
-_FIXED: Final = {name: (dtype, nullable) for name, dtype, nullable, _ in COLUMNS}
 #: Arrow type of a varied parameter's column, by the parameter's type.
 PARAMETER_COLUMNS: Final[Mapping[str, pa.DataType]] = {
     "FLOAT": pa.float64(),
@@ -116,11 +59,11 @@ class Codes:
 class EvaluationTable:
     """One row per (frame, sensor setting, function, person instance); immutable.
 
-    Besides `COLUMNS` there is one typed column per varied parameter, named by its path. A frame without any person
+    Besides the measures there is one typed column per varied parameter, named by its path. A frame without any person
     keeps one row per (sensor, function) with ``undefined_reason`` "absent", so that its false positives are counted.
 
     Attributes:
-        arrow: the table, columns in the order of `COLUMNS`, then the parameters.
+        arrow: the table, columns in the order of `MEASURES`, then the parameters.
         parameters: path → parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
     """
 
@@ -135,7 +78,7 @@ class EvaluationTable:
 
         Raises:
             UnknownName: a column that is neither fixed nor a parameter.
-            InvalidInput: a column is missing, has the wrong type or breaks a rule of `COLUMNS`.
+            InvalidInput: a column is missing, has the wrong type or breaks a rule of its measure.
         """
         schema = schema_of(parameters)
         for name in columns:
@@ -299,14 +242,20 @@ def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
         UnknownName: a parameter type that does not exist.
         InvalidInput: a parameter's path collides with a fixed column.
     """
-    fields = [pa.field(name, dtype) for name, dtype, _, _ in COLUMNS]
+    fields = [pa.field(measure.name, arrow_type(measure)) for measure in MEASURES]
+    fixed = {measure.name for measure in MEASURES}
     for path, kind in parameters.items():
-        if path in _FIXED:
+        if path in fixed:
             raise InvalidInput("a parameter may not have the name of a fixed column", field="parameters", value=path)
         if str(kind) not in PARAMETER_COLUMNS:
             raise UnknownName("parameter type", str(kind), PARAMETER_COLUMNS, field=path)
         fields.append(pa.field(path, PARAMETER_COLUMNS[str(kind)]))
     return pa.schema(fields)
+
+
+def arrow_type(measure: Measure) -> pa.DataType:
+    """Return the Arrow type of a measure's column; names are dictionary-encoded."""
+    return _NAME if measure.type is ColumnType.NAME else pa.type_for_alias(measure.type.value)
 
 
 def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
@@ -336,8 +285,6 @@ def _batches(rows: Iterable[Mapping[str, object]]) -> Iterator[list[Mapping[str,
 def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
     """One column as Arrow; NaN becomes empty, whole numbers may arrive as float, identifiers as int."""
     if values is None:
-        if name in _FIXED and not _FIXED[name][1]:
-            raise InvalidInput("the column is missing", field=name)
         raise InvalidInput("the column is missing (give empty values where there are none)", field=name)
     try:
         array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values, from_pandas=True)
@@ -363,26 +310,26 @@ def _conform(arrow: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def _check(arrow: pa.Table) -> None:
-    """The rules of `COLUMNS` that types cannot state.
+    """Check what the types of the columns cannot state.
 
     Raises:
-        InvalidInput: a required value is empty, a rate is out of bounds, or a gap has no reason.
+        InvalidInput: a required value is empty, a value is out of bounds, or a gap has no reason.
     """
-    for name, _, nullable, _ in COLUMNS:
-        if not nullable and arrow[name].null_count:
-            raise InvalidInput("empty values in a required column", field=name, value=arrow[name].null_count)
-    for name in ("tp", "fn", "fp"):
-        _check_bounds(arrow, name, 0, None)
-    for name in ("pacc", "precision", "iou", "pixel_accuracy", "occlusion_rate", "truncation_rate", "shadow_share"):
-        _check_bounds(arrow, name, 0, 1)
-    _check_bounds(arrow, "contrast", -1, 1)
+    for measure in MEASURES:
+        column = arrow[measure.name]
+        if measure.required and column.null_count:
+            raise InvalidInput("empty values in a required column", field=measure.name, value=column.null_count)
+        if measure.low is not None or measure.high is not None:
+            _check_bounds(measure, *pc.min_max(column).as_py().values())
     unexplained = pc.sum(pc.equal(pc.is_null(arrow["pacc"]), pc.is_null(arrow["undefined_reason"]))).as_py()
     if unexplained:
         raise InvalidInput("pacc is undefined exactly where undefined_reason is given", field="pacc", value=unexplained)
 
 
-def _check_bounds(arrow: pa.Table, name: str, low: float, high: float | None) -> None:
-    least, most = pc.min_max(arrow[name]).as_py().values()
-    if least is not None and (least < low or (high is not None and most > high)):
-        limit = f"≥ {low}" if high is None else f"{low}…{high}"
-        raise InvalidInput("values out of bounds", field=name, value=(least, most), limit=limit)
+def _check_bounds(measure: Measure, least: float | None, most: float | None) -> None:
+    low, high = measure.low, measure.high
+    if least is None or most is None:
+        return
+    if (low is not None and least < low) or (high is not None and most > high):
+        limit = f"≥ {low:g}" if high is None else f"{low:g}…{high:g}"
+        raise InvalidInput("values out of bounds", field=measure.name, value=(least, most), limit=limit)

@@ -16,37 +16,10 @@ from valerie.analysis.frame_counts import groups, rows_of
 from valerie.analysis.intervals import Resampler
 from valerie.analysis.regression import Curve, fit_curve
 from valerie.analysis.table import EvaluationTable
-from valerie.errors import UnknownName
+from valerie.measures import MEASURES, Measure
 
-
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """A column that pACC is drawn over.
-
-    Attributes:
-        column: of the evaluation table.
-        title: what people read, e.g. ``distance``.
-        unit: shown behind numbers, after multiplying by ``scale``.
-        scale: from the column's unit to the shown one (rates are shown in per cent).
-        bin_width: in the column's unit; the paper's bins of five where it has one.
-    """
-
-    column: str
-    title: str
-    unit: str
-    scale: float
-    bin_width: float
-
-
-AXES: Final = (
-    Axis("distance_m", "distance", "m", 1.0, 5.0),
-    Axis("occlusion_rate", "occlusion", "%", 100.0, 0.05),
-    Axis("pixel_area_percent", "pixel area", "% of the image", 1.0, 0.05),
-    Axis("irradiance", "light on the body", "of a clear noon sun", 1.0, 0.1),
-    Axis("shadow_share", "body in shadow", "%", 100.0, 0.1),
-    Axis("contrast", "contrast to the surroundings", "Michelson", 1.0, 0.1),
-    Axis("time_s", "time", "s", 1.0, 0.5),
-)
+#: What the report draws pACC over.
+AXES: Final = tuple(measure for measure in MEASURES if measure.bin_width is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,20 +65,8 @@ class Trends:
         return asdict(self)
 
 
-def axis_of(column: str) -> Axis:
-    """The axis of a column.
-
-    Raises:
-        UnknownName: no axis is defined over it.
-    """
-    for axis in AXES:
-        if axis.column == column:
-            return axis
-    raise UnknownName("axis", column, [axis.column for axis in AXES])
-
-
 def find_trends(
-    table: EvaluationTable, *, resampler: Resampler, seed: int, threshold: float = 0.5, axes: Sequence[Axis] = AXES
+    table: EvaluationTable, *, resampler: Resampler, seed: int, threshold: float = 0.5, axes: Sequence[Measure] = AXES
 ) -> Trends:
     """Regress and bin pACC over each axis on which several values occur, per function, sensor and character and combined.
 
@@ -114,19 +75,20 @@ def find_trends(
         resampler: the run's bootstrap draws (made of ``table.situations``).
         seed: of the cross-validation folds.
         threshold: of the bins' detection counts.
-        axes: columns to look at.
+        axes: columns to look at; each has a ``bin_width``.
     """
     pacc = table.numbers("pacc")
     items = []
     for axis in axes:
-        x = table.numbers(axis.column)
+        x = table.numbers(axis.name)
         known = x[np.isfinite(x) & np.isfinite(pacc)]
         if not len(known) or known.min() == known.max():
             continue
+        assert axis.bin_width is not None
         edges = bin_edges(float(known.min()), float(known.max()), axis.bin_width)
         for group in groups(table):
             rows = rows_of(table, group)
             curve = fit_curve(x, pacc, rows, resampler=resampler, seed=seed)
             bins = bins_of(x, pacc, rows, edges=edges, threshold=threshold, resampler=resampler)
-            items.append(Trend(axis.column, group.function, group.sensor, group.character, curve, bins))
+            items.append(Trend(axis.name, group.function, group.sensor, group.character, curve, bins))
     return Trends(threshold, seed, tuple(items))

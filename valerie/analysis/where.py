@@ -10,19 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-import pyarrow as pa
-
-from valerie.analysis.table import COLUMNS
-from valerie.parameters.constraints import Constraint, Spoken, compile_constraint
+from valerie.measures import MEASURES, OF_FUNCTION, names_from
+from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 
 #: Columns that no function is needed for: they are known as soon as the truth is.
-METADATA: Final = (
-    "run_id", "variant_index", "frame_id", "camera", "time_s", "character", "sensor", "instance_id", "pixel_area",
-    "pixel_area_percent", "pixel_area_amodal", "occlusion_rate", "truncation_rate", "distance_m", "depth_m",
-    "bearing_deg", "aspect_deg", "irradiance", "shadow_share", "contrast", "sun_azimuth_deg",
-    "sun_elevation_deg", "road_friction", "undefined_reason",
-)  # fmt: skip
+METADATA: Final = tuple(measure.name for measure in MEASURES if measure.source not in OF_FUNCTION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +49,7 @@ class Where:
     @property
     def scored(self) -> bool:
         """Whether it speaks of what a function made of the frames."""
-        return bool(self.names & (_NAMES - frozenset(METADATA)))
+        return not self.names.isdisjoint(names_from(*OF_FUNCTION))
 
     def holds(self, row: Mapping[str, Any]) -> bool:
         """Whether a row (column or parameter path to value; parameters it lacks have their defaults) is selected."""
@@ -82,15 +75,11 @@ def compile_where(
         InvalidInput: it does not follow the grammar or compares different kinds.
         UnknownName: neither a column nor a parameter; or text that is no choice.
     """
-    names: dict[str, Spoken] = {}
+    names: dict[str, Operand] = {}
     for definition in definitions:
         names |= {definition.path: definition, definition.name: definition}
-    for name, dtype, _, _ in COLUMNS:
-        is_text = pa.types.is_dictionary(dtype) or pa.types.is_string(dtype)
-        kind = ParameterType.CATEGORICAL if is_text else ParameterType.FLOAT
-        names[name] = Column(name, kind, tuple((choices or {}).get(name, ())))
+    for measure in MEASURES:
+        kind = ParameterType.FLOAT if measure.is_number else ParameterType.CATEGORICAL
+        names[measure.name] = Column(measure.name, kind, tuple((choices or {}).get(measure.name, ())))
     constraint = compile_constraint(text, names, field=field, word="column")
     return Where(text, constraint.paths, constraint)
-
-
-_NAMES: Final = frozenset(name for name, _, _, _ in COLUMNS)

@@ -41,7 +41,8 @@ def list_(as_json: Json = False) -> None:
         return
     for one in found:
         typer.echo(f"{one['name']}  {one['title']}")
-    say(f"see one with: {command_name()} asset show {found[0]['name']}")
+    if found:
+        say(f"see one with: {command_name()} asset show {found[0]['name']}")
 
 
 @app.command()

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from valerie.cli.deployment import context_of
 from valerie.cli.frames import Annotations, annotation_names
-from valerie.cli.shell import DataDir, Json, context_of, say
+from valerie.cli.shell import DataDir, Json, say
 from valerie.errors import InvalidInput, UnknownName
 
 if TYPE_CHECKING:

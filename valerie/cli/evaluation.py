@@ -46,7 +46,7 @@ def evaluate(
     function is the version that the run saw, run as it was there.
     """
     from valerie.cli.datasets import Lines
-    from valerie.cli.specs import deployment_or_empty
+    from valerie.cli.deployment import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
     from valerie.pipeline.functions.opening import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side

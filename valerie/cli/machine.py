@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import DataDir, Exit, Json, console, context_of, settings_of
+from valerie.cli.deployment import context_of
+from valerie.cli.shell import DataDir, Exit, Json, console, settings_of
 from valerie.errors import InvalidInput, UnknownName
+from valerie.runs.frames import FrameKey
 
 if TYPE_CHECKING:
     from valerie.pipeline.work.replay import Replayed
@@ -65,11 +67,11 @@ def replay(
 
     Exits with 3 when something differs.
     """
-    run_id, variant, camera, time_index = _frame(frame)
+    key = FrameKey.parse(frame, field="FRAME")
     with context_of(data_dir) as context:
         from valerie.pipeline.work.replay import replay_frame
 
-        made = replay_frame(context, run_id, variant, camera, time_index)
+        made = replay_frame(context, key)
     if as_json:
         for one in made:
             typer.echo(json.dumps(_document(one), ensure_ascii=False))
@@ -112,13 +114,6 @@ def migrate(data_dir: DataDir = None) -> None:
     finally:
         engine.dispose()
     typer.echo(f"up to date: {engine.url.render_as_string()}")
-
-
-def _frame(text: str) -> tuple[str, int, int, int]:
-    parts = text.split(".")
-    if len(parts) != 4 or not all(part.isdigit() for part in parts[1:]):
-        raise InvalidInput("not a frame id", field="FRAME", value=text, limit="run.variant.camera.time")
-    return parts[0], int(parts[1]), int(parts[2]), int(parts[3])
 
 
 def _document(one: Replayed) -> dict[str, object]:

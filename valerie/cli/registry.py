@@ -115,7 +115,7 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
         with client_of(settings, url) as client:
             yield Remote(client)
         return
-    from valerie.cli.specs import deployment_or_empty
+    from valerie.cli.deployment import deployment_or_empty
     from valerie.db.migrate import migrate
     from valerie.pipeline.base.context import open_context
 

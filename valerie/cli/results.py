@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from valerie.cli.datasets import Where
+from valerie.cli.deployment import context_of
 from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, context_of, say
+from valerie.cli.shell import DataDir, Json, console, say
 from valerie.errors import InvalidInput
 
 
@@ -49,22 +50,20 @@ def rows(
 
     import numpy as np
 
-    from valerie.db import runs
     from valerie.db.engine import reading
-    from valerie.pipeline.base.resolved_runs import resolve_stored
+    from valerie.pipeline.base.resolved_runs import read_run
     from valerie.pipeline.reading.selection import evaluated_rows, run_where
     from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
         raise InvalidInput("the ending tells the format", field="--output", value=output, limit=".csv or .parquet")
     with context_of(data_dir) as context:
-        with reading(context.engine) as connection:
-            resolved = resolve_stored(runs.get(connection, run_id), context.settings)
-        table = read_table(context.engine, run_id, resolved)
+        run = read_run(context, run_id)
+        table = read_table(context.engine, run)
         if where:
-            chosen = run_where(where, resolved, field="--where")
+            chosen = run_where(where, run.resolved, field="--where")
             with reading(context.engine) as connection:
-                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run_id, resolved)]
+                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run)]
             # A run that is at work may have more rows by now.
             table = table.select(np.array(met[: len(table)], np.bool_))
     if output is None:

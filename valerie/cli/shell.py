@@ -7,11 +7,11 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NoReturn, TextIO
+from typing import TYPE_CHECKING, Annotated, NoReturn, TextIO
 
 import typer
 
@@ -20,11 +20,7 @@ from valerie.errors import InvalidInput, NotFound, ValerieError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from valerie.pipeline.base.context import Context
     from valerie.settings import Settings
-
-
-_SQLITE: Final = "sqlite:///"
 
 
 class Exit(IntEnum):
@@ -72,42 +68,6 @@ def settings_of(data_dir: Path | None = None) -> Settings:
     from valerie.settings import load_settings
 
     return load_settings(data_dir=data_dir)
-
-
-def has_database(settings: Settings) -> bool:
-    """Whether the database is there; of one on a server, that is not looked up."""
-    url = settings.database_url
-    return not url.startswith(_SQLITE) or Path(url.removeprefix(_SQLITE)).exists()
-
-
-@contextmanager
-def context_of(data_dir: Path | None) -> Iterator[Context]:
-    """The deployment's database and artifact store, for commands that work here; they need no server.
-
-    Raises:
-        NotFound: there is no database; none is made.
-        ValerieError: the database is of another version.
-    """
-    settings = settings_of(data_dir)
-    if not has_database(settings):
-        made_by = f"`{command_name()} run` and `{command_name()} up` make one"
-        raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {made_by}")
-    with opened(settings) as context:
-        yield context
-
-
-@contextmanager
-def opened(settings: Settings) -> Iterator[Context]:
-    """What `context_of` gives, of a database that is there; raises ValerieError if it is of another version."""
-    from valerie.db.migrate import require_current
-    from valerie.pipeline.base.context import open_context
-
-    context = open_context(settings)
-    try:
-        require_current(context.engine)
-        yield context
-    finally:
-        context.engine.dispose()
 
 
 def console(*, stderr: bool = False) -> Console:

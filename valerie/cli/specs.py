@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from valerie.cli.deployment import deployment_or_empty, has_database, migrate_database
 from valerie.cli.registry import Opening, functions_named, open_registry
 from valerie.cli.shell import (
     DataDir,
@@ -17,8 +17,6 @@ from valerie.cli.shell import (
     Url,
     command_name,
     console,
-    has_database,
-    opened,
     read_spec,
     say,
     settings_of,
@@ -26,9 +24,6 @@ from valerie.cli.shell import (
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from valerie.pipeline.base.context import Context
     from valerie.runs.forecast import Plan
     from valerie.settings import Settings
 
@@ -120,7 +115,7 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
 
     spec = parse(text)
     if has_database(settings):
-        _migrate(settings)  # as whatever is started would
+        migrate_database(settings)  # as whatever is started would
     with deployment_or_empty(settings) as context, reading(context.engine) as connection:
         registered = names(connection, known(connection, spec.functions))
     resolve_new(spec, settings, registered=registered)
@@ -139,34 +134,6 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
     spec = parse(text)
     with deployment_or_empty(settings) as context:
         return plan_run(context, spec).model_dump(mode="json")
-
-
-@contextmanager
-def deployment_or_empty(settings: Settings) -> Iterator[Context]:
-    """The deployment's context, or, before there is any, an empty one that leaves nothing behind."""
-    from tempfile import TemporaryDirectory
-
-    if has_database(settings):
-        with opened(settings) as context:
-            yield context
-        return
-    with TemporaryDirectory(prefix="valerie-plan-") as folder:
-        update = {"database_url": f"sqlite:///{folder}/plan.sqlite3", "artifacts_url": folder}
-        empty = settings.model_copy(update=update)
-        _migrate(empty)
-        with opened(empty) as context:
-            yield context
-
-
-def _migrate(settings: Settings) -> None:
-    from valerie.db.engine import open_engine
-    from valerie.db.migrate import migrate
-
-    engine = open_engine(settings.database_url)
-    try:
-        migrate(engine)
-    finally:
-        engine.dispose()
 
 
 def _show(plan: Plan) -> None:

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.shell import (
-    DataDir,
-    InferenceThreads,
-    Json,
-    command_name,
-    console,
-    context_of,
-    say,
-    settings_of,
-)
+from valerie.cli.deployment import context_of
+from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:

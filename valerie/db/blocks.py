@@ -7,6 +7,7 @@ from typing import NamedTuple
 from sqlalchemy import ColumnElement, Connection, Executable, and_, case, func, insert, literal, or_, select, update
 from sqlalchemy.orm import aliased
 
+from valerie.db.links import same_frame
 from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product
 from valerie.runs.progress import BlockCounts
 from valerie.runs.states import ProductState
@@ -60,12 +61,7 @@ def count_block(connection: Connection, run_id: str, first: int, last: int) -> B
         select(literal(1))
         .select_from(FrameAnnotation)
         .join(Product, Product.digest == FrameAnnotation.product)
-        .where(
-            FrameAnnotation.run_id == Frame.run_id,
-            FrameAnnotation.variant_index == Frame.variant_index,
-            FrameAnnotation.camera_index == Frame.camera_index,
-            FrameAnnotation.time_index == Frame.time_index,
-        )
+        .where(same_frame(FrameAnnotation))
         .correlate(Frame)
     )
     unfinished = annotation.where(Product.state != ProductState.DONE).exists()

@@ -1,27 +1,92 @@
-"""Expressions about what a frame links to, for the columns of queries."""
+"""Expressions about frames and what links to them, for the conditions, joins and columns of queries."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, and_, select
 
-from valerie.db.models import Frame, FrameAnnotation
+from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey, FrameProducts
+
+#: A table whose rows name a frame.
+OfFrames = type[Frame] | type[Evaluation] | type[FrameAnnotation]
+
+#: Joins a frame with its variant.
+VARIANT_OF_FRAME = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
+
+
+def same_frame(table: OfFrames) -> ColumnElement[bool]:
+    """Return the condition that a row of ``table`` and one of `Frame` name the same frame."""
+    return and_(
+        table.run_id == Frame.run_id,
+        table.variant_index == Frame.variant_index,
+        table.camera_index == Frame.camera_index,
+        table.time_index == Frame.time_index,
+    )
+
+
+def names_frame(table: OfFrames, key: FrameKey) -> ColumnElement[bool]:
+    """Return the condition that a row of ``table`` names this frame."""
+    return and_(
+        table.run_id == key.run_id,
+        table.variant_index == key.variant,
+        table.camera_index == key.camera,
+        table.time_index == key.time,
+    )
+
+
+def frame_order(table: OfFrames) -> tuple[Any, Any, Any]:
+    """Return the columns that sort the frames of one run."""
+    return table.variant_index, table.camera_index, table.time_index
+
+
+def key_of(run_id: str, row: Any) -> FrameKey:
+    """Return the frame that a row of a query names."""
+    return FrameKey(run_id, row.variant_index, row.camera_index, row.time_index)
 
 
 def velocity_of_frame() -> Any:
-    """Digest of the velocities of the frame that a query reads, or NULL, as ``velocity``."""
+    """Return the digest of the velocities of the frame that a query reads, or NULL, as ``velocity``."""
     return (
         select(FrameAnnotation.product)
-        .where(
-            FrameAnnotation.run_id == Frame.run_id,
-            FrameAnnotation.variant_index == Frame.variant_index,
-            FrameAnnotation.camera_index == Frame.camera_index,
-            FrameAnnotation.time_index == Frame.time_index,
-            FrameAnnotation.kind == AnnotationKind.VELOCITY.value,
-        )
+        .where(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.VELOCITY.value)
         .correlate(Frame)
         .scalar_subquery()
         .label("velocity")
     )
+
+
+#: The columns of a `StoredFrame`, of a query that joins frames and variants.
+FRAME_COLUMNS = (
+    Frame.run_id,
+    *frame_order(Frame),
+    Frame.background,
+    Frame.layer,
+    Frame.truth,
+    velocity_of_frame(),
+    Variant.assignment,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredFrame:
+    """The row of a frame.
+
+    Attributes:
+        key: the frame.
+        products: what shows it.
+        assignment: path to value of its variant.
+    """
+
+    key: FrameKey
+    products: FrameProducts
+    assignment: dict[str, Any]
+
+    @classmethod
+    def of(cls, row: Any) -> StoredFrame:
+        """Take the frame from a row with the columns `FRAME_COLUMNS`."""
+        products = FrameProducts(row.background, row.layer, row.truth, row.velocity)
+        return cls(key_of(row.run_id, row), products, row.assignment)

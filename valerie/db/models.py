@@ -7,7 +7,9 @@ Product digests (32 hexadecimal characters) are primary keys: rows can be writte
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from datetime import datetime
+from typing import Any, Final, TypeVar
 
 from sqlalchemy import (
     BigInteger,
@@ -25,8 +27,10 @@ from sqlalchemy import (
     text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.types import TypeEngine
 
 from valerie.db.documents import JsonDocument, words
+from valerie.measures import ColumnType, Source, measures_from
 from valerie.parameters.definitions import Value
 from valerie.perception.documents.function import FunctionDocument
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -55,6 +59,14 @@ def _partial(name: str, *columns: str, where: str) -> Index:
     return Index(name, *columns, sqlite_where=text(where), postgresql_where=text(where))
 
 
+_SQL_TYPES: Final[Mapping[ColumnType, TypeEngine[Any]]] = {
+    ColumnType.NAME: String(64),
+    ColumnType.INT64: Integer(),
+    ColumnType.FLOAT: Float(),
+}
+_Table = TypeVar("_Table", bound="Base")
+
+
 class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=NAMING)
     type_annotation_map = {  # noqa: RUF012
@@ -65,6 +77,17 @@ class Base(DeclarativeBase):
         AnnotationKind: words(AnnotationKind, 16),
         Stage: words(Stage, 16),
     }
+
+
+def _measured(*sources: Source) -> Callable[[type[_Table]], type[_Table]]:
+    """Give a table one column for each measure from ``sources``, by the measure's name."""
+
+    def extend(table: type[_Table]) -> type[_Table]:
+        for measure in measures_from(*sources):
+            setattr(table, measure.name, mapped_column(_SQL_TYPES[measure.type], nullable=not measure.required))
+        return table
+
+    return extend
 
 
 class Run(Base):
@@ -242,6 +265,7 @@ class FrameAnnotation(Base):
     )
 
 
+@_measured(Source.PLACE, Source.PIXELS)
 class PersonView(Base):
     """Visibility of one person in one truth product; a row with instance 0 says that the scene holds no person.
 
@@ -252,22 +276,12 @@ class PersonView(Base):
 
     truth: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     instance_id: Mapped[int] = mapped_column(primary_key=True)
-    pixel_area: Mapped[int]
-    pixel_area_percent: Mapped[float] = mapped_column(Float)
-    pixel_area_amodal: Mapped[int]
-    occlusion_rate: Mapped[float | None] = mapped_column(Float)
-    truncation_rate: Mapped[float | None] = mapped_column(Float)
-    distance_m: Mapped[float | None] = mapped_column(Float)
-    depth_m: Mapped[float | None] = mapped_column(Float)
-    bearing_deg: Mapped[float | None] = mapped_column(Float)
-    aspect_deg: Mapped[float | None] = mapped_column(Float)
     #: x0, y0, x1, y1 in pixels, end exclusive; None when nothing is seen.
     box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
     amodal_box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
-    #: Why pACC has no value here; None where it has one.
-    undefined_reason: Mapped[str | None] = mapped_column(String(64))
 
 
+@_measured(Source.LIGHT)
 class PersonLight(Base):
     """How light falls on one person in one frame's image, and how the person stands out; of a product of kind ``light``."""
 
@@ -275,11 +289,9 @@ class PersonLight(Base):
 
     product: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     instance_id: Mapped[int] = mapped_column(primary_key=True)
-    irradiance: Mapped[float | None] = mapped_column(Float)
-    shadow_share: Mapped[float | None] = mapped_column(Float)
-    contrast: Mapped[float | None] = mapped_column(Float)
 
 
+@_measured(Source.FRAME_SCORE)
 class Score(Base):
     """Counts of one frame and one function, and the ratios that follow from them."""
 
@@ -288,19 +300,13 @@ class Score(Base):
     digest: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     #: (19, 20) int64 little-endian, zstd: rows truth, columns prediction, last column void.
     confusion: Mapped[bytes] = mapped_column(LargeBinary)
-    tp: Mapped[int] = mapped_column(Integer)
-    fp: Mapped[int] = mapped_column(Integer)
-    fn: Mapped[int] = mapped_column(Integer)
-    tn: Mapped[int] = mapped_column(Integer)
+    tp: Mapped[int]
+    fn: Mapped[int]
+    tn: Mapped[int]
     pacc: Mapped[float | None] = mapped_column(Float)
-    precision: Mapped[float | None] = mapped_column(Float)
-    iou: Mapped[float | None] = mapped_column(Float)
-    pixel_accuracy: Mapped[float | None] = mapped_column(Float)
-    miou: Mapped[float | None] = mapped_column(Float)
-    fwiou: Mapped[float | None] = mapped_column(Float)
-    macc: Mapped[float | None] = mapped_column(Float)
 
 
+@_measured(Source.PERSON_SCORE)
 class PersonScore(Base):
     """tp and fn of one person in one evaluation."""
 
@@ -308,9 +314,6 @@ class PersonScore(Base):
 
     digest: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     instance_id: Mapped[int] = mapped_column(primary_key=True)
-    tp: Mapped[int]
-    fn: Mapped[int]
-    pacc: Mapped[float | None] = mapped_column(Float)
 
 
 class Function(Base):

@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 from sqlalchemy import ColumnElement, Connection, Executable, Row, bindparam, select, text, union, update
 from sqlalchemy.orm import InstrumentedAttribute
 
-from valerie.db.links import velocity_of_frame
+from valerie.db.links import FRAME_COLUMNS, VARIANT_OF_FRAME, StoredFrame, same_frame
 from valerie.db.models import (
-    Assignment,
     Evaluation,
     Frame,
     FrameAnnotation,
@@ -142,27 +141,36 @@ def to_send(rows: Iterable[Row[str, ProductKind, str, str]]) -> list[Ready]:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
-    """A claimed product, and one of the frames (and evaluations) that link to it.
+class Look:
+    """One function's look at a frame through one sensor.
 
-    ``sensor_index`` and ``function_index`` are set for predictions and evaluations only.
+    Attributes:
+        sensor: index in the sensors of the run's spec.
+        function: index in its functions.
+        prediction: digest of what the function saw.
+    """
+
+    sensor: int
+    function: int
+    prediction: str
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A claimed product.
+
+    Attributes:
+        digest, kind: of the product.
+        attempts: how many there were, this one included.
+        frame: one of the frames that link to the product.
+        look: for predictions and evaluations, which one of the frame.
     """
 
     digest: str
     kind: ProductKind
     attempts: int
-    run_id: str
-    variant_index: int
-    assignment: Assignment
-    camera_index: int
-    time_index: int
-    background: str
-    layer: str
-    truth: str
-    velocity: str | None = None
-    prediction: str | None = None
-    sensor_index: int | None = None
-    function_index: int | None = None
+    frame: StoredFrame
+    look: Look | None = None
 
 
 def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: float, lease_seconds: float) -> list[Job]:
@@ -202,36 +210,11 @@ def claim(connection: Connection, digests: Sequence[str], *, owner: str, now: fl
     return jobs
 
 
-_FRAME_COLUMNS = (
-    Frame.run_id,
-    Frame.variant_index,
-    Variant.assignment,
-    Frame.camera_index,
-    Frame.time_index,
-    Frame.background,
-    Frame.layer,
-    Frame.truth,
-)
-_VARIANT_OF_FRAME = (Variant.run_id == Frame.run_id) & (Variant.index == Frame.variant_index)
-_FRAME_OF_EVALUATION = (
-    (Frame.run_id == Evaluation.run_id)
-    & (Frame.variant_index == Evaluation.variant_index)
-    & (Frame.camera_index == Evaluation.camera_index)
-    & (Frame.time_index == Evaluation.time_index)
-)
-_FRAME_OF_ANNOTATION = (
-    (Frame.run_id == FrameAnnotation.run_id)
-    & (Frame.variant_index == FrameAnnotation.variant_index)
-    & (Frame.camera_index == FrameAnnotation.camera_index)
-    & (Frame.time_index == FrameAnnotation.time_index)
-)
-
-
 def _frame_job(column: InstrumentedAttribute[str]) -> Executable:
     return (
-        select(*_FRAME_COLUMNS)
+        select(*FRAME_COLUMNS)
         .join(Run, Run.id == Frame.run_id)
-        .join(Variant, _VARIANT_OF_FRAME)
+        .join(Variant, VARIANT_OF_FRAME)
         .where(column == bindparam("digest"), Run.state == RunState.RUNNING)
         .limit(1)
     )
@@ -239,11 +222,11 @@ def _frame_job(column: InstrumentedAttribute[str]) -> Executable:
 
 def _annotation_job() -> Executable:
     return (
-        select(*_FRAME_COLUMNS)
+        select(*FRAME_COLUMNS)
         .select_from(FrameAnnotation)
-        .join(Frame, _FRAME_OF_ANNOTATION)
+        .join(Frame, same_frame(FrameAnnotation))
         .join(Run, Run.id == Frame.run_id)
-        .join(Variant, _VARIANT_OF_FRAME)
+        .join(Variant, VARIANT_OF_FRAME)
         .where(FrameAnnotation.product == bindparam("digest"), Run.state == RunState.RUNNING)
         .limit(1)
     )
@@ -251,16 +234,10 @@ def _annotation_job() -> Executable:
 
 def _evaluation_job(column: InstrumentedAttribute[str]) -> Executable:
     return (
-        select(
-            *_FRAME_COLUMNS,
-            velocity_of_frame(),
-            Evaluation.prediction,
-            Evaluation.sensor_index,
-            Evaluation.function_index,
-        )
-        .join(Frame, _FRAME_OF_EVALUATION)
+        select(*FRAME_COLUMNS, Evaluation.sensor_index, Evaluation.function_index, Evaluation.prediction)
+        .join(Frame, same_frame(Evaluation))
         .join(Run, Run.id == Frame.run_id)
-        .join(Variant, _VARIANT_OF_FRAME)
+        .join(Variant, VARIANT_OF_FRAME)
         .where(column == bindparam("digest"), Run.state == RunState.RUNNING)
         .limit(1)
     )
@@ -274,11 +251,16 @@ _JOB_OF_KIND: Final = {
     ProductKind.PREDICTION: _evaluation_job(Evaluation.prediction),
     ProductKind.EVALUATION: _evaluation_job(Evaluation.scores),
 }
+#: Kinds of products whose jobs have a `Look`.
+_LOOKS: Final = frozenset({ProductKind.PREDICTION, ProductKind.EVALUATION})
 
 
 def _job(connection: Connection, digest: str, kind: ProductKind, attempts: int) -> Job | None:
-    row = connection.execute(_JOB_OF_KIND[kind], {"digest": digest}).mappings().first()
-    return None if row is None else Job(digest=digest, kind=kind, attempts=attempts, **row)
+    row = connection.execute(_JOB_OF_KIND[kind], {"digest": digest}).first()
+    if row is None:
+        return None
+    look = Look(row.sensor_index, row.function_index, row.prediction) if kind in _LOOKS else None
+    return Job(digest, kind, attempts, StoredFrame.of(row), look)
 
 
 def renew(connection: Connection, digests: Collection[str], *, owner: str, until: float) -> None:

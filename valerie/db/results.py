@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from functools import partial
+from itertools import groupby
+from typing import Any, Final, NamedTuple, cast
 
 from sqlalchemy import (
     BigInteger,
@@ -21,10 +23,20 @@ from sqlalchemy import (
     select,
     tuple_,
 )
-from sqlalchemy.orm import InstrumentedAttribute, aliased
+from sqlalchemy.orm import aliased
 
-from valerie.db.links import velocity_of_frame
+from valerie.db.links import (
+    FRAME_COLUMNS,
+    VARIANT_OF_FRAME,
+    OfFrames,
+    StoredFrame,
+    frame_order,
+    key_of,
+    names_frame,
+    same_frame,
+)
 from valerie.db.models import (
+    Base,
     Evaluation,
     Frame,
     FrameAnnotation,
@@ -35,31 +47,27 @@ from valerie.db.models import (
     Score,
     Variant,
 )
-from valerie.db.rows import columns_of, read_all
 from valerie.errors import InvalidInput, NotFound, UnknownName
+from valerie.measures import Source, measures_from, names_from
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey
 from valerie.runs.products import ProductError
-from valerie.runs.states import ProductKind, ProductState
+from valerie.runs.states import ProductKind
 
-_OF_FRAME = and_(
-    Evaluation.run_id == Frame.run_id,
-    Evaluation.variant_index == Frame.variant_index,
-    Evaluation.camera_index == Frame.camera_index,
-    Evaluation.time_index == Frame.time_index,
-)
 #: The light of a frame, where its run asked for it.
-_LIGHT_OF_FRAME = and_(
-    FrameAnnotation.run_id == Frame.run_id,
-    FrameAnnotation.variant_index == Frame.variant_index,
-    FrameAnnotation.camera_index == Frame.camera_index,
-    FrameAnnotation.time_index == Frame.time_index,
-    FrameAnnotation.kind == AnnotationKind.LIGHT.value,
-)
+_LIGHT_OF_FRAME = and_(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.LIGHT.value)
 _LIGHT_OF_PERSON = and_(
     PersonLight.product == FrameAnnotation.product, PersonLight.instance_id == PersonView.instance_id
 )
-_OF_VARIANT = and_(Variant.run_id == Frame.run_id, Variant.index == Frame.variant_index)
 
+#: The table that holds the measures from each source.
+_TABLES: Final[dict[Source, type[Base]]] = {
+    Source.PLACE: PersonView,
+    Source.PIXELS: PersonView,
+    Source.LIGHT: PersonLight,
+    Source.PERSON_SCORE: PersonScore,
+    Source.FRAME_SCORE: Score,
+}
 #: Columns of the long table that can be filtered and sorted by, and what they are in the database.
 COLUMNS: Final[dict[str, Any]] = {
     "variant_index": Frame.variant_index,
@@ -68,33 +76,7 @@ COLUMNS: Final[dict[str, Any]] = {
     "sensor_index": Evaluation.sensor_index,
     "function_index": Evaluation.function_index,
     "instance_id": PersonView.instance_id,
-    "pixel_area": PersonView.pixel_area,
-    "pixel_area_percent": PersonView.pixel_area_percent,
-    "pixel_area_amodal": PersonView.pixel_area_amodal,
-    "occlusion_rate": PersonView.occlusion_rate,
-    "truncation_rate": PersonView.truncation_rate,
-    "distance_m": PersonView.distance_m,
-    "depth_m": PersonView.depth_m,
-    "bearing_deg": PersonView.bearing_deg,
-    "aspect_deg": PersonView.aspect_deg,
-    "irradiance": PersonLight.irradiance,
-    "shadow_share": PersonLight.shadow_share,
-    "contrast": PersonLight.contrast,
-    "undefined_reason": PersonView.undefined_reason,
-    "tp": PersonScore.tp,
-    "fn": PersonScore.fn,
-    "pacc": PersonScore.pacc,
-    "frame_tp": Score.tp,
-    "frame_fp": Score.fp,
-    "frame_fn": Score.fn,
-    "frame_tn": Score.tn,
-    "frame_pacc": Score.pacc,
-    "precision": Score.precision,
-    "iou": Score.iou,
-    "pixel_accuracy": Score.pixel_accuracy,
-    "miou": Score.miou,
-    "fwiou": Score.fwiou,
-    "macc": Score.macc,
+    **{measure.name: getattr(_TABLES[measure.source], measure.name) for measure in measures_from(*_TABLES)},
 }
 
 #: What tells the rows of one run's long table apart.
@@ -131,8 +113,8 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
     query = (
         select(*(column.label(name) for name, column in COLUMNS.items()), Variant.assignment)
         .select_from(Evaluation)
-        .join(Frame, _OF_FRAME)
-        .join(Variant, _OF_VARIANT)
+        .join(Frame, same_frame(Evaluation))
+        .join(Variant, VARIANT_OF_FRAME)
         .join(Score, Score.digest == Evaluation.scores)
         .join(PersonView, PersonView.truth == case((Evaluation.distorted, Evaluation.scores), else_=Frame.truth))
         .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
@@ -276,80 +258,67 @@ def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict
     return {index: assignment for index, assignment in rows if index in variants}
 
 
-def frame(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> Row[Any]:
-    """Links of one frame with its variant's assignment.
+def frame(connection: Connection, key: FrameKey) -> StoredFrame:
+    """Read one frame.
 
     Raises:
         NotFound: no such frame.
     """
-    row = connection.execute(
-        select(*Frame.__table__.columns, Variant.assignment)
-        .join(Variant, _OF_VARIANT)
-        .where(
-            Frame.run_id == run_id,
-            Frame.variant_index == variant,
-            Frame.camera_index == camera,
-            Frame.time_index == time,
-        )
-    ).first()
+    query = select(*FRAME_COLUMNS).select_from(Frame).join(Variant, VARIANT_OF_FRAME).where(names_frame(Frame, key))
+    row = connection.execute(query).first()
     if row is None:
-        raise NotFound("frame", f"{run_id}/{variant}/{camera}/{time}")
-    return cast("Row[Any]", row)
+        raise NotFound("frame", key)
+    return StoredFrame.of(row)
 
 
-def frames_page(connection: Connection, run_id: str, *, after: tuple[int, int, int], limit: int) -> list[Row[Any]]:
-    """Frames after a (variant, camera, time), in order, with the assignment and the states of their products."""
+def frames_page(
+    connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int
+) -> list[tuple[StoredFrame, tuple[str, str, str]]]:
+    """Read the frames of a run after one, in order, each with the states of its background, layer and truth."""
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
-    variant, camera, time = after
-    return list(
-        connection.execute(
-            select(
-                Frame.variant_index,
-                Frame.camera_index,
-                Frame.time_index,
-                Frame.background,
-                Frame.layer,
-                Frame.truth,
-                background.state.label("background_state"),
-                layer.state.label("layer_state"),
-                truth.state.label("truth_state"),
-                Variant.assignment,
-            )
-            .join(Variant, _OF_VARIANT)
-            .join(background, background.digest == Frame.background)
-            .join(layer, layer.digest == Frame.layer)
-            .join(truth, truth.digest == Frame.truth)
-            .where(
-                Frame.run_id == run_id,
-                or_(
-                    Frame.variant_index > variant,
-                    and_(Frame.variant_index == variant, Frame.camera_index > camera),
-                    and_(Frame.variant_index == variant, Frame.camera_index == camera, Frame.time_index > time),
-                ),
-            )
-            .order_by(Frame.variant_index, Frame.camera_index, Frame.time_index)
-            .limit(limit)
+    query = (
+        select(
+            *FRAME_COLUMNS,
+            background.state.label("background_state"),
+            layer.state.label("layer_state"),
+            truth.state.label("truth_state"),
         )
+        .select_from(Frame)
+        .join(Variant, VARIANT_OF_FRAME)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .where(Frame.run_id == run_id)
+        .order_by(*frame_order(Frame))
+        .limit(limit)
     )
+    if after is not None:
+        query = query.where(tuple_(*frame_order(Frame)) > _place(after))
+    return [
+        (StoredFrame.of(row), (row.background_state, row.layer_state, row.truth_state))
+        for row in connection.execute(query)
+    ]
 
 
-def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
-    """Frames whose image and truth are there, one row per person (`PersonView`), in order, with the assignment.
+def _place(key: FrameKey) -> Any:
+    """Return a frame's place in its run, to be compared with `frame_order`."""
+    return tuple_(*(literal(part, BigInteger) for part in (key.variant, key.camera, key.time)))
 
-    A frame without any person has one row with instance 0.
+
+def finished_frames(connection: Connection, run_id: str) -> Iterator[tuple[StoredFrame, list[Row[Any]]]]:
+    """Read the frames whose image and truth are stored, in order, each with one row per person.
+
+    A row has the columns of `PersonView` and the light on the person. A frame without any person has one row, with instance 0.
     """
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query: Select[Any] = (
         select(
-            *Frame.__table__.columns,
-            *PersonView.__table__.columns,
-            PersonLight.irradiance,
-            PersonLight.shadow_share,
-            PersonLight.contrast,
-            Variant.assignment,
-            velocity_of_frame(),
+            *FRAME_COLUMNS,
+            *(column for column in PersonView.__table__.columns if column.name != "truth"),
+            *(COLUMNS[name] for name in names_from(Source.LIGHT)),
         )
-        .join(Variant, _OF_VARIANT)
+        .select_from(Frame)
+        .join(Variant, VARIANT_OF_FRAME)
         .join(background, background.digest == Frame.background)
         .join(layer, layer.digest == Frame.layer)
         .join(truth, truth.digest == Frame.truth)
@@ -357,33 +326,35 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
         .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
         .outerjoin(PersonLight, _LIGHT_OF_PERSON)
         .where(Frame.run_id == run_id, background.state == "done", layer.state == "done", truth.state == "done")
-        .order_by(Frame.variant_index, Frame.camera_index, Frame.time_index, PersonView.instance_id)
+        .order_by(*frame_order(Frame), PersonView.instance_id)
     )
-    yield from connection.execution_options(yield_per=5_000).execute(query)
+    rows = connection.execution_options(yield_per=5_000).execute(query)
+    for _, persons in groupby(rows, partial(key_of, run_id)):
+        members = list(persons)
+        yield StoredFrame.of(members[0]), members
 
 
-def predictions(
-    connection: Connection, run_id: str, sensor: int, function: int
-) -> dict[tuple[int, int, int], tuple[str, bytes]]:
-    """(variant, camera, time) to the digest of the prediction and the packed confusion matrix, of what is evaluated."""
+class StoredPrediction(NamedTuple):
+    """An evaluated prediction: the digest of its label map, and its packed confusion matrix."""
+
+    digest: str
+    confusion: bytes
+
+
+def predictions(connection: Connection, run_id: str, sensor: int, function: int) -> dict[FrameKey, StoredPrediction]:
+    """Read the evaluated predictions of one function through one sensor, by frame."""
     rows = connection.execute(
-        select(
-            Evaluation.variant_index,
-            Evaluation.camera_index,
-            Evaluation.time_index,
-            Evaluation.prediction,
-            Score.confusion,
-        )
+        select(*frame_order(Evaluation), Evaluation.prediction, Score.confusion)
         .join(Score, Score.digest == Evaluation.scores)
         .where(Evaluation.run_id == run_id, Evaluation.sensor_index == sensor, Evaluation.function_index == function)
     )
-    return {(row[0], row[1], row[2]): (row[3], row[4]) for row in rows}
+    return {key_of(run_id, row): StoredPrediction(row.prediction, row.confusion) for row in rows}
 
 
 def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, bytes, float | None]]:
     """(sensor, function, packed confusion matrix, mean IoU) of everything that is evaluated."""
     query = (
-        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, Score.miou)
+        select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, COLUMNS["miou"])
         .join(Score, Score.digest == Evaluation.scores)
         .where(Evaluation.run_id == run_id)
     )
@@ -391,22 +362,19 @@ def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, 
         yield row[0], row[1], row[2], row[3]
 
 
-def neighbours(
-    connection: Connection, run_id: str, variant: int, camera: int, time: int = 0
-) -> tuple[tuple[int, int, int] | None, tuple[int, int, int] | None]:
-    """(variant, camera, time) of the frames before and after one, in the order of `frames_page`; None at the ends."""
-    columns = (Frame.variant_index, Frame.camera_index, Frame.time_index)
-    here = tuple_(*(literal(part, BigInteger) for part in (variant, camera, time)))
-    found = []
-    for condition, order in (
-        (tuple_(*columns) < here, [column.desc() for column in columns]),
-        (tuple_(*columns) > here, [column.asc() for column in columns]),
-    ):
-        row = connection.execute(
-            select(*columns).where(Frame.run_id == run_id, condition).order_by(*order).limit(1)
-        ).first()
-        found.append(None if row is None else (row[0], row[1], row[2]))
-    return found[0], found[1]
+def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, FrameKey | None]:
+    """Return the frames before and after one, in the order of `frames_page`; None at the ends."""
+    columns, here = frame_order(Frame), _place(key)
+
+    def nearest(condition: Any, order: list[Any]) -> FrameKey | None:
+        query = select(*columns).where(Frame.run_id == key.run_id, condition).order_by(*order).limit(1)
+        row = connection.execute(query).first()
+        return None if row is None else key_of(key.run_id, row)
+
+    return (
+        nearest(tuple_(*columns) < here, [column.desc() for column in columns]),
+        nearest(tuple_(*columns) > here, [column.asc() for column in columns]),
+    )
 
 
 def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, list[Row[Any]]]:
@@ -422,7 +390,7 @@ def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, li
     return found
 
 
-def frame_evaluations(connection: Connection, run_id: str, variant: int, camera: int, time: int = 0) -> list[Row[Any]]:
+def frame_evaluations(connection: Connection, key: FrameKey) -> list[Row[Any]]:
     """Evaluations of one frame: links, states and scores."""
     prediction, scores = aliased(Product), aliased(Product)
     return list(
@@ -439,12 +407,7 @@ def frame_evaluations(connection: Connection, run_id: str, variant: int, camera:
             .join(prediction, prediction.digest == Evaluation.prediction)
             .join(scores, scores.digest == Evaluation.scores)
             .outerjoin(Score, Score.digest == Evaluation.scores)
-            .where(
-                Evaluation.run_id == run_id,
-                Evaluation.variant_index == variant,
-                Evaluation.camera_index == camera,
-                Evaluation.time_index == time,
-            )
+            .where(names_frame(Evaluation, key))
             .order_by(Evaluation.sensor_index, Evaluation.function_index)
         )
     )
@@ -459,19 +422,12 @@ def person_views(connection: Connection, truth: str) -> list[Row[Any]]:
     )
 
 
-def frame_annotations(
-    connection: Connection, run_id: str, variant: int, camera: int, time: int = 0
-) -> dict[str, Row[Any]]:
+def frame_annotations(connection: Connection, key: FrameKey) -> dict[str, Row[Any]]:
     """Kind to ``product`` and ``state`` of the annotations of one frame."""
     rows = connection.execute(
         select(FrameAnnotation.kind, FrameAnnotation.product, Product.state)
         .join(Product, Product.digest == FrameAnnotation.product)
-        .where(
-            FrameAnnotation.run_id == run_id,
-            FrameAnnotation.variant_index == variant,
-            FrameAnnotation.camera_index == camera,
-            FrameAnnotation.time_index == time,
-        )
+        .where(names_frame(FrameAnnotation, key))
         .order_by(FrameAnnotation.kind)
     )
     return {row.kind: cast("Row[Any]", row) for row in rows}
@@ -500,38 +456,42 @@ def product(connection: Connection, digest: str) -> Row[Any]:
     return row
 
 
-@dataclass(frozen=True, slots=True)
-class LinkedFailure:
-    """A product that failed for good, and a frame that it belongs to."""
+class FailedLink(NamedTuple):
+    """A product that failed for good, as one frame of a run links to it.
 
-    variant_index: int
-    camera_index: int
-    time_index: int
+    Attributes:
+        frame: the frame.
+        digest, kind: of the product.
+        error: why.
+    """
+
+    frame: FrameKey
     digest: str
     kind: ProductKind
     error: ProductError
 
 
-def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[LinkedFailure]:
-    """Return what failed for good in a run, at most ``limit``: one entry for each link to a failed product."""
-    links: list[tuple[type[Frame | FrameAnnotation | Evaluation], InstrumentedAttribute[str]]] = [
+def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[FailedLink]:
+    """Read what failed for good in a run, one entry per link, in the order of the stages."""
+    links: tuple[tuple[OfFrames, Any], ...] = (
         (Frame, Frame.background),
         (Frame, Frame.layer),
         (Frame, Frame.truth),
         (FrameAnnotation, FrameAnnotation.product),
         (Evaluation, Evaluation.prediction),
         (Evaluation, Evaluation.scores),
-    ]
-    linked: list[LinkedFailure] = []
+    )
+    failed: list[FailedLink] = []
     for table, column in links:
         query = (
-            select(*columns_of(LinkedFailure, table, Product))
+            select(*frame_order(table), Product.digest, Product.kind, Product.error)
             .join(Product, Product.digest == column)
-            .where(table.run_id == run_id, Product.state == ProductState.FAILED)
-            .order_by(table.variant_index, table.camera_index, table.time_index)
-            .limit(limit - len(linked))
+            .where(table.run_id == run_id, Product.state == "failed")
+            .order_by(*frame_order(table))
+            .limit(limit - len(failed))
         )
-        linked += read_all(connection, query, LinkedFailure)
-        if len(linked) >= limit:
+        rows = connection.execute(query)
+        failed += [FailedLink(key_of(run_id, row), row.digest, row.kind, row.error) for row in rows]
+        if len(failed) >= limit:
             break
-    return linked
+    return failed

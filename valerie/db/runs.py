@@ -63,16 +63,6 @@ class RunRow:
     started_at: datetime | None
     finished_at: datetime | None
 
-    def pinned(self) -> Pins:
-        """Return the pins of a run that has started.
-
-        Raises:
-            Conflict: it waits for workers that offer what it needs.
-        """
-        if self.pins is None:
-            raise Conflict(f"run {self.id} is {self.state}: nothing is pinned before it starts")
-        return self.pins
-
 
 class RunValues(TypedDict, total=False):
     """Columns of a run that change."""

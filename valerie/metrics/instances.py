@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON, Label
+from valerie.measures import Source, names_from
+from valerie.metrics.scores import pacc
 
 
 class _Person(Protocol):
@@ -44,6 +46,16 @@ class InstanceCounts(NamedTuple):
     instance_id: int
     tp: int
     fn: int
+
+    @property
+    def pacc(self) -> float | None:
+        """The person's pACC; None without a visible pixel."""
+        return pacc(self.tp, self.fn)
+
+    @property
+    def columns(self) -> dict[str, float | None]:
+        """The scores of the person as the long table has them: column to value."""
+        return {name: getattr(self, name) for name in names_from(Source.PERSON_SCORE)}
 
 
 def person_counts(

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON
+from valerie.measures import Source, names_from
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 #: Why recall of a class has no value.
@@ -144,6 +145,16 @@ class FrameScores:
     miou: float | None
     fwiou: float | None
     undefined: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def fp(self) -> int:
+        """False positives of the target class."""
+        return self.counts.fp
+
+    @property
+    def columns(self) -> dict[str, float | None]:
+        """The scores of the frame as the long table has them: column to value."""
+        return {name: getattr(self, name) for name in names_from(Source.FRAME_SCORE)}
 
 
 def frame_scores(

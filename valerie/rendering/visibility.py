@@ -50,18 +50,18 @@ class Visibility:
     """
 
     instance_id: int
-    pixel_area: int
-    pixel_area_percent: float
-    pixel_area_amodal: int
-    occlusion_rate: float | None
-    truncation_rate: float | None
-    distance_m: float | None
-    depth_m: float | None
-    bearing_deg: float | None
-    aspect_deg: float | None
-    box: Box | None
-    amodal_box: Box | None
-    undefined_reason: str | None
+    pixel_area: int = 0
+    pixel_area_percent: float = 0.0
+    pixel_area_amodal: int = 0
+    occlusion_rate: float | None = None
+    truncation_rate: float | None = None
+    distance_m: float | None = None
+    depth_m: float | None = None
+    bearing_deg: float | None = None
+    aspect_deg: float | None = None
+    box: Box | None = None
+    amodal_box: Box | None = None
+    undefined_reason: str | None = None
 
 
 def measure(truth: GroundTruth, scene: Scene, view: View) -> tuple[Visibility, ...]:
@@ -89,7 +89,7 @@ def person_roots(scene: Scene) -> Mapping[int, Node]:
 
 
 def _absent(instance_id: int) -> Visibility:
-    return Visibility(instance_id, 0, 0.0, 0, None, None, None, None, None, None, None, None, ABSENT)
+    return Visibility(instance_id, undefined_reason=ABSENT)
 
 
 def _present(
@@ -139,10 +139,6 @@ def measure_pixels(person: PersonTruth, truth: GroundTruth) -> Visibility:
         pixel_area_amodal=amodal,
         occlusion_rate=1.0 - area / amodal if amodal else None,
         truncation_rate=1.0 - amodal / person.padded_pixels if person.padded_pixels else None,
-        distance_m=None,
-        depth_m=None,
-        bearing_deg=None,
-        aspect_deg=None,
         box=None if seen.empty else (person.box.x + seen.x, person.box.y + seen.y, seen.width, seen.height),
         amodal_box=None if person.box.empty else (person.box.x, person.box.y, person.box.width, person.box.height),
         undefined_reason=reason,

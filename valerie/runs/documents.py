@@ -8,19 +8,12 @@ form by `valerie.runs.notation`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
-    StrictBool,
-    StrictFloat,
-    StrictInt,
-    StrictStr,
-    StringConstraints,
     model_validator,
 )
 
@@ -28,21 +21,9 @@ from valerie.errors import InvalidInput, InvalidInputs
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterType
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.values import Count, Document, Name, Quantity, Scalar, Text
+from valerie.runs.varied import Varied
 from valerie.sensing.settings import SensorSetting
-
-#: A number, or text with a number and a unit.
-Quantity = StrictInt | StrictFloat | StrictStr
-#: Any value of any parameter; a number may be a quantity.
-Scalar = StrictBool | StrictInt | StrictFloat | StrictStr
-Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
-Text = Annotated[str, StringConstraints(strict=True, max_length=10_000)]
-Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
-
-
-class Document(BaseModel):
-    """Base of all parts of a spec."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class DeclaredParameter(Document):
@@ -62,59 +43,6 @@ class DeclaredParameter(Document):
     minimum: Quantity | None = None
     maximum: Quantity | None = None
     choices: tuple[Name, ...] = ()
-
-
-class _Varied(Document):
-    """A varied parameter, by name or path."""
-
-    parameter: Name
-
-
-class VariedHomogeneous(_Varied):
-    """minimum + k · step ≤ maximum."""
-
-    distribution: Literal["HOMOGENEOUS"]
-    minimum: Quantity
-    maximum: Quantity
-    step: Quantity
-
-
-class VariedGaussian(_Varied):
-    """Normal, truncated to the declared range; ``count`` mid-quantiles in a grid."""
-
-    distribution: Literal["GAUSSIAN"]
-    mean: Quantity
-    standard_deviation: Quantity
-    count: Count | None = None
-
-
-class VariedUniform(_Varied):
-    """Equally likely between the ends, by default the declared ones; ``count`` mid-quantiles in a grid."""
-
-    distribution: Literal["UNIFORM"]
-    minimum: Quantity | None = None
-    maximum: Quantity | None = None
-    count: Count | None = None
-
-
-class VariedChoice(_Varied):
-    """One of the listed values."""
-
-    distribution: Literal["CHOICE"]
-    values: Annotated[tuple[Scalar, ...], Field(min_length=1)]
-
-
-class VariedConstant(_Varied):
-    """One value."""
-
-    distribution: Literal["CONSTANT"]
-    value: Scalar
-
-
-Varied = Annotated[
-    VariedHomogeneous | VariedGaussian | VariedUniform | VariedChoice | VariedConstant,
-    Field(discriminator="distribution"),
-]
 
 
 class BlockDocument(Document):
@@ -297,9 +225,6 @@ class RunSpec(Document):
     def digest(self) -> str:
         """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""
         document = self.model_dump(mode="json")
-        for field in _LATER_FIELDS:
-            if getattr(self, field) == type(self).model_fields[field].default:
-                del document[field]
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
@@ -316,10 +241,6 @@ class RunSpec(Document):
         """Remember where the user wrote what."""
         self._places.update(places)
         return self
-
-
-#: Fields that the first specs did not have: left out of the digest at their defaults, so that old specs keep theirs.
-_LATER_FIELDS: Final = ("sequence", "trajectories", "annotations")
 
 
 def engine_name(renderer: str | Mapping[str, Any]) -> str:

@@ -256,9 +256,10 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
 
 def _note(seen: _Seen, resolved: ResolvedRun, frame: FrameDigests) -> None:
     spec, digests = resolved.spec, seen.digests
-    digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(frame.background)
-    digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(frame.layer)
-    digests[ProductKind.TRUTH, ""] += bytes.fromhex(frame.truth)
+    products = frame.products
+    digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(products.background)
+    digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(products.layer)
+    digests[ProductKind.TRUTH, ""] += bytes.fromhex(products.truth)
     for annotation in frame.annotations:
         digests[annotation.kind, ""] += bytes.fromhex(annotation.product)
     for one in frame.evaluations:

@@ -26,6 +26,7 @@ import orjson
 from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
@@ -88,11 +89,9 @@ class AnnotationDigest(NamedTuple):
 
 
 class FrameDigests(NamedTuple):
-    """All products of one frame."""
+    """The digests of all products of one frame."""
 
-    background: str
-    layer: str
-    truth: str
+    products: FrameProducts
     evaluations: tuple[EvaluationDigests, ...]
     annotations: tuple[AnnotationDigest, ...] = ()
 
@@ -190,7 +189,8 @@ class ProductInputs:
                         asked.distorts,
                     )
                 )
-        return FrameDigests(background, layer, truth, tuple(evaluations), tuple(annotations))
+        products = FrameProducts(background, layer, truth, velocity)
+        return FrameDigests(products, tuple(evaluations), tuple(annotations))
 
     def _later_truth(self, kind: AnnotationKind, camera_index: int, near: Near | None) -> tuple[str, ...]:
         """Digest of what is seen at the later moment that an annotation depends on; nobody has to make it."""

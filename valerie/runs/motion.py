@@ -11,7 +11,7 @@ from valerie.parameters.units import to_unit
 from valerie.runs.documents import RunSpec, TrajectoryDocument
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.motion.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory, check_trajectory
+from valerie.scene.motion.trajectory import MAX_TIME_S, TIME, TIME_PATH, Motion, Trajectory
 
 #: Velocities are measured over this many seconds from a frame's moment on.
 VELOCITY_SPAN_S: Final = 0.005
@@ -52,12 +52,12 @@ def resolve_times(spec: RunSpec, manifest: Manifest, problems: list[InvalidInput
         place = f"trajectories.{index}"
         try:
             trajectory = _trajectory(document, manifest, place)
-            check_trajectory(trajectory, manifest, field=place)
+            manifest.require_trajectory(trajectory, field=place)
             own[trajectory.path] = trajectory
         except InvalidInput as problem:
             problems.append(problem)
     merged = {trajectory.path: trajectory for trajectory in manifest.trajectories} | own
-    return Times(elapsed, step, Motion(tuple(merged.values()), manifest, start))
+    return Times(elapsed, step, Motion(tuple(merged.values()), manifest.by_path, start))
 
 
 def _sequence(spec: RunSpec, problems: list[InvalidInput]) -> tuple[tuple[float, ...], float | None, float]:
@@ -93,7 +93,7 @@ def _trajectory(document: TrajectoryDocument, manifest: Manifest, place: str) ->
         for name, written in keyframe.items():
             channel = manifest.by_path.get(f"{path}.{name}")
             unit = "s" if name == TIME else channel.unit if channel is not None and channel.is_number else None
-            # An unknown name is `check_trajectory`'s to report, with what it might have meant.
+            # An unknown name is `Manifest.require_trajectory`'s to report, with what it might have meant.
             field = f"{place}.keyframes.{index}.{name}"
             numbers[name] = 0.0 if unit is None else to_unit(written, unit, field=field).number
         keyframes.append(numbers)

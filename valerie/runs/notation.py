@@ -21,24 +21,13 @@ from typing import Any, Final
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.definitions import ParameterType
+from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomogeneous
 
 _AT_TOP: Final = ("design", "count", "vary", "points")
 
-#: Distribution to (names of the numbers in list notation, the right form).
-_LISTS: Final = {
-    "HOMOGENEOUS": (("minimum", "maximum", "step"), "[{}, HOMOGENEOUS, minimum, maximum, step]"),
-    "GAUSSIAN": (("mean", "standard_deviation"), "[{}, GAUSSIAN, mean, standard_deviation]"),
-    "UNIFORM": (("minimum", "maximum"), "[{}, UNIFORM, minimum, maximum]"),
-    "CHOICE": ((), "[{}, CHOICE, value, value, …]"),
-    "CONSTANT": (("value",), "[{}, CONSTANT, value]"),
-}
-_COUNTED: Final = {
-    1: "{} takes one value",
-    2: "{} takes two numbers",
-    3: "{} takes three numbers",
-}
+_COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} takes three numbers"}
 #: Short words of the mapping notation.
-_WORDS: Final = {"from": "minimum", "to": "maximum", "sigma": "standard_deviation", "scene_graph_ref": "path"}
+_WORDS: Final = {**SHORT_WORDS, "scene_graph_ref": "path"}
 
 
 def normalized(document: dict[str, Any]) -> dict[str, Any]:
@@ -157,45 +146,40 @@ def _varied(entry: Any, name: str | None, field: str) -> Any:
             ((name, inner),) = entry.items()
             return _varied_mapping(inner, str(name), field)
         return _spelled(entry, field)
-    raise InvalidInput("not a varied parameter", field=field, value=entry, limit=_LISTS["HOMOGENEOUS"][1].format("p1"))
+    raise InvalidInput("not a varied parameter", field=field, value=entry, limit=VariedHomogeneous.list_form("p1"))
 
 
 def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
     if len(entry) < 2 or not all(isinstance(word, str) for word in entry[:2]):
         raise InvalidInput(
             "a list names parameter, distribution and numbers", field=field, value=entry,
-            limit=_LISTS["HOMOGENEOUS"][1].format("p1"),
+            limit=VariedHomogeneous.list_form("p1"),
         )  # fmt: skip
     name, distribution = entry[0], _distribution(entry[1], field)
-    numbers = entry[2:]
-    words, form = _LISTS[distribution]
-    form = form.format(name)
-    if distribution == "CHOICE":
-        if len(numbers) == 1 and isinstance(numbers[0], list):
-            numbers = numbers[0]
-        return {"parameter": name, "distribution": distribution, "values": numbers}
-    if len(numbers) != len(words):
-        if distribution == "GAUSSIAN" and len(numbers) == 3:
-            form += f" or {name}: {{gaussian: {{mean: …, sigma: …, count: …}}}}"
-        raise InvalidInput(
-            _COUNTED[len(words)].format(distribution), field=field, value=entry,
-            limit=form,
-        )  # fmt: skip
-    return {"parameter": name, "distribution": distribution, **dict(zip(words, numbers, strict=True))}
+    numbers, model = entry[2:], DISTRIBUTIONS[distribution]
+    head = {"parameter": name, "distribution": distribution}
+    if model.repeated:
+        values = numbers[0] if len(numbers) == 1 and isinstance(numbers[0], list) else numbers
+        return {**head, model.listed[0]: values}
+    if len(numbers) != len(model.listed):
+        form = model.list_form(name)
+        if "count" in model.model_fields and len(numbers) == len(model.listed) + 1:
+            form += f" or {name}: {_mapping_form(distribution)}"
+        raise InvalidInput(_COUNTED[len(model.listed)].format(distribution), field=field, value=entry, limit=form)
+    return {**head, **dict(zip(model.listed, numbers, strict=True))}
 
 
 def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
-    form = f"{name}: {{homogeneous: {{from: …, to: …, step: …}}}}"
+    form = f"{name}: {_mapping_form(VariedHomogeneous.word())}"
     if isinstance(entry, dict) and "distribution" in entry:
         return {"parameter": name, **_spelled(entry, field)}
     if not isinstance(entry, dict) or len(entry) != 1:
         raise InvalidInput("a varied parameter has one distribution", field=field, value=entry, limit=form)
     ((word, arguments),) = entry.items()
     distribution = _distribution(word, field)
-    if distribution == "CHOICE" and isinstance(arguments, list | tuple):
-        arguments = {"values": arguments}
-    elif distribution == "CONSTANT" and not isinstance(arguments, dict):
-        arguments = {"value": arguments}
+    listed = DISTRIBUTIONS[distribution].listed
+    if len(listed) == 1 and not isinstance(arguments, dict):
+        arguments = {listed[0]: arguments}
     elif arguments is None:
         arguments = {}
     if not isinstance(arguments, dict):
@@ -253,9 +237,18 @@ def _keyframe(key: Any, field: str) -> Any:
 
 def _distribution(word: Any, field: str) -> str:
     distribution = str(word).upper()
-    if distribution not in _LISTS:
-        raise UnknownName("distribution", str(word), (*_LISTS, *(name.lower() for name in _LISTS)), field=field)
+    if distribution not in DISTRIBUTIONS:
+        known = (*DISTRIBUTIONS, *(name.lower() for name in DISTRIBUTIONS))
+        raise UnknownName("distribution", str(word), known, field=field)
     return distribution
+
+
+def _mapping_form(distribution: str) -> str:
+    """Return the mapping notation of a distribution with its fields named, for error messages."""
+    short = {field: word for word, field in SHORT_WORDS.items()}
+    model = DISTRIBUTIONS[distribution]
+    fields = [*model.listed, *(["count"] if "count" in model.model_fields else [])]
+    return f"{{{distribution.lower()}: {{{', '.join(f'{short.get(name, name)}: …' for name in fields)}}}}}"
 
 
 def _short_words(entry: Any) -> Iterator[str]:

@@ -7,8 +7,8 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from valerie.perception.base import FunctionCard
-from valerie.runs.documents import Document
 from valerie.runs.states import Stage
+from valerie.runs.values import Document
 
 
 class Offer(Document):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from valerie.runs.documents import Document
 from valerie.runs.states import ProductKind
+from valerie.runs.values import Document
 
 
 class Ready(NamedTuple):

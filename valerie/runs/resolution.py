@@ -11,23 +11,16 @@ from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.blocks import GRID, POINTS, Block, Variation, at
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
-from valerie.parameters.distributions import (
-    Choice,
-    Constant,
-    Distribution,
-    Gaussian,
-    Homogeneous,
-    Uniform,
-    check_range,
-)
+from valerie.parameters.distributions import Distribution, Homogeneous, check_range
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
 from valerie.plugins import BY_DAY_ONLY, RENDERERS, WHOLE_CARDS, WITHOUT
 from valerie.rendering.annotations.kinds import AnnotationKind
-from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec, Varied
+from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.sensors import focal_length_path, needed_by
+from valerie.runs.varied import Varied
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
 from valerie.scene.legality.judging import rejection_reason
@@ -37,13 +30,6 @@ from valerie.scene.motion.trajectory import TIME_PATH
 #: Variants of a run, unless the caller allows another number.
 MAX_VARIANTS: Final = 1_000_000
 
-_DISTRIBUTIONS: Final[dict[str, type[Any]]] = {
-    "HOMOGENEOUS": Homogeneous,
-    "GAUSSIAN": Gaussian,
-    "UNIFORM": Uniform,
-    "CHOICE": Choice,
-    "CONSTANT": Constant,
-}
 #: Values of a range that are written out in a warning.
 _SHOWN: Final = 5
 
@@ -376,7 +362,7 @@ class _Resolver:
                 )  # fmt: skip
             else:
                 made[key] = self._number(value, definition, f"{place}.{key}")
-        distribution: Distribution = _DISTRIBUTIONS[varied.distribution](**made)
+        distribution: Distribution = varied.makes(**made)
         return distribution
 
     def _warn_short(self, distribution: Homogeneous, definition: ParameterDefinition, place: str) -> None:

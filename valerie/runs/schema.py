@@ -11,6 +11,7 @@ from typing import Any, Final
 from valerie import plugins
 from valerie.parameters.definitions import ParameterType
 from valerie.runs.documents import BlockDocument, RunSpec
+from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedDocument
 
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 _DESIGNS: Final = ("grid", "latin_hypercube", "sobol", "halton", "random", "points")
@@ -48,59 +49,57 @@ def run_spec_schema() -> dict[str, Any]:
 
 
 def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
-    quantity, scalar = {"$ref": "#/$defs/Quantity"}, {"$ref": "#/$defs/Scalar"}
-    count = {"type": "integer", "minimum": 1, "description": "number of mid-quantiles in a grid"}
-    spread = {"type": "object", "additionalProperties": False}
     definitions["Varied"] = {
         "description": "one distribution of one parameter, with units",
-        "oneOf": [
-            _one("homogeneous", {
-                **spread,
-                "description": "from + k · step, up to and including to",
-                "properties": {"from": quantity, "to": quantity, "step": quantity},
-                "required": ["from", "to", "step"],
-            }),
-            _one("gaussian", {
-                **spread,
-                "description": "normal, truncated to the declared range",
-                "properties": {"mean": quantity, "sigma": quantity, "standard_deviation": quantity, "count": count},
-                "required": ["mean"],
-                "oneOf": [{"required": ["sigma"]}, {"required": ["standard_deviation"]}],
-            }),
-            _one("uniform", {
-                **spread,
-                "description": "equally likely, by default over the declared range",
-                "properties": {"from": quantity, "to": quantity, "count": count},
-            }),
-            _one("choice", {"type": "array", "minItems": 1, "items": scalar}),
-            _one("constant", scalar),
-        ],
-    }  # fmt: skip
+        "oneOf": [_mapping_form(model, definitions) for model in DISTRIBUTIONS.values()],
+    }
     definitions["VariedList"] = {
         "description": "the paper's notation",
-        "oneOf": [
-            _listed("HOMOGENEOUS", "[name, HOMOGENEOUS, minimum, maximum, step]", 3),
-            _listed("GAUSSIAN", "[name, GAUSSIAN, mean, standard deviation]", 2),
-            _listed("UNIFORM", "[name, UNIFORM, minimum, maximum]", 2),
-            _listed("CONSTANT", "[name, CONSTANT, value]", 1),
-            {
-                "description": "[name, CHOICE, value, value, …]",
-                "type": "array",
-                "prefixItems": [{"type": "string"}, {"const": "CHOICE"}],
-                "minItems": 3,
-            },
-        ],
+        "oneOf": [_list_form(model) for model in DISTRIBUTIONS.values()],
     }
-    objects = [
-        {"$ref": f"#/$defs/{name}"}
-        for name in ("VariedHomogeneous", "VariedGaussian", "VariedUniform", "VariedChoice", "VariedConstant")
-    ]
+    objects = [{"$ref": f"#/$defs/{model.__name__}"} for model in DISTRIBUTIONS.values()]
     return {
         "description": "varied parameters; in a grid the right-most (last) moves fastest",
         "anyOf": [
             {"type": "object", "additionalProperties": {"$ref": "#/$defs/Varied"}},
             {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/VariedList"}, *objects]}},
         ],
+    }
+
+
+def _mapping_form(model: type[VariedDocument], definitions: dict[str, Any]) -> dict[str, Any]:
+    """``homogeneous: {from: 0 m, to: 9 m, step: 1 m}``; a distribution of one field takes its value directly."""
+    own = definitions[model.__name__]
+    fields = {key: value for key, value in own["properties"].items() if key not in ("parameter", "distribution")}
+    if len(model.listed) == 1:
+        arguments = fields[model.listed[0]]
+    else:
+        spellings = {field: [*(word for word, long in SHORT_WORDS.items() if long == field), field] for field in fields}
+        required = [
+            {"oneOf": [{"required": [word]} for word in spellings[field]]}
+            for field in own["required"]
+            if field in fields
+        ]
+        arguments = {
+            "type": "object",
+            "additionalProperties": False,
+            "description": own["description"],
+            "properties": {word: fields[field] for field in fields for word in spellings[field]},
+            **({"allOf": required} if required else {}),
+        }
+    key = model.word().lower()
+    return {"type": "object", "properties": {key: arguments}, "required": [key], "additionalProperties": False}
+
+
+def _list_form(model: type[VariedDocument]) -> dict[str, Any]:
+    """``[name, HOMOGENEOUS, minimum, maximum, step]``."""
+    least = 2 + len(model.listed)
+    return {
+        "description": model.list_form("name"),
+        "type": "array",
+        "prefixItems": [{"type": "string"}, {"const": model.word()}],
+        "minItems": least,
+        **({} if model.repeated else {"maxItems": least}),
     }
 
 
@@ -128,25 +127,6 @@ def _renderers() -> list[dict[str, Any]]:
         }
     )
     return forms
-
-
-def _one(distribution: str, arguments: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "properties": {distribution: arguments},
-        "required": [distribution],
-        "additionalProperties": False,
-    }
-
-
-def _listed(distribution: str, form: str, numbers: int) -> dict[str, Any]:
-    return {
-        "description": form,
-        "type": "array",
-        "prefixItems": [{"type": "string"}, {"const": distribution}],
-        "minItems": 2 + numbers,
-        "maxItems": 2 + numbers,
-    }
 
 
 def _parameters() -> dict[str, Any]:

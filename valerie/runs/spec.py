@@ -21,11 +21,11 @@ from valerie.runs.documents import (
     Requirement,
     Resolution,
     RunSpec,
-    Varied,
     written_place,
 )
 from valerie.runs.notation import Normalization
 from valerie.runs.resolution import MAX_VARIANTS, ResolvedRun, resolve
+from valerie.runs.varied import DISTRIBUTIONS
 from valerie.validation import problem_of
 
 __all__ = [
@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 #: Tags that pydantic puts into the places of problems in a discriminated union.
-_TAGS: Final = frozenset({"HOMOGENEOUS", "GAUSSIAN", "UNIFORM", "CHOICE", "CONSTANT"})
+_TAGS: Final = frozenset(DISTRIBUTIONS)
 _PLAIN: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
 
 
@@ -96,14 +96,10 @@ def _fields(parents: list[Any]) -> list[str]:
     model: type[BaseModel] = RunSpec
     for part in parents:
         if part in _TAGS:
-            model = next(m for m in get_args(get_args(Varied)[0]) if get_args(_annotation(m))[0] == part)
+            model = DISTRIBUTIONS[part]
         elif part in model.model_fields:
             model = next(iter(_models(model.model_fields[part].annotation)), model)
     return list(model.model_fields)
-
-
-def _annotation(model: type[BaseModel]) -> Any:
-    return model.model_fields["distribution"].annotation
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

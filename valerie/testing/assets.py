@@ -121,14 +121,12 @@ def simple_manifest() -> Manifest:
     )
 
 
-@lru_cache(maxsize=1)
-def simple_asset() -> SceneAsset:
-    """Ground, building, car, two persons (``red-coat``, ``blue-coat`` or ``absent``), two cameras and a sun.
+def simple_scene(manifest: Manifest) -> Scene:
+    """Build the scene of `simple_asset`.
 
-    ``person-1`` wears ``red-coat`` at (0, 10) and faces ``camera-1``, which stands at (0, −2, 1.5) and looks along +y;
-    ``person-2`` is absent. From ``camera-1`` the car at (2, 8) hides places behind it.
+    Args:
+        manifest: `simple_manifest`, or one that declares the same nodes movable.
     """
-    manifest = simple_manifest()
     nodes = [
         Node("scene.road-1", np.eye(4), (box_mesh((-20, -5, -0.5), (5, 55, 0), "paving"),)),
         Node("scene.sidewalk-1", np.eye(4), (box_mesh((5, -5, -0.5), (20, 55, 0.25), "paving"),)),
@@ -150,7 +148,7 @@ def simple_asset() -> SceneAsset:
         Material("skin", (0.6, 0.4, 0.3), roughness=0.6),
         *coats,
     ]
-    scene = Scene(
+    return Scene(
         nodes=classified(nodes, {}, manifest.movable),
         materials={material.name: material for material in materials},
         textures={"paving": Texture("paving", _paving())},
@@ -161,4 +159,14 @@ def simple_asset() -> SceneAsset:
         sun=Sun(azimuth=math.radians(140), elevation=math.radians(45)),
         environment=Environment(),
     )
-    return SceneAsset(manifest, digest("simple-asset", 1), scene)
+
+
+@lru_cache(maxsize=1)
+def simple_asset() -> SceneAsset:
+    """Ground, building, car, two persons (``red-coat``, ``blue-coat`` or ``absent``), two cameras and a sun.
+
+    ``person-1`` wears ``red-coat`` at (0, 10) and faces ``camera-1``, which stands at (0, −2, 1.5) and looks along +y;
+    ``person-2`` is absent. From ``camera-1`` the car at (2, 8) hides places behind it.
+    """
+    manifest = simple_manifest()
+    return SceneAsset(manifest, digest("simple-asset", 1), simple_scene(manifest))

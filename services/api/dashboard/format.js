@@ -6,6 +6,16 @@ export const NONE = "–";
 export const count = (value) => (value === null || value === undefined ? NONE : whole.format(value));
 export const fixed = (value, digits = 1) => (value === null || value === undefined ? NONE : value.toFixed(digits));
 export const percent = (rate, digits = 1) => (rate === null || rate === undefined ? NONE : `${(100 * rate).toFixed(digits)} %`);
+// Distance, but mIoU: a first word that has capitals of its own stays.
+export const heading = (title) => (/^[a-z]+(?![A-Za-z])/.test(title) ? title[0].toUpperCase() + title.slice(1) : title);
+
+// A value of a measure with its unit; /v1/measures says how.
+export function shown({ scale, digits, unit }, value) {
+  if (value === null || value === undefined) return NONE;
+  if (typeof value === "string") return value;
+  const number = (value * scale).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  return unit === "°" || !unit ? `${number}${unit}` : `${number} ${unit}`;
+}
 export const plural = (n, one, many = `${one}s`) => `${count(n)} ${n === 1 ? one : many}`;
 
 export function duration(seconds) {

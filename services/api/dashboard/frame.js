@@ -1,7 +1,7 @@
 // One frame: what the camera saw, what is true, what each function made of it.
 import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
-import { count, fixed, percent, short, value, words } from "./format.js";
+import { fixed, heading, percent, short, shown, value, words } from "./format.js";
 import { player } from "./player.js";
 
 const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
@@ -17,6 +17,7 @@ const NOTES = {
 const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
 
 let labels = null;
+let measures = null; // the columns of results, with their titles and units
 
 export async function frameView({ main, key, parameters, signal }) {
   if (VIEWS[parameters.get("view")]) SETTINGS.view = parameters.get("view");
@@ -25,6 +26,7 @@ export async function frameView({ main, key, parameters, signal }) {
   const frame = await get(`/v1/frames/${key}`, { signal });
   const run = await get(`/v1/runs/${frame.run_id}`, { signal });
   labels ??= await get("/v1/labels", { signal });
+  measures ??= await get("/v1/measures", { signal });
 
   const offered = Object.keys(VIEWS).filter((name) => !OPTIONAL.has(name) || frame.images[name]);
   const panes = h("div", { class: "panes" });
@@ -155,11 +157,11 @@ function pane(frame, evaluation) {
 
 function captionOf(frame, evaluation) {
   if (evaluation.state !== "done") return words(evaluation.state);
-  const parts = evaluation.persons.map((one) => `${evaluation.persons.length > 1 ? `${nameOf(frame, one.instance_id)} ` : ""}pACC ${percent(one.pacc)}`);
+  const parts = evaluation.persons.map((one) => `${evaluation.persons.length > 1 ? `${nameOf(frame.persons.find((person) => person.instance_id === one.instance_id) ?? one)} ` : ""}pACC ${percent(one.pacc)}`);
   return [...parts, `IoU ${percent(evaluation.iou)}`].join(" · ");
 }
 
-const nameOf = (frame, instance) => frame.persons.find((one) => one.instance_id === instance)?.character ?? `person-${instance % 1000}`;
+const nameOf = (person) => person.character ?? `person-${person.instance_id % 1000}`;
 
 function outline(person) {
   const box = ([x0, y0, x1, y1], kind) => s("rect", { x: x0, y: y0, width: x1 - x0, height: y1 - y0, class: kind, "vector-effect": "non-scaling-stroke" });
@@ -190,27 +192,18 @@ function legendOf(view) {
 // Without those that the asset could show and no spec put there.
 const peopleOf = (frame) => frame.persons.filter((one) => one.instance_id && one.undefined_reason !== "absent");
 
+const measuresFrom = (...sources) => measures.filter((measure) => sources.includes(measure.source));
+// One line of a table of measures: its title, then a value in each column.
+const line = (measure, values) => h("tr", {}, h("th", { scope: "row", title: measure.description }, heading(measure.title)),
+  values.map((value) => h("td", { class: "right" }, shown(measure, value))));
+
 function personsSection(frame) {
   const people = peopleOf(frame);
-  const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), people.map((one) => h("td", { class: "right" }, get_(one))));
+  const sources = ["place", "pixels", ...(frame.annotations.light ? ["light"] : [])];
   const body = people.length
-    ? table(["", ...people.map((one) => ({ text: one.character ?? `person-${one.instance_id % 1000}`, class: "right" }))], [
-      line("Distance", "optical centre to the person’s place on the ground", (one) => (one.distance_m === null ? "–" : `${fixed(one.distance_m, 2)} m`)),
-      line("Occlusion", "share hidden by other objects", (one) => percent(one.occlusion_rate)),
-      line("Truncation", "share beyond the image border", (one) => percent(one.truncation_rate)),
-      line("Bearing", "from the optical axis, positive to the right", (one) => (one.bearing_deg === null ? "–" : `${fixed(one.bearing_deg, 1)}°`)),
-      line("Aspect", "heading against the line of sight: 0° faces the camera, ±180° shows the back", (one) => (one.aspect_deg === null ? "–" : `${fixed(one.aspect_deg, 0)}°`)),
-      ...(frame.annotations.light ? [
-        line("Light on the body", "that arrives on what is seen of it; 1 is a clear noon sun", (one) => (one.irradiance === null ? "–" : fixed(one.irradiance, 2))),
-        line("In shadow", "share of what is seen of the body", (one) => percent(one.shadow_share)),
-        line("Contrast", "to the ring around the body; below 0 it is darker", (one) => (one.contrast === null ? "–" : fixed(one.contrast, 2))),
-      ] : []),
-      line("Visible pixels", "", (one) => count(one.pixel_area)),
-      line("of the image", "", (one) => `${fixed(one.pixel_area_percent, 3)} %`),
-      line("Pixels if alone", "rendered without anything before it", (one) => count(one.pixel_area_amodal)),
-      line("Defined", "whether a pACC exists", (one) => one.undefined_reason ?? "yes"),
-    ], { caption: "Visibility of the persons" })
-    : h("p", { class: "soft" }, "The scene holds no person here: whatever is called person is wrong.");
+    ? table(["", ...people.map((one) => ({ text: nameOf(one), class: "right" }))],
+      measuresFrom(...sources).map((measure) => line(measure, people.map((one) => one[measure.name]))), { caption: "Visibility of the persons" })
+    : h("p", { class: "soft" }, "The scene holds no person here, so every pixel called person is a false positive.");
   return h("section", { class: "card" }, h("h2", {}, "Persons"), body);
 }
 
@@ -218,18 +211,15 @@ function scoresSection(frame) {
   const done = frame.evaluations.filter((one) => one.state === "done");
   if (!done.length) return h("section", { class: "card" }, h("h2", {}, "Scores"), h("p", { class: "soft" }, frame.evaluations.length ? "Not evaluated yet." : "This run has no function under test."));
   const several = new Set(done.map((one) => one.sensor)).size > 1;
-  const line = (name, title, get_) => h("tr", {}, h("th", { scope: "row", title }, name), done.map((one) => h("td", { class: "right" }, get_(one))));
-  const people = peopleOf(frame);
-  return h("section", { class: "card" }, h("h2", {}, "Scores"), table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [
-    ...people.map((person) => line(`pACC, ${person.character ?? "person"}`, "recall of this person’s pixels", (one) => percent(one.persons.find((p) => p.instance_id === person.instance_id)?.pacc))),
-    line("Precision", "of the class person in this frame", (one) => percent(one.precision)),
-    line("IoU", "of the class person in this frame", (one) => percent(one.iou)),
-    line("Person pixels found", "", (one) => count(one.tp)), line("missed", "", (one) => count(one.fn)), line("falsely seen", "", (one) => count(one.fp)),
-    line("mIoU", "all classes of the frame that the function is judged by", (one) => percent(one.miou)),
-    line("Pixel accuracy", "all classes that the function is judged by", (one) => percent(one.pixel_accuracy)),
-  ], { caption: "Scores per function" }),
-  [...new Set(done.filter((one) => one.judged_by.length).map((one) => `${one.function}: mIoU and pixel accuracy are those of ${one.judged_by.join(", ")} alone.`))]
-    .map((text) => h("p", { class: "small soft under" }, text)));
+  const pacc = measures.find((measure) => measure.name === "pacc");
+  const ofPerson = peopleOf(frame).map((person) => line({ ...pacc, title: `${pacc.title}, ${nameOf(person)}` },
+    done.map((one) => one.persons.find((score) => score.instance_id === person.instance_id)?.pacc)));
+  const counts = measures.filter((measure) => ["tp", "fn"].includes(measure.name));
+  const ofFrame = [...counts, ...measuresFrom("frame score")].map((measure) => line(measure, done.map((one) => one[measure.name])));
+  return h("section", { class: "card" }, h("h2", {}, "Scores"),
+    table(["", ...done.map((one) => ({ text: several ? `${one.function} · ${one.sensor}` : one.function, class: "right" }))], [...ofPerson, ...ofFrame], { caption: "Scores per function" }),
+    [...new Set(done.filter((one) => one.judged_by.length).map((one) => `${one.function}: mIoU, fwIoU, mAcc and pixel accuracy are over ${one.judged_by.join(", ")} only.`))]
+      .map((text) => h("p", { class: "small soft under" }, text)));
 }
 
 function variantSection(frame) {

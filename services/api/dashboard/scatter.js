@@ -1,7 +1,7 @@
 // pACC over one column, one panel per function: canvas for many points, mouse, touch and keyboard for each of them.
 import { get } from "./api.js";
 import { h, put } from "./dom.js";
-import { NONE, count, fixed, percent, plural } from "./format.js";
+import { NONE, count, fixed, heading, percent, plural } from "./format.js";
 
 const FIRST = "distance_m";
 const GROUPS = { person: "Of the person", conditions: "Moment and weather", varied: "Varied" };
@@ -77,7 +77,7 @@ export function scatterSection({ path, parameters, signal }) {
 
 // With words for people: Distance (m). Parameters keep their names.
 function axisOf(one) {
-  const title = one.group === "varied" ? one.title : one.title[0].toUpperCase() + one.title.slice(1);
+  const title = one.group === "varied" ? one.title : heading(one.title);
   return { ...one, title, label: one.unit ? `${title} (${one.unit})` : title };
 }
 

@@ -7,14 +7,22 @@ from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Path, status
 
-from services.api import examples
 from services.api.dependencies import ContextDependency
-from services.api.openapi import example, problems
-from services.api.schemas import AssetEntry, AssetRead, LabelRead, QueueRead, RendererRead, WorkerRead
+from services.api.openapi import problems
+from services.api.schemas.catalog import (
+    AssetEntry,
+    AssetRead,
+    LabelRead,
+    MeasureRead,
+    QueueRead,
+    RendererRead,
+    WorkerRead,
+)
 from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
 from valerie.labels import CITYSCAPES
+from valerie.measures import MEASURES
 from valerie.pipeline.control import monitoring
 from valerie.pipeline.functions import catalog
 
@@ -23,7 +31,7 @@ router = APIRouter(prefix="/v1", tags=["catalog"])
 Name = Annotated[str, Path(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", examples=["urban-street"])]
 
 
-@router.get("/assets", responses={**problems(422), **example(examples.ASSETS)}, summary="Assets that a spec may name")
+@router.get("/assets", responses=problems(422), summary="Assets that a spec may name")
 def assets(context: ContextDependency) -> list[AssetEntry]:
     return [AssetEntry.model_validate(one) for one in catalog.assets(context.settings)]
 
@@ -38,7 +46,7 @@ def asset(name: Name, context: ContextDependency) -> AssetRead:
 
 @router.get(
     "/renderers",
-    responses={**problems(422), **example(examples.RENDERERS)},
+    responses=problems(422),
     summary="Render engines, and the numeric classes in which living workers offer them",
 )
 def renderers(context: ContextDependency) -> list[RendererRead]:
@@ -47,16 +55,19 @@ def renderers(context: ContextDependency) -> list[RendererRead]:
 
 @router.get(
     "/labels",
-    responses={**problems(422), **example(examples.LABELS)},
+    responses=problems(422),
     summary="Classes of ground truth and predictions, with the colours of their pictures",
 )
 def labels() -> list[LabelRead]:
     return [LabelRead.model_validate(label) for label in CITYSCAPES]
 
 
-@router.get(
-    "/workers", responses={**problems(422), **example(examples.WORKERS)}, summary="Worker processes that are alive"
-)
+@router.get("/measures", responses=problems(422), summary="Columns of the long table, and how to show their values")
+def measures() -> list[MeasureRead]:
+    return [MeasureRead.model_validate(measure) for measure in MEASURES]
+
+
+@router.get("/workers", responses=problems(422), summary="Worker processes that are alive")
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
         return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=time.time())]
@@ -64,7 +75,7 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
 
 @router.get(
     "/queues",
-    responses={**problems(422), **example(examples.QUEUES)},
+    responses=problems(422),
     summary="What waits for which workers: products in the database, messages in the broker",
 )
 def queues(context: ContextDependency) -> list[QueueRead]:

@@ -7,10 +7,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response, status
 
-from services.api import examples
-from services.api.dependencies import ContextDependency, FrameId, split_frame_id, wake_control
-from services.api.openapi import binary, example, problems
-from services.api.schemas import FunctionDetail, FunctionRead, PredictionRead
+from services.api.dependencies import ContextDependency, FrameDependency, wake_control
+from services.api.openapi import binary, problems
+from services.api.schemas.functions import FunctionDetail, FunctionRead, PredictionRead
 from services.api.transfer import ConditionsDependency, send
 from services.api.upload import FormDependency
 from valerie.db.engine import reading
@@ -48,7 +47,11 @@ _FORM: Final[dict[str, Any]] = {
                         "precision": {"type": "string"},
                     },
                 },
-                "example": examples.REGISTRATION,
+                "example": {
+                    "document": "name: street-net\nclasses: [road, person]\n",
+                    "payload": "(the file)",
+                    "engine": "openvino",
+                },
             }
         },
     }
@@ -72,7 +75,6 @@ async def _body(request: Request) -> bytes:
     openapi_extra=_FORM,
     responses={
         **problems(409, 413, 422, 501, 507),
-        **example(examples.FUNCTION, status=201),
         200: {"model": FunctionDetail, "description": "this version was registered already"},
     },
     summary="Register a function under test; an equal document under the same name changes nothing",
@@ -99,7 +101,7 @@ def register(form: FormDependency, request: Request, response: Response, context
 
 @router.get(
     "/functions",
-    responses={**problems(422), **example(examples.FUNCTIONS)},
+    responses=problems(422),
     summary="Functions under test with their cards: installed ones, then every version of registered ones, newest first",
 )
 def list_functions(context: ContextDependency) -> list[FunctionRead]:
@@ -163,7 +165,7 @@ def remove(reference: Reference, context: ContextDependency) -> None:
     summary="Bring the prediction of a frame, for functions of kind predictions",
 )
 def bring(
-    frame_id: FrameId,
+    key: FrameDependency,
     request: Request,
     response: Response,
     context: ContextDependency,
@@ -175,8 +177,8 @@ def bring(
         str | None, Query(max_length=200, description="default: the only one", examples=["default"])
     ] = None,
 ) -> PredictionRead:
-    new = put_prediction(context, *split_frame_id(frame_id), body, function=function, sensor=sensor)
+    new = put_prediction(context, key, body, function=function, sensor=sensor)
     wake_control(request)
     if not new:
         response.status_code = status.HTTP_200_OK
-    return PredictionRead(frame_id=frame_id, new=new)
+    return PredictionRead(frame_id=str(key), new=new)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from fastapi import APIRouter, Response, status
 from fastapi.responses import PlainTextResponse
 
-from services.api import examples
 from services.api.dependencies import ContextDependency
 from services.api.openapi import example, problems
-from services.api.schemas import Health
+from services.api.schemas.catalog import Health
 from valerie.pipeline.control import monitoring
 
 router = APIRouter(tags=["health"])
@@ -18,7 +17,7 @@ _UNAVAILABLE = {
     "status": "unavailable",
     "checks": {"database": "ok", "broker": "the broker does not answer", "artifacts": "ok"},
 }
-_READY = {"status": "ok", "checks": {"database": "ok", "broker": "ok", "artifacts": "ok"}}
+_METRICS = '# HELP valerie_products Unfinished products\nvalerie_products{route="eval",state="ready"} 3.0\n'
 
 
 @router.get("/healthz", responses=example({"status": "ok", "checks": {}}), summary="The process answers")
@@ -29,7 +28,6 @@ def alive() -> Health:
 @router.get(
     "/readyz",
     responses={
-        **example(_READY),
         503: {
             "model": Health,
             "description": "One of them does not answer",
@@ -49,7 +47,7 @@ def ready(context: ContextDependency, response: Response) -> Health:
 @router.get(
     "/metrics",
     response_class=PlainTextResponse,
-    responses={**problems(), **example(examples.METRICS, media_type="text/plain")},
+    responses={**problems(), **example(_METRICS, media_type="text/plain")},
     summary="Prometheus metrics: queues, stages, failures, workers",
 )
 def metrics(context: ContextDependency) -> PlainTextResponse:

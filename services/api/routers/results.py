@@ -8,16 +8,16 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
 
-from services.api import examples
 from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
 from services.api.dependencies import value_of_column as value
-from services.api.openapi import binary, problems
-from services.api.schemas import EvaluationPage, PointColumns, SummaryRead
+from services.api.openapi import binary, example_of, problems
+from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.db import results, runs
+from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
@@ -28,6 +28,8 @@ router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
 #: Columns that hold a name, and the column of the database that holds its position in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
+_ROW: dict[str, Any] = example_of(EvaluationRow.model_json_schema())
+_CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
 _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
 
 
@@ -38,8 +40,7 @@ _MEDIA = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.p
         **problems(404, 409, 422),
         200: {
             "content": {
-                "application/json": {"example": examples.EVALUATIONS},
-                "text/csv": {"schema": {"type": "string"}, "example": examples.CSV},
+                "text/csv": {"schema": {"type": "string"}, "example": _CSV},
                 "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
             }
         },
@@ -67,15 +68,14 @@ def list_evaluations(
         Literal["json", "csv", "parquet"], Query(alias="format", description="csv and parquet hold the whole table")
     ] = "json",
 ) -> Any:
-    with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, run_id), context.settings)
+    run = read_run(context, run_id)
     if format_ != "json":
         if filter_ or cursor:
             raise InvalidInput("the downloads hold the whole table", field="filter", limit="format=json")
-        return _download(context, run_id, resolved, format_)
+        return _download(context, run, format_)
     column, descending = sort.removeprefix("-"), sort.startswith("-")
     column = _NAMED.get(column, column)
-    filters = [_filter(one, resolved) for one in filter_ or ()]
+    filters = [_filter(one, run.resolved) for one in filter_ or ()]
     after = decode_cursor(cursor, value, *[index] * len(results.KEY))
     if after is not None and isinstance(after[0], str) is not (column == "undefined_reason") and after[0] is not None:
         raise InvalidInput("the cursor belongs to another order", field="cursor", value=cursor, limit="sort unchanged")
@@ -84,9 +84,9 @@ def list_evaluations(
             connection, run_id, filters=filters, sort=column, descending=descending, limit=limit + 1, after=after
         )
         total = results.count(connection, run_id, filters=filters)
-    varied = varied_types(resolved)
+    varied = varied_types(run.resolved)
     following = encode_cursor(*results.position(rows[limit - 1], column)) if len(rows) > limit else None
-    items = [table_row(row, run_id, resolved, varied) for row in rows[:limit]]
+    items = [table_row(row, run, varied) for row in rows[:limit]]
     return {"items": items, "total": total, "next": following}
 
 
@@ -132,11 +132,11 @@ def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDepe
     )
 
 
-def _download(context: Any, run_id: str, resolved: ResolvedRun, format_: str) -> Response:
-    table = read_table(context.engine, run_id, resolved)
+def _download(context: Context, run: StoredRun, format_: str) -> Response:
+    table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    name = f'attachment; filename="{run_id}-evaluations.{format_}"'
+    name = f'attachment; filename="{run.id}-evaluations.{format_}"'
     return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
 
-from services.api import examples
 from services.api.dependencies import (
     ContextDependency,
     Cursor,
@@ -20,7 +19,8 @@ from services.api.dependencies import (
     wake_control,
 )
 from services.api.openapi import example, problems
-from services.api.schemas import Failure, Progress, RunDetail, RunPage, RunRead
+from services.api.schemas.base import CAMERAS, DIGEST
+from services.api.schemas.runs import SPEC, Failure, Progress, RunDetail, RunPage, RunRead
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
@@ -39,10 +39,45 @@ _SPEC_BODY: dict[str, Any] = {
         "required": True,
         "description": "A validation-run spec as JSON or YAML; `valerie new` writes one with comments.",
         "content": {
-            "application/json": {"schema": {"type": "object"}, "example": examples.SPEC},
+            "application/json": {"schema": {"type": "object"}, "example": SPEC},
             "application/yaml": {"schema": {"type": "string"}, "example": _YAML},
         },
     }
+}
+#: The plan of `SPEC`.
+_PLAN: Final[dict[str, Any]] = {
+    "name": SPEC["name"],
+    "asset": "urban-street",
+    "spec_digest": DIGEST,
+    "variants": 10,
+    "accepted": 10,
+    "rejected": {},
+    "cameras": CAMERAS,
+    "frames": 30,
+    "evaluations": 30,
+    "renders": 63,
+    "inferences": 30,
+    "products": [
+        {
+            "kind": "layer",
+            "maker": "raster",
+            "needed": 30,
+            "present": 0,
+            "cpu_seconds": 10.2,
+            "bytes": 1900000,
+            "basis": "shipped",
+        }
+    ],
+    "cpu_seconds": 41.5,
+    "bytes": 24000000,
+    "cost_basis": "shipped table: layer raster",
+    "first": [{"index": 0, "values": {"p1": 1.5, "p2": 4.0}, "rejection": None}],
+    "last": [{"index": 9, "values": {"p1": 5.5, "p2": 5.0}, "rejection": None}],
+    "units": {"p1": "m", "p2": "m"},
+    "estimated": False,
+    "sample": None,
+    "warnings": [],
+    "notes": [],
 }
 _OF_RUN = problems(404, 422)
 _OF_CHANGE = problems(404, 409, 422)
@@ -63,7 +98,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
 @router.post(
     "/plan",
     openapi_extra=_SPEC_BODY,
-    responses={**problems(413, 422), **example(examples.PLAN)},
+    responses={**problems(413, 422), **example(_PLAN)},
     summary="What a spec would cost; stores nothing",
 )
 def plan(spec: Spec, context: ContextDependency) -> Plan:
@@ -129,18 +164,29 @@ def progress(run_id: RunId, context: ContextDependency) -> Progress:
 
 @router.get(
     "/runs/{run_id}/failures",
-    responses={**_OF_RUN, **example(examples.FAILURES)},
+    responses=_OF_RUN,
     summary="What failed for good, with stage, error and attempts",
 )
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
     with reading(context.engine) as connection:
         runs.require(connection, run_id)
-        return [Failure.model_validate(one) for one in results.failures(connection, run_id, limit=limit)]
+        failed = results.failures(connection, run_id, limit=limit)
+    return [
+        Failure(
+            variant_index=link.frame.variant,
+            camera_index=link.frame.camera,
+            time_index=link.frame.time,
+            digest=link.digest,
+            kind=link.kind,
+            error=link.error.model_dump(mode="json"),
+        )
+        for link in failed
+    ]
 
 
 @router.get(
     "/runs/{run_id}/rejections",
-    responses={**_OF_RUN, **example(examples.REJECTIONS)},
+    responses={**_OF_RUN, **example({"person-1 stands inside car-3": 2})},
     summary="Rejected variants by reason",
 )
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from valerie.analysis.table import EvaluationTable
+from valerie.measures import MEASURES
 
 PARAMETERS = {
     "scene.person-1.pos.x": "FLOAT",
@@ -52,6 +53,7 @@ def synthetic_rows(
                         called = tp + false_positives
                         rows.append(
                             {
+                                **dict.fromkeys(measure.name for measure in MEASURES),
                                 "run_id": "run-1",
                                 "variant_index": variant,
                                 "frame_id": f"{variant:06d}-{number}",
@@ -70,9 +72,6 @@ def synthetic_rows(
                                 "depth_m": y + 12,
                                 "bearing_deg": 0.0,
                                 "aspect_deg": 180.0,
-                                "irradiance": None,
-                                "shadow_share": None,
-                                "contrast": None,
                                 "sun_azimuth_deg": 180.0,
                                 "sun_elevation_deg": 40.0,
                                 "road_friction": 0.85,

@@ -11,6 +11,7 @@ from valerie.analysis.before_after_drawing import comparison_renderable, draw_co
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
+from valerie.measures import MEASURES
 from valerie.metrics.collection import CollectionScores, collection_scores
 
 N = 40
@@ -23,34 +24,21 @@ def table(function: str, pacc: np.ndarray, *, fp: int = 10, order: np.ndarray | 
     tp = np.rint(100 * pacc).astype(int)[order]
     return EvaluationTable.from_columns(
         {
+            **{measure.name: [None] * len(order) for measure in MEASURES},
             "run_id": ["r"] * len(order),
             "variant_index": order,
             "frame_id": [f"r.{i}.0.0" for i in order],
             "camera": [f"camera-{i % 2 + 1}" for i in order],
-            "time_s": [0.0] * len(order),
             "character": ["yellow" if i % 4 < 2 else "black" for i in order],
             "sensor": ["default"] * len(order),
             "function": [function] * len(order),
             "instance_id": [24_001] * len(order),
             "pixel_area": [100] * len(order),
-            "pixel_area_percent": [0.1] * len(order),
-            "pixel_area_amodal": [100] * len(order),
             "occlusion_rate": [0.0] * len(order),
-            "truncation_rate": [0.0] * len(order),
             "distance_m": DISTANCE[order],
-            "depth_m": DISTANCE[order],
-            "bearing_deg": [0.0] * len(order),
-            "aspect_deg": [180.0] * len(order),
-            "irradiance": [None] * len(order),
-            "shadow_share": [None] * len(order),
-            "contrast": [None] * len(order),
-            "sun_azimuth_deg": [180.0] * len(order),
-            "sun_elevation_deg": [40.0] * len(order),
-            "road_friction": [0.85] * len(order),
             "tp": tp,
             "fn": 100 - tp,
             "pacc": tp / 100,
-            "undefined_reason": [None] * len(order),
             "precision": tp / np.maximum(tp + fp, 1),
             "iou": tp / (100 + fp),
             "pixel_accuracy": [0.9] * len(order),

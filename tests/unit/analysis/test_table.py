@@ -4,8 +4,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from valerie.analysis.table import COLUMNS, EvaluationTable, combine
+from valerie.analysis.table import EvaluationTable, combine
 from valerie.errors import CorruptArtifact, InvalidInput, UnknownName
+from valerie.measures import MEASURES
 
 FLAT = {"xs": [0.0, 1.5], "ys": [5.0, 20.0]}
 
@@ -23,7 +24,7 @@ def test_rows_become_one_typed_column_each_in_a_fixed_order(rows, parameters):
     table = EvaluationTable.from_rows(rows, parameters)
 
     assert len(table) == len(rows) == 2 * 2 * 2 * 3 * 2
-    assert table.arrow.column_names == [name for name, *_ in COLUMNS] + list(parameters)
+    assert table.arrow.column_names == [measure.name for measure in MEASURES] + list(parameters)
     assert table.arrow.schema.field("scene.person-1.pos.x").type == pa.float64()
     assert table.arrow["character"].to_pylist() == [row["character"] for row in rows]
     np.testing.assert_array_equal(table.numbers("tp"), [row["tp"] for row in rows])

@@ -3,8 +3,7 @@ import pytest
 
 from valerie.analysis.intervals import Resampler
 from valerie.analysis.table import EvaluationTable
-from valerie.analysis.trends import AXES, axis_of, find_trends
-from valerie.errors import UnknownName
+from valerie.analysis.trends import AXES, find_trends
 
 
 @pytest.fixture
@@ -15,10 +14,10 @@ def trends(dropping_table):
 def test_there_is_a_trend_per_axis_function_and_character_and_combined(trends):
     found = {(t.column, t.function, t.character) for t in trends.items}
     expected = {
-        (axis.column, function, character)
+        (axis.name, function, character)
         for axis in AXES
         # Empty in this run, and of one value.
-        if axis.column not in ("irradiance", "shadow_share", "contrast", "time_s")
+        if axis.name not in ("irradiance", "shadow_share", "contrast", "time_s")
         for function in ("a-net", "b-net")
         for character in ("black-outfit", "yellow-shirt", "all")
     }
@@ -81,8 +80,3 @@ def test_undefined_persons_bend_no_curve(dropping_table):
     total = sum(t.curve.n for t in trends.items if t.column == "distance_m" and t.character == "all" and t.curve)
 
     assert total == len(table) - hidden.sum()
-
-
-def test_an_unknown_axis_is_refused():
-    with pytest.raises(UnknownName, match="distance_m"):
-        axis_of("distance")

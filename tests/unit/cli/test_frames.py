@@ -23,6 +23,7 @@ from valerie.db.engine import reading
 from valerie.errors import RenderingError
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.reading.products import ProductReader
+from valerie.runs.frames import FrameKey
 
 KINDS = ("normals", "boxes", "joints", "flow", "velocity", "light")
 Export = Callable[..., str]
@@ -70,7 +71,7 @@ def test_every_annotation_of_the_run_comes_along_and_reads_back_as_it_is_stored(
     assert names(out) == sorted(f"{frame}{end}" for frame in frames for end in (".png", *(f"_{k}.npz" for k in KINDS)))
     reader = ProductReader(pipeline.context.store)
     with reading(pipeline.context.engine) as connection:
-        links = results.frame_annotations(connection, run, 0, 0, 1)
+        links = results.frame_annotations(connection, FrameKey(run, 0, 0, 1))
     arrays = {kind: np.load(io.BytesIO((out / f"{frames[1]}_{kind}.npz").read_bytes())) for kind in KINDS}
     assert (arrays["normals"]["octahedral"] == reader.normals(links["normals"].product).octahedral).all()
     assert (arrays["boxes"]["corners"] == reader.boxes(links["boxes"].product).corners).all()
@@ -106,7 +107,7 @@ def test_a_frame_whose_annotation_failed_is_counted_with_what_helps(
     pipeline: Pipeline, export: Export, tmp_path: Path
 ) -> None:
     def refuse(job: Any) -> None:
-        if job.kind == "boxes" and job.variant_index == 0:
+        if job.kind == "boxes" and job.frame.key.variant == 0:
             raise RenderingError("no boxes today")
 
     pipeline.makers["render"].before = refuse

@@ -14,6 +14,7 @@ from valerie.db.engine import reading, writing
 from valerie.db.models import PersonView, Product
 from valerie.db.products import Finished, Part, Wanted
 from valerie.db.statements import insert_ignoring
+from valerie.runs.frames import FrameKey, FrameProducts
 from valerie.runs.products import FailedInput, Fault
 from valerie.runs.states import BROUGHT_ROUTE, ProductKind
 
@@ -191,8 +192,8 @@ class TestClaim:
         make_ready(engine)
         with writing(engine) as connection:
             (job,) = products.claim(connection, [digest("t")], owner="w", now=0.0, lease_seconds=1.0)
-        assert (job.run_id, job.variant_index, job.camera_index, job.assignment) == ("r1", 0, 0, {"x": 1})
-        assert (job.background, job.layer, job.truth) == (digest("b"), digest("l"), digest("t"))
+        assert (job.frame.key, job.frame.assignment) == (FrameKey("r1", 0, 0), {"x": 1})
+        assert job.frame.products == FrameProducts(digest("b"), digest("l"), digest("t"))
 
 
 class TestPublish:

@@ -15,17 +15,19 @@ from tests.unit.pipeline.harness import Pipeline
 from valerie.datasets import coco
 from valerie.db import results
 from valerie.db.engine import reading
+from valerie.db.products import Job
 from valerie.errors import Conflict, RenderingError, UnknownName
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.export.datasets import ExportSettings, export_run
-from valerie.pipeline.reading import frames
 from valerie.pipeline.reading.annotation_files import key_points
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import parse
 from valerie.runs.states import Stage
 from valerie.scene.graph.model import JOINTS
@@ -64,7 +66,7 @@ def test_another_sun_keeps_them(pipeline: Pipeline) -> None:
 def test_they_are_replayed_byte_for_byte(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.run(run)
-    replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, run, 0, 1)}
+    replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
     assert replayed["normals"] == replayed["boxes"] == "equal"
     assert set(replayed.values()) == {"equal"}
 
@@ -73,15 +75,15 @@ def test_they_are_read_back_and_shown(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        links = results.frame_annotations(connection, run, 0, 0)
+        links = results.frame_annotations(connection, FrameKey(run, 0, 0))
     reader = ProductReader(pipeline.context.store)
     assert reader.normals(links["normals"].product).octahedral.shape == (36, 64, 2)
     boxes = reader.boxes(links["boxes"].product)
     assert boxes.pixel_areas[boxes.instances.tolist().index(24001)] == 16 * 36  # the blank truth's square
-    normals = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="normals"))
+    normals = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="normals"))
     assert np.unique(normals.reshape(-1, 3), axis=0).tolist() == [[128, 128, 255]]
-    drawn = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="boxes"))
-    picture = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="picture"))
+    drawn = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="boxes"))
+    picture = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="picture"))
     assert 0 < (drawn != picture).any(axis=2).sum() < picture[..., 0].size
 
 
@@ -89,10 +91,10 @@ def test_joints_are_made_also_where_nobody_has_a_skeleton(pipeline: Pipeline) ->
     run = pipeline.submit(spec(xs=2, ys=2, annotations=["joints"]))
     assert pipeline.run(run) == "completed"
     with reading(pipeline.context.engine) as connection:
-        link = results.frame_annotations(connection, run, 0, 0)["joints"]
+        link = results.frame_annotations(connection, FrameKey(run, 0, 0))["joints"]
     assert ProductReader(pipeline.context.store).joints(link.product).known.tolist() == [0]
-    drawn = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="joints"))
-    picture = frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind="picture"))
+    drawn = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="joints"))
+    picture = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind="picture"))
     assert np.array_equal(drawn, picture)
 
 
@@ -164,19 +166,19 @@ def test_a_run_that_did_not_ask_has_no_such_picture(pipeline: Pipeline) -> None:
     run = pipeline.submit()
     pipeline.run(run)
     with pytest.raises(UnknownName, match="normals"):
-        frames.find(pipeline.context, run, 0, 0, kind="normals")
+        find_picture(pipeline.context, FrameKey(run, 0, 0), kind="normals")
 
 
 def test_a_picture_of_what_is_not_made_yet_is_a_conflict(pipeline: Pipeline) -> None:
     run = pipeline.submit(ASKED)
     pipeline.step()
     with pytest.raises(Conflict, match="not there yet"):
-        frames.find(pipeline.context, run, 0, 0, kind="normals")
+        find_picture(pipeline.context, FrameKey(run, 0, 0), kind="normals")
 
 
 def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: Pipeline) -> None:
-    def refuse(job: object) -> None:
-        if job.kind == "boxes" and (job.variant_index, job.camera_index) == (0, 0):  # type: ignore[attr-defined]
+    def refuse(job: Job) -> None:
+        if job.kind == "boxes" and (job.frame.key.variant, job.frame.key.camera) == (0, 0):
             raise RenderingError("no boxes today")
 
     pipeline.makers["render"].before = refuse
@@ -188,7 +190,7 @@ def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: 
     assert progress.stages[Stage.EVAL].done == FRAMES
     with reading(pipeline.context.engine) as connection:
         (failure,) = results.failures(connection, run)
-    assert (failure.kind, failure.variant_index) == ("boxes", 0)
+    assert (failure.kind, failure.frame.variant) == ("boxes", 0)
     pipeline.makers["render"].before = lambda _: None
     lifecycle.retry(pipeline.context, run)
     assert pipeline.run(run) == "completed"
@@ -236,7 +238,7 @@ class TestLight:
     def test_it_is_replayed_and_freed_like_the_rest(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(self.LIT)
         pipeline.run(run)
-        replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, run, 0, 1)}
+        replayed = {one.kind: one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))}
         assert replayed["light"] == "equal"
         everything = len(pipeline.products())
         lifecycle.delete(pipeline.context, run)
@@ -244,7 +246,7 @@ class TestLight:
 
 
 def table_of(pipeline: Pipeline, run: str) -> Any:
-    return read_table(pipeline.context.engine, run, resolve_stored(pipeline.row(run), pipeline.settings)).arrow
+    return read_table(pipeline.context.engine, read_run(pipeline.context, run)).arrow
 
 
 def test_what_nobody_links_any_more_is_freed(pipeline: Pipeline) -> None:

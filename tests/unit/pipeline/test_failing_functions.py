@@ -36,7 +36,7 @@ FOUR = spec(xs=2, ys=1)
 HTTP = Offer(stage=Stage.INFER, name="http", numeric_class="http", revision=1, route="infer.http")
 
 
-def failures(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
+def failures(pipeline: Pipeline, run_id: str) -> list[results.FailedLink]:
     with reading(pipeline.context.engine) as connection:
         return results.failures(connection, run_id)
 
@@ -78,7 +78,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         pipeline, run_id = asked
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
-        (lost,) = (one for one in failures(pipeline, run_id) if one.kind == "prediction")
+        (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")
         assert (lost.error.type, lost.error.attempts) == ("InferenceError", 1)
         assert lost.error.message.endswith(": no answer within 2 s")
 
@@ -173,6 +173,6 @@ def test_a_process_that_ends_over_one_picture_keeps_the_reason_and_costs_its_nei
     assert ends == 2, "as many as there are attempts"
     products = {one.digest: one for one in pipeline.products() if one.kind == "prediction"}
     failed = products.pop(ending.victim)
-    assert (failed.state, failed.error["attempts"]) == ("failed", 2)
-    assert failed.error["message"] == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
+    assert (failed.state, failed.error.attempts) == ("failed", 2)
+    assert failed.error.message == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
     assert {(one.state, one.attempts) for one in products.values()} == {("done", 1)}

@@ -12,13 +12,14 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.frames import FrameKey
 from valerie.runs.products import FailedInput, Fault
 from valerie.runs.spec import parse
 from valerie.runs.states import ProductKind, Stage
@@ -31,8 +32,7 @@ ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, 
 
 
 def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
-    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
-    table = read_table(pipeline.context.engine, run_id, resolved).arrow.to_pylist()
+    table = read_table(pipeline.context.engine, read_run(pipeline.context, run_id)).arrow.to_pylist()
     return [{k: v for k, v in row.items() if k not in ("run_id", "frame_id")} for row in table]
 
 
@@ -73,18 +73,18 @@ class TestAnUndisturbedRun:
     def test_a_replayed_frame_is_equal_byte_for_byte(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         pipeline.run(run)
-        assert [one.verdict for one in replay_frame(pipeline.context, run, 0, 1)] == ["equal"] * 5
+        assert [one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_a_truth_that_was_stored_whole_is_read_and_replayed(self, pipeline: Pipeline) -> None:
         run = pipeline.submit(spec(xs=2, ys=1))
         pipeline.run(run)
         with reading(pipeline.context.engine) as connection:
-            truth = results.frame(connection, run, 0, 0, 0).truth
+            truth = results.frame(connection, FrameKey(run, 0, 0, 0)).products.truth
         whole = ProductReader(pipeline.context.store).truth(truth)
         pipeline.context.store.put(product_key("truth", truth), codecs.encode_truth(whole), replace=True)
         read = ProductReader(pipeline.context.store).truth(truth)
         assert codecs.encode_truth(read) == codecs.encode_truth(whole)
-        assert replay_frame(pipeline.context, run, 0, 0)[2].verdict == "equal"
+        assert replay_frame(pipeline.context, FrameKey(run, 0, 0))[2].verdict == "equal"
 
 
 class TestReuse:
@@ -137,7 +137,7 @@ class TestFailures:
         assert pipeline.run(run) == "completed-with-failures"
         assert len(rows(pipeline, run)) == 2 * (FRAMES - 1)
         with reading(pipeline.context.engine) as connection:
-            failures = {failure.kind: failure.error for failure in results.failures(connection, run)}
+            failures = {link.kind: link.error for link in results.failures(connection, run)}
         layer, prediction, evaluation = ProductKind.LAYER, ProductKind.PREDICTION, ProductKind.EVALUATION
         fault = Fault(stage=layer, type="RenderingError", message="the image is constant", attempts=1)
         assert failures[layer] == fault
@@ -170,9 +170,7 @@ class TestFailures:
         run = pipeline.submit()
         assert pipeline.run(run) == "completed-with-failures"
         with reading(pipeline.context.engine) as connection:
-            errors = {
-                failure.error.type for failure in results.failures(connection, run) if isinstance(failure.error, Fault)
-            }
+            errors = {link.error.type for link in results.failures(connection, run) if isinstance(link.error, Fault)}
         assert errors == {"ZeroDivisionError"}
 
     def test_a_lost_object_is_made_again(self, pipeline: Pipeline) -> None:
@@ -180,8 +178,9 @@ class TestFailures:
 
         def lose_a_layer(job: Any) -> None:
             if not lost:
-                lost.append(job.layer)
-                pipeline.context.store.delete(f"products/layer/{job.layer[:2]}/{job.layer}.zst")
+                layer = job.frame.products.layer
+                lost.append(layer)
+                pipeline.context.store.delete(f"products/layer/{layer[:2]}/{layer}.zst")
 
         pipeline.makers["infer"].before = lose_a_layer
         assert pipeline.run(pipeline.submit()) == "completed"
@@ -209,8 +208,9 @@ class TestFailures:
 
         def spoil_a_truth(job: Any) -> None:
             if not spoilt:
-                spoilt.append(job.truth)
-                key = f"products/truth/{job.truth[:2]}/{job.truth}.zst"
+                truth = job.frame.products.truth
+                spoilt.append(truth)
+                key = f"products/truth/{truth[:2]}/{truth}.zst"
                 pipeline.context.store.put(key, b"not a truth", replace=True)
 
         pipeline.makers["eval"].before = spoil_a_truth

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import orjson
 import pytest
 from sqlalchemy import select
 
@@ -24,6 +25,7 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.comparison import compare_versions
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.runs.frames import FrameKey
 from valerie.storage.keys import run_key
 
 PERSON_OR_NOT = (
@@ -53,7 +55,7 @@ def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
             ("person-or-not", person.astype(np.uint8)),
             ("narrowed", np.where(person, PERSON.train_id, VOID).astype(np.uint8)),
         ):
-            put_prediction(pipeline.context, run, variant, camera, 0, encode_png(ids), function=name)
+            put_prediction(pipeline.context, FrameKey(run, variant, camera), encode_png(ids), function=name)
     assert pipeline.run(run) == "completed"
     return pipeline, run
 
@@ -61,13 +63,13 @@ def finished(pipeline: Pipeline) -> tuple[Pipeline, str]:
 def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipeline, str]) -> None:
     pipeline, run = finished
     with reading(pipeline.context.engine) as connection:
-        perfect, narrowed, blank = results.frame_evaluations(connection, run, 0, 0)
+        perfect, narrowed, blank = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     figures = ("pacc", "precision", "iou", "pixel_accuracy", "miou", "fwiou", "macc")
     assert {name: getattr(perfect, name) for name in figures} == dict.fromkeys(figures, 1.0)
     assert {name: getattr(narrowed, name) for name in figures} == dict.fromkeys(figures, 1.0)
     assert blank.pixel_accuracy < 1.0, "it is judged by all classes"
 
-    summary = pipeline.row(run).summary
+    summary = orjson.loads(pipeline.context.store.get(run_key(run, "summary.json")))
     text = summary_text(Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"]))
     both = "person-or-not 100.0 / 100.0, narrowed 100.0 / 100.0"
     assert f"Mean IoU of person alone, frame mean / pooled: {both}." in text

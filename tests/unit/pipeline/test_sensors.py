@@ -13,13 +13,14 @@ from tests.acceptance.system import spec, write_box_street
 from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
-from valerie.pipeline.reading import frames
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import parse
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS
 
@@ -51,9 +52,10 @@ def small(**more: Any) -> dict[str, Any]:
 
 
 def table(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
-    resolved = resolve_stored(pipeline.row(run_id), pipeline.settings)
-    found: list[dict[str, Any]] = read_table(pipeline.context.engine, run_id, resolved).arrow.to_pylist()
-    return found
+    rows: list[dict[str, Any]] = read_table(
+        pipeline.context.engine, read_run(pipeline.context, run_id)
+    ).arrow.to_pylist()
+    return rows
 
 
 def all_views(pipeline: Pipeline, digest: str) -> list[dict[str, Any]]:
@@ -103,9 +105,9 @@ def test_distances_and_absent_persons_stay_as_they_are(pipeline: Pipeline) -> No
     run = pipeline.submit(small(sensors=[BENT]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        frame = results.frame(connection, run, 0, 0)
-        (one,) = results.frame_evaluations(connection, run, 0, 0)
-    before, after = all_views(pipeline, frame.truth), all_views(pipeline, one.scores)
+        frame = results.frame(connection, FrameKey(run, 0, 0))
+        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
+    before, after = all_views(pipeline, frame.products.truth), all_views(pipeline, one.scores)
     assert [row["instance_id"] for row in after] == [row["instance_id"] for row in before]
     for name in ("distance_m", "depth_m"):
         assert [row[name] for row in after] == [row[name] for row in before]
@@ -116,7 +118,7 @@ def test_a_sensor_without_distortion_keeps_no_views_of_its_own(pipeline: Pipelin
     run = pipeline.submit(small(sensors=[{"name": "noisy", "noise": {"shot": True}}]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        (one,) = results.frame_evaluations(connection, run, 0, 0)
+        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     assert all_views(pipeline, one.scores) == []
 
 
@@ -126,7 +128,7 @@ def test_noise_is_the_same_in_a_replay_and_in_another_deployment(
     noisy = [{"name": "noisy", "noise": {"shot": True, "full_well_electrons": 200}, "soiling": {"dirt": 0.1}}]
     run = pipeline.submit(small(sensors=noisy))
     pipeline.run(run)
-    assert [one.verdict for one in replay_frame(pipeline.context, run, 2, 0)] == ["equal"] * 5
+    assert [one.verdict for one in replay_frame(pipeline.context, FrameKey(run, 2, 0))] == ["equal"] * 5
     other = Pipeline(tmp_path / "other", assets)
     again = other.submit(small(sensors=noisy))
     other.run(again)
@@ -141,7 +143,9 @@ def test_pictures_for_people_show_truth_in_step_with_the_sensor(pipeline: Pipeli
     pipeline.run(run)
 
     def shown(kind: str, sensor: str) -> np.ndarray:
-        return frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, kind=kind, sensor=sensor))
+        return paint_picture(
+            pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0), kind=kind, sensor=sensor)
+        )
 
     for kind in ("picture", "truth", "instances", "depth", "truth-overlay", "errors"):
         assert shown(kind, "plain").shape == shown(kind, "bent").shape
@@ -176,7 +180,7 @@ def test_deleting_a_run_frees_the_views_of_its_sensors(pipeline: Pipeline) -> No
     run = pipeline.submit(small(sensors=[BENT]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        (one,) = results.frame_evaluations(connection, run, 0, 0)
+        (one,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     lifecycle.delete(pipeline.context, run)
     gc.collect(pipeline.context)
     assert all_views(pipeline, one.scores) == []
@@ -198,9 +202,11 @@ def test_a_shutter_asks_for_velocities_once_and_for_no_other_renders(pipeline: P
     run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "plain"}, *open_for]}))
     assert pipeline.run(run) == "completed"
     assert pipeline.made() == {"prediction": 4, "evaluation": 4}
-    assert all(one.agrees for one in replay_frame(pipeline.context, run, 0, 0, 1))
+    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
     plain, short, long = (
-        frames.draw(pipeline.context, frames.find(pipeline.context, run, 0, 0, 0, kind="picture", sensor=name))
+        paint_picture(
+            pipeline.context, find_picture(pipeline.context, FrameKey(run, 0, 0, 0), kind="picture", sensor=name)
+        )
         for name in ("plain", "short", "long")
     )
     # Edges of the square, columns 16 and 48, move by 0.4 and by 6 pixels while the shutter is open.
@@ -213,14 +219,14 @@ def test_a_shutter_asks_for_velocities_once_and_for_no_other_renders(pipeline: P
 def test_behind_a_rolling_shutter_labels_lean_with_the_picture(pipeline: Pipeline) -> None:
     run = pipeline.submit(small(**{**MOVING, "sensors": [{"name": "rolling", "shutter": {"line_time_us": 1000}}]}))
     assert pipeline.run(run) == "completed"
-    source = frames.find(pipeline.context, run, 0, 0, 0, kind="truth", sensor="rolling")
+    source = find_picture(pipeline.context, FrameKey(run, 0, 0, 0), kind="truth", sensor="rolling")
     truth = source.capture.seen_truth(ProductReader(pipeline.context.store))
     middles = [np.flatnonzero(row == 24001).mean() for row in truth.instance_map[9:27]]
     # A row is read a millisecond after the one above it.
     assert np.polyfit(np.arange(9, 27), middles, 1)[0] == pytest.approx(0.2, abs=0.03)
     rows = [row for row in table(pipeline, run) if row["instance_id"] == 24001]
     assert all(row["tp"] + row["fn"] == row["pixel_area"] for row in rows)
-    assert all(one.agrees for one in replay_frame(pipeline.context, run, 0, 0, 1))
+    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run, 0, 0, 1)))
 
 
 def test_a_shutter_in_a_run_without_time_changes_nothing_and_says_so(pipeline: Pipeline) -> None:

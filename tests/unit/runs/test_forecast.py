@@ -39,9 +39,9 @@ def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
         if rejection_reason(assignment.values, run.manifest) or run.space.violated(assignment.values):
             continue
         frame = inputs.frame(assignment.values, camera)
-        found["background"].add(frame.background)
-        found["layer"].add(frame.layer)
-        found["truth"].add(frame.truth)
+        found["background"].add(frame.products.background)
+        found["layer"].add(frame.products.layer)
+        found["truth"].add(frame.products.truth)
         found["prediction"] |= {one.prediction for one in frame.evaluations}
         found["evaluation"] |= {one.scores for one in frame.evaluations}
     return found

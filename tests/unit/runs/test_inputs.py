@@ -32,7 +32,11 @@ def with_function(pins: Pins, name: str, **changes: Any) -> Pins:
 
 
 def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
-    found = {name for name in ("background", "layer", "truth") if getattr(before, name) != getattr(after, name)}
+    found = {
+        name
+        for name in ("background", "layer", "truth")
+        if getattr(before.products, name) != getattr(after.products, name)
+    }
     pairs = list(zip(before.evaluations, after.evaluations, strict=False))
     found |= {"prediction" for a, b in pairs if a.prediction != b.prediction}
     return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
@@ -43,8 +47,8 @@ def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, 
     assert without.annotations == ()
     assert changed(without, asked) == set()
     assert [(one.kind, one.inputs) for one in asked.annotations] == [
-        ("normals", (asked.truth,)),
-        ("boxes", (asked.truth,)),
+        ("normals", (asked.products.truth,)),
+        ("boxes", (asked.products.truth,)),
     ]
     darker = frame(street, pins, {"scene.sun-1.azimuth": 100.0}, annotations=["boxes"])
     assert darker.annotations == asked.annotations[1:]
@@ -158,10 +162,12 @@ def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
 
 def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: Pins) -> None:
     found = frame(street, pins, {})
-    assert found.evaluations[0].scores == digest(1, "evaluation", 1, found.evaluations[0].prediction, found.truth)
+    assert found.evaluations[0].scores == digest(
+        1, "evaluation", 1, found.evaluations[0].prediction, found.products.truth
+    )
     inputs = split({}, street, "camera-1")
     engine = {"name": "raster", "revision": 1, "numeric_class": pins.engine.numeric_class}
-    assert found.layer == digest(1, "layer", engine, found.background, inputs.layer)
+    assert found.products.layer == digest(1, "layer", engine, found.products.background, inputs.layer)
 
 
 @pytest.mark.parametrize(

@@ -9,17 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from urban_street.street.noise import (
-    Field,
-    band_noise,
-    hashed,
-    normal_map,
-    roughness_map,
-    smoothstep,
-    srgb8,
-    stretched_noise,
-    toward,
-)
+from urban_street.street.noise import Field, band_noise, hashed, smoothstep, stretched_noise, toward
+from urban_street.texels import normal_map, roughness_map, srgb8
 
 Image = NDArray[np.uint8]
 
@@ -273,15 +264,6 @@ def _zebra_paint(across: Field, along: Field, width: float) -> Field:
     bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
     bars = bars * _soft(np.minimum(across - 0.33, width - 0.33 - across))
     return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
-
-
-def asphalt_normals(rng: np.random.Generator) -> Image:
-    """(1024, 1024, 3) normals of coarse aggregate; the same mapping as `asphalt`."""
-    shape = (_SIZE, _SIZE)
-    height = 0.0005 * band_noise(shape, rng, longest=8, slope=0.3) + 0.0015 * band_noise(
-        shape, rng, longest=200, shortest=40
-    )
-    return normal_map(height, (ROAD_TILE[0] / _SIZE, ROAD_TILE[1] / _SIZE))
 
 
 def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from urban_street.street.noise import band_noise, hashed, smoothstep, srgb8, stretched_noise
+from urban_street.street.noise import band_noise, hashed, smoothstep, stretched_noise
+from urban_street.texels import srgb8
 
 Image = NDArray[np.uint8]
 

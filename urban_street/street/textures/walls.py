@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urban_street.street.noise import (
-    band_noise,
-    halved,
-    hashed,
-    normal_map,
-    roughness_map,
-    smoothstep,
-    srgb8,
-    stretched_noise,
-)
+from urban_street.street.noise import band_noise, hashed, smoothstep, stretched_noise
+from urban_street.texels import halved, normal_map, roughness_map, srgb8
 
 Image = NDArray[np.uint8]
 

@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Final, NamedTuple
+from typing import Final
 
 from cachetools import LRUCache
 
@@ -51,46 +51,63 @@ def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A run that has started, resolved, with its pins."""
+    """A stored run, its spec resolved.
 
+    Attributes:
+        id: of the run.
+        resolved: its spec, against the asset that it names.
+        chosen: its pins; None before it starts.
+    """
+
+    id: str
     resolved: ResolvedRun
-    pins: Pins
+    chosen: Pins | None
+
+    @property
+    def pins(self) -> Pins:
+        """The pins of a run that has started.
+
+        Raises:
+            Conflict: it has not.
+        """
+        if self.chosen is None:
+            raise Conflict(f"run {self.id} has not started yet")
+        return self.chosen
 
 
-def resolve_stored(run: RunRow, settings: Settings) -> ResolvedRun:
+def resolve_stored(run: RunRow, settings: Settings) -> StoredRun:
     """Resolve the spec of a stored run.
 
     Raises:
         Conflict, UnknownName: its asset changed or is gone.
     """
+    known = _known(run.id, settings)
+    stored = StoredRun(run.id, _resolve(run, settings) if known is None else known.resolved, run.pins)
     with _lock:
-        known = _runs.get(_key(run.id, settings))
-    return _remember(run, settings) if known is None else known.resolved
+        _runs[_key(run.id, settings)] = stored
+    return stored
 
 
-def stored_run(context: Context, run_id: str) -> StoredRun:
-    """Return a run that has started; its row is read only where this process does not know it.
+def read_run(context: Context, run_id: str) -> StoredRun:
+    """Read a run and resolve its spec.
 
     Raises:
         NotFound: no such run.
-        Conflict, UnknownName: it has not started, or its asset changed or is gone.
+        Conflict, UnknownName: its asset changed or is gone.
     """
-    with _lock:
-        known = _runs.get(_key(run_id, context.settings))
-    if known is not None and known.pins is not None:
-        return StoredRun(known.resolved, known.pins)
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
-    return StoredRun(_remember(run, context.settings), run.pinned())
+    return resolve_stored(run, context.settings)
 
 
-class _Known(NamedTuple):
-    resolved: ResolvedRun
-    pins: Pins | None
+def started_run(context: Context, run_id: str) -> StoredRun:
+    """Return a run that has started; its row is read only where this process does not know it. Errors as `read_run`."""
+    known = _known(run_id, context.settings)
+    return read_run(context, run_id) if known is None or known.chosen is None else known
 
 
 _Key = tuple[str, Path, str]
-_runs: Final[LRUCache[_Key, _Known]] = LRUCache(maxsize=32)
+_runs: Final[LRUCache[_Key, StoredRun]] = LRUCache(maxsize=32)
 _lock: Final = Lock()
 
 
@@ -98,14 +115,16 @@ def _key(run_id: str, settings: Settings) -> _Key:
     return (settings.database_url, settings.asset_dir, run_id)
 
 
-def _remember(run: RunRow, settings: Settings) -> ResolvedRun:
+def _known(run_id: str, settings: Settings) -> StoredRun | None:
+    with _lock:
+        return _runs.get(_key(run_id, settings))
+
+
+def _resolve(run: RunRow, settings: Settings) -> ResolvedRun:
     manifest, digest = asset_manifest(run.spec.asset, asset_dir=settings.asset_dir)
     if digest != run.asset_digest:
         raise Conflict(
             f"the asset {manifest.name!r} changed since run {run.id} was submitted "
             f"({run.asset_digest[:8]} → {digest[:8]}): submit the spec again"
         )
-    resolved = resolve(run.spec, manifest, asset_digest=digest, max_variants=None, samplers=plugins.samplers())
-    with _lock:
-        _runs[_key(run.id, settings)] = _Known(resolved, run.pins)
-    return resolved
+    return resolve(run.spec, manifest, asset_digest=digest, max_variants=None, samplers=plugins.samplers())

@@ -64,8 +64,8 @@ class Feeder:
     def __init__(self, run: RunRow, settings: Settings) -> None:
         self._run_id = run.id
         self._count = run.variant_count
-        self._resolved = resolve_stored(run, settings)
-        self._pins = run.pinned()
+        stored = resolve_stored(run, settings)
+        self._resolved, self._pins = stored.resolved, stored.pins
         self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
     def feed(self, engine: Engine, first: int, now: float) -> Fed:
@@ -104,17 +104,16 @@ class Feeder:
                 continue
             for time, camera in places:
                 moment = resolved.at(assignment, time)
-                background, layer, truth, evaluations, annotations = self._inputs.frame(
-                    moment, camera, near=partial(resolved.near, assignment, time)
-                )
+                frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
+                background, layer, truth = frame.products.background, frame.products.layer, frame.products.truth
                 want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
                 want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))
                 want(truth, Wanted(truth, ProductKind.TRUTH, truth_route, background))
                 rows.frames.append((run_id, index, camera, time, background, layer, truth))
-                for kind, product, inputs in annotations:
+                for kind, product, inputs in frame.annotations:
                     want(product, Wanted(product, kind, truth_route, background, *inputs))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
-                for sensor, function, prediction, scores, third, distorted in evaluations:
+                for sensor, function, prediction, scores, third, distorted in frame.evaluations:
                     route, group, scores_group = targets[function]
                     want(prediction, Wanted(prediction, ProductKind.PREDICTION, route, group, layer, background, third))
                     want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, prediction, truth))

@@ -26,7 +26,9 @@ from valerie.datasets.frame import FrameName, LabelledFrame
 from valerie.datasets.index import COLUMNS, write_index
 from valerie.db import results
 from valerie.db.engine import reading
+from valerie.db.results import StoredPrediction
 from valerie.errors import Conflict, InvalidInput, StorageFull, StorageUnavailable
+from valerie.measures import OF_PERSON, names_from
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun
@@ -39,13 +41,12 @@ from valerie.pipeline.reading.annotation_files import (
     key_points,
     npz,
 )
-from valerie.pipeline.reading.capture import Capture
+from valerie.pipeline.reading.capture import Capture, capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
-    FrameKey,
     choose_frames,
     function_index,
     require_some,
@@ -55,6 +56,7 @@ from valerie.pipeline.reading.selection import (
 from valerie.pipeline.reading.tables import read_table
 from valerie.rendering.annotations.joints import LIMBS, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey, FrameProducts
 from valerie.scene.graph.model import JOINTS
 from valerie.scene.variation.applying import apply
 from valerie.scene.variation.conditions import with_sun_angles
@@ -69,10 +71,7 @@ _PICTURE_BYTES, _LABEL_BYTES, _PREDICTION_BYTES = 2.5, 0.3, 0.1
 #: The same of annotations with a value in each pixel.
 _ANNOTATION_BYTES: Final = {AnnotationKind.NORMALS: 3.0, AnnotationKind.FLOW: 7.0, AnnotationKind.VELOCITY: 7.0}
 #: What a person's annotation carries beside masks.
-_OF_PERSON: Final = (
-    "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
-    "shadow_share", "contrast", "character", "pixel_area_amodal",
-)  # fmt: skip
+_OF_PERSON: Final = ("character", *names_from(*OF_PERSON))
 
 
 class ExportSettings(BaseModel):
@@ -173,16 +172,16 @@ def export_run(
         StorageFull: there is not enough room; nothing was written.
         StorageUnavailable: ``out`` cannot be written. What was written so far is taken up by the same export again.
     """
-    run = RunCache(context)
-    stored = run.run(run_id)
-    resolved = stored.resolved
+    runs = RunCache(context)
+    run = runs.run(run_id)
+    resolved = run.resolved
     where = run_where(settings.where, resolved) if settings.where else None
     kinds = chosen_annotations(settings.annotations, resolved)
     sensor = sensor_index(settings.sensor, resolved)
     require_free_name(out)
     with reading(context.engine) as connection:
-        everything = choose_frames(connection, run_id, resolved, sensor=sensor)
-        frames = choose_frames(connection, run_id, resolved, where=where, sensor=sensor) if where else everything
+        everything = choose_frames(connection, run, sensor=sensor)
+        frames = choose_frames(connection, run, where=where, sensor=sensor) if where else everything
         require_some(frames, where)
         predicted = {
             name: results.predictions(connection, run_id, sensor, function_index(name, resolved))
@@ -195,7 +194,7 @@ def export_run(
     size = resolved.spec.resolution
     needed = len(frames) * size.width * size.height * _bytes_per_pixel(settings, kinds)
     require_room(out, needed, f"{len(frames):,} frames", context.settings.min_free_mb)
-    export = _Export(context, run, stored, run_id, settings, sensor, predicted, kinds)
+    export = _Export(context, runs, run, settings, sensor, predicted, kinds)
     partial = out.with_name(f".{out.name}.partial")
     try:
         open_partial(partial, export.request(frames))
@@ -218,42 +217,41 @@ class _Export:
         self,
         context: Context,
         runs: RunCache,
-        stored: StoredRun,
-        run_id: str,
+        run: StoredRun,
         settings: ExportSettings,
         sensor: int,
-        predicted: Mapping[str, Mapping[FrameKey, tuple[str, bytes]]],
+        predicted: Mapping[str, Mapping[FrameKey, StoredPrediction]],
         kinds: tuple[AnnotationKind, ...],
     ) -> None:
-        self.context, self.run_id, self.settings, self.sensor = context, run_id, settings, sensor
+        self.context, self.settings, self.sensor = context, settings, sensor
         self.kinds = kinds
-        self.stored, self.resolved = stored, stored.resolved
+        self.run, self.resolved = run, run.resolved
         self._runs, self._predicted = runs, predicted
         self._reader = ProductReader(context.store)
 
     def request(self, frames: Sequence[ChosenFrame]) -> dict[str, Any]:
         """What must be equal for an interrupted export to go on."""
-        links = [(*frame.key, frame.background, frame.layer, frame.truth) for frame in frames]
+        links = [[str(frame.key), *_shown(frame.stored.products)] for frame in frames]
         return {
             "format": FORMAT_NAME,
-            "run": self.run_id,
+            "run": self.run.id,
             "settings": self.settings.model_dump(mode="json"),
             "annotations": [kind.value for kind in self.kinds],
             "frames": len(frames),
-            "frames_digest": digest("dataset", *[list(link) for link in links]),
+            "frames_digest": digest("dataset", *links),
         }
 
     def name(self, frame: ChosenFrame) -> FrameName:
-        variant, camera, moment = frame.key
-        return FrameName.of(f"{self.resolved.spec.name}-{self.resolved.cameras[camera]}", variant, moment)
+        key = frame.key
+        return FrameName.of(f"{self.resolved.spec.name}-{self.resolved.cameras[key.camera]}", key.variant, key.time)
 
     def split(self, frame: ChosenFrame) -> str:
-        return self.settings.split_of(self.run_id, frame.key[0])
+        return self.settings.split_of(self.run.id, frame.key.variant)
 
     def write(self, frame: ChosenFrame, root: Path) -> dict[str, Any]:
         """Write one frame's files; its fragment of the common documents."""
         split, formats = self.split(frame), self.settings.formats
-        capture = frame.capture(self.resolved, self.sensor)
+        capture = capture_of(self.resolved, frame.stored, self.sensor)
         if capture.distorted:
             seen = capture.seen_truth(self._reader)
             frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
@@ -271,7 +269,7 @@ class _Export:
             cityscapes.write_labels(root, split, made, polygons=self.settings.polygons)
             labels = labels_path(split, made.name, "labelIds.png").as_posix()
         for function, found in self._predicted.items():
-            prediction = self._reader.prediction(found[frame.key][0])
+            prediction = self._reader.prediction(found[frame.key].digest)
             cityscapes.write_prediction(root, split, made.name, function, prediction)
         if "coco" in formats:
             ids = coco.panoptic_ids(made)
@@ -284,14 +282,14 @@ class _Export:
         if "parquet" in formats:
             files = {"picture": picture.as_posix(), "label_ids": labels or None}
             known = {"name": str(made.name), "split": split, "width": width, "height": height, **files}
-            given = with_sun_angles({**frame.assignment, **frame.moment}, self.resolved.manifest)
+            given = with_sun_angles(frame.values, self.resolved.manifest)
             values = {d.path: given.get(d.path, d.default) for d in self.resolved.definitions}
             fragment["rows"] = [{**known, **row, **values} for row in frame.persons]
         return fragment
 
     def _annotations(self, frame: ChosenFrame) -> dict[AnnotationKind, Arrays]:
         try:
-            found = find_annotations(self.context, self.run_id, frame.key, self.kinds)
+            found = find_annotations(self.context, frame.key, self.kinds)
         except Conflict as error:
             raise Conflict(f"{self.name(frame)}: {error}") from error
         return {kind: annotation_arrays(self.context, self._reader, kind, product) for kind, product in found.items()}
@@ -301,9 +299,9 @@ class _Export:
         truth = capture.seen_truth(self._reader)
         camera: dict[str, Any] = {}
         if "cityscapes" in self.settings.formats:
-            scene = apply(frame.moment, self._runs.asset(self.stored))
+            scene = apply(frame.moment, self._runs.asset(self.run))
             size = spec.resolution
-            own = scene.cameras[self.resolved.cameras[frame.key[1]]]
+            own = scene.cameras[self.resolved.cameras[frame.key.camera]]
             own = replace(own, focal_length_mm=own.focal_length_mm * capture.zoom(size.width, size.height))
             camera = camera_document(own, size.width, size.height)
         persons = {
@@ -350,7 +348,7 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
     counts: dict[str, int] = {}
     for fragment in _fragments(export, frames, partial):
         counts[fragment["split"]] = counts.get(fragment["split"], 0) + 1
-    description = f"VALERIE run {export.run_id} ({resolved.spec.name})"
+    description = f"VALERIE run {export.run.id} ({resolved.spec.name})"
     if "coco" in settings.formats:
         for split in counts:
             of_split = (one for one in _fragments(export, frames, partial) if one["split"] == split)
@@ -367,7 +365,7 @@ def _finish(export: _Export, frames: Sequence[ChosenFrame], partial: Path) -> di
         "splits": counts,
         "asset": resolved.spec.model_dump(mode="json")["asset"],
         "asset_digest": resolved.asset_digest,
-        "pins": export.stored.pins.model_dump(mode="json", exclude_none=True),
+        "pins": export.run.pins.model_dump(mode="json", exclude_none=True),
         "sensor": resolved.spec.sensors[export.sensor].model_dump(mode="json"),
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
@@ -393,8 +391,8 @@ def _write_coco(folder: Path, split: str, fragments: Iterator[dict[str, Any]], d
 
 def _write_evaluations(export: _Export, frames: Sequence[ChosenFrame], path: Path) -> None:
     """The long table's rows of the exported frames and functions."""
-    table = read_table(export.context.engine, export.run_id, export.resolved)
-    wanted = {str(row["frame_id"]) for frame in frames for row in frame.persons}
+    table = read_table(export.context.engine, export.run)
+    wanted = {str(frame.key) for frame in frames}
     ids = pa.compute.is_in(table.arrow["frame_id"], pa.array(sorted(wanted))).to_numpy()
     chosen = ids & table.codes("sensor").where(export.resolved.spec.sensors[export.sensor].name)
     functions = table.codes("function")
@@ -414,6 +412,10 @@ def _bytes_per_pixel(settings: ExportSettings, kinds: Sequence[AnnotationKind]) 
     """Of all files of one frame, at most."""
     labels = _PICTURE_BYTES + _LABEL_BYTES * len(settings.formats) + _PREDICTION_BYTES * len(settings.predictions)
     return labels + sum(_ANNOTATION_BYTES.get(kind, 0.0) for kind in kinds)
+
+
+def _shown(products: FrameProducts) -> tuple[str, str, str]:
+    return products.background, products.layer, products.truth
 
 
 def _plain(dtype: pa.DataType) -> pa.DataType:

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, UnknownName
+from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.selection import FrameKey
 from valerie.rendering.annotations.joints import HIDDEN, OUTSIDE, VISIBLE, Joints
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 
 #: Array name to array, as `numpy.load` gives them back.
 Arrays = Mapping[str, NDArray[Any]]
 #: Raised by hand whenever equal products give other bytes.
 FILES_REVISION: Final = 1
-_LIGHT: Final = ("irradiance", "shadow_share", "contrast")
 #: What is said of a joint to COCO's flag: 0 not in the image, 1 there and not visible, 2 visible.
 _COCO_FLAGS: Final = np.where(np.arange(VISIBLE + 1) >= HIDDEN, 1, 0)
 _COCO_FLAGS[OUTSIDE], _COCO_FLAGS[VISIBLE] = 0, 2
@@ -43,7 +43,7 @@ def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tu
     return resolved.spec.annotations if names is None else tuple(kind for kind in known if kind in names)
 
 
-def find_annotations(context: Context, run_id: str, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
+def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
     """Kind to the product of a frame's annotations, all of them made.
 
     Raises:
@@ -52,13 +52,13 @@ def find_annotations(context: Context, run_id: str, key: FrameKey, kinds: Sequen
         Conflict: one is not made yet, or failed for good.
     """
     with reading(context.engine) as connection:
-        results.frame(connection, run_id, *key)
-        links = results.frame_annotations(connection, run_id, *key)
+        results.frame(connection, key)
+        links = results.frame_annotations(connection, key)
     for kind in kinds:
         if kind not in links:
             raise UnknownName("annotation of the run", kind, tuple(links), field="annotations")
         if links[kind].state == "failed":
-            raise Conflict(f"{kind} failed for good; `valerie retry {run_id}` tries again")
+            raise Conflict(f"{kind} failed for good; `valerie retry {key.run_id}` tries again")
         if links[kind].state != "done":
             raise Conflict(f"{kind} is not made yet ({links[kind].state})")
     return {AnnotationKind(kind): links[kind].product for kind in kinds}
@@ -76,7 +76,7 @@ def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationK
     with reading(context.engine) as connection:
         rows = results.person_lights(connection, product)
     # What is undefined (no sun, nothing visible) is NaN.
-    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in _LIGHT}
+    values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in names_from(Source.LIGHT)}
     return {"instances": np.array([row.instance_id for row in rows], np.int64), **values}
 
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
+from valerie.measures import Source, names_from
 from valerie.rendering.base import GroundTruth
 from valerie.rendering.visibility import Box, Visibility, measure_pixels
+
+#: Columns of `valerie.db.models.PersonView` that are measured in the picture.
+_SEEN: Final = (*names_from(Source.PIXELS), "box", "amodal_box")
+_PLACED: Final = names_from(Source.PLACE)
 
 
 def view_row(truth: str, view: Visibility) -> dict[str, Any]:
@@ -14,18 +19,9 @@ def view_row(truth: str, view: Visibility) -> dict[str, Any]:
     return {
         "truth": truth,
         "instance_id": view.instance_id,
-        "pixel_area": view.pixel_area,
-        "pixel_area_percent": view.pixel_area_percent,
-        "pixel_area_amodal": view.pixel_area_amodal,
-        "occlusion_rate": view.occlusion_rate,
-        "truncation_rate": view.truncation_rate,
-        "distance_m": view.distance_m,
-        "depth_m": view.depth_m,
-        "bearing_deg": view.bearing_deg,
-        "aspect_deg": view.aspect_deg,
+        **{name: getattr(view, name) for name in (*_PLACED, *_SEEN)},
         "box": _corners(view.box),
         "amodal_box": _corners(view.amodal_box),
-        "undefined_reason": view.undefined_reason,
     }
 
 
@@ -36,22 +32,7 @@ def _corners(box: Box | None) -> list[int] | None:
 
 def no_person(truth: str) -> dict[str, Any]:
     """A frame without any person still has its row, so that it is missing from no result in silence."""
-    return {
-        "truth": truth,
-        "instance_id": 0,
-        "pixel_area": 0,
-        "pixel_area_percent": 0.0,
-        "pixel_area_amodal": 0,
-        "occlusion_rate": None,
-        "truncation_rate": None,
-        "distance_m": None,
-        "depth_m": None,
-        "bearing_deg": None,
-        "aspect_deg": None,
-        "box": None,
-        "amodal_box": None,
-        "undefined_reason": "absent",
-    }
+    return {"truth": truth, "instance_id": 0, **dict.fromkeys((*_PLACED, *_SEEN)), "undefined_reason": "absent"}
 
 
 def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]:
@@ -65,5 +46,4 @@ def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]
     if person is None:  # absent, or nobody at all
         return dict(row)
     measured = view_row("", measure_pixels(person, truth))
-    kept = ("truth", "distance_m", "depth_m", "bearing_deg", "aspect_deg")
-    return {name: measured[name] if name in measured and name not in kept else value for name, value in row.items()}
+    return {**row, **{name: measured[name] for name in _SEEN if name in row}}

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from valerie.analysis import trends
 from valerie.analysis.frame_counts import ABSENT
 from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.errors import UnknownName
+from valerie.measures import Measure, Source, measures_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
@@ -39,39 +39,31 @@ class PlotAxis(NamedTuple):
     group: str
 
 
-_OF_REPORT: Final = {one.column: PlotAxis(one.column, one.title, one.unit, one.scale, "person") for one in trends.AXES}
-_LIGHT: Final = tuple(_OF_REPORT[name] for name in ("irradiance", "shadow_share", "contrast"))
-#: What every run has.
-_ALWAYS: Final = (
-    *(_OF_REPORT[name] for name in ("distance_m", "occlusion_rate", "pixel_area_percent")),
-    PlotAxis("pixel_area", "pixel area", "pixels", 1.0, "person"),
-    PlotAxis("truncation_rate", "truncation", "%", 100.0, "person"),
-    PlotAxis("depth_m", "depth", "m", 1.0, "person"),
-    PlotAxis("bearing_deg", "bearing", "°", 1.0, "person"),
-    PlotAxis("aspect_deg", "aspect", "°", 1.0, "person"),
-)
-_TIME: Final = _OF_REPORT["time_s"]._replace(group="conditions")
-_CONDITIONS: Final = {
-    "sun_azimuth_deg": PlotAxis("sun_azimuth_deg", "sun azimuth", "°", 1.0, "conditions"),
-    "sun_elevation_deg": PlotAxis("sun_elevation_deg", "sun elevation", "°", 1.0, "conditions"),
-    "road_friction": PlotAxis("road_friction", "road friction", "", 1.0, "conditions"),
-}
+def _axis(measure: Measure, group: str) -> PlotAxis:
+    return PlotAxis(measure.name, measure.title, measure.unit, measure.scale, group)
+
+
 _NUMERIC: Final = ("FLOAT", "ANGLE", "INT")
 
 
 def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     """What a run's pACC can be plotted over: columns that it fills, and numbers that differ between its frames."""
     varied = set(resolved.space.varied)
-    light = _LIGHT if AnnotationKind.LIGHT in resolved.annotations else ()
-    time = (_TIME,) if len(resolved.times.elapsed) > 1 else ()
-    weather = (_CONDITIONS[name] for name in varied_conditions(varied))
+    light = (Source.LIGHT,) if AnnotationKind.LIGHT in resolved.annotations else ()
+    person = (one for one in measures_from(Source.PLACE, Source.PIXELS, *light) if one.is_number)
+    differing = {*varied_conditions(varied), *(("time_s",) if len(resolved.times.elapsed) > 1 else ())}
+    circumstances = (one for one in measures_from(Source.CONDITIONS) if one.name in differing)
     parameters = (
         PlotAxis(d.path, d.path.removeprefix("scene."), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
         for d in resolved.definitions
         # The sun's angles are conditions already, whichever way they were given.
         if d.path in varied and d.type in _NUMERIC and d.path not in ANGLES
     )
-    return (*_ALWAYS, *light, *time, *weather, *parameters)
+    return (
+        *(_axis(one, "person") for one in person),
+        *(_axis(one, "conditions") for one in circumstances),
+        *parameters,
+    )
 
 
 def read_points(context: Context, run_id: str, column: str, *, limit: int) -> dict[str, Any]:
@@ -93,7 +85,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> di
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
+        resolved = resolve_stored(run, context.settings).resolved
         axes = plot_axes(resolved)
         if column not in [axis.column for axis in axes]:
             raise UnknownName("column to plot over", column, [axis.column for axis in axes], field="column")
@@ -142,7 +134,7 @@ def _from_row(row: Any, _: Mapping[str, Any]) -> float | None:
 
 def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Any, Mapping[str, Any]], float | None]:
     """What the long table has in a column that follows from the assignment of the row's variant."""
-    if column == _TIME.column:
+    if column == "time_s":
         return lambda row, assignment: resolved.seconds(assignment, row.time_index)
     if column in Conditions._fields:
         place = Conditions._fields.index(column)

@@ -1,30 +1,37 @@
-"""Runs as a worker sees them: spec, pins and asset, read once and kept while they are in use."""
+"""Runs as a worker sees them: read once, with their assets, and kept while they are in use."""
 
 from __future__ import annotations
+
+from typing import Final
 
 from cachetools import LRUCache
 
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.resolved_runs import StoredRun, stored_run
+from valerie.pipeline.base.resolved_runs import StoredRun, started_run
 from valerie.scene.assets.asset import SceneAsset, load_asset
+
+_KEPT_ASSETS: Final = 2
 
 
 class RunCache:
-    """The runs that this process works for, and the last few assets with their meshes."""
+    """The runs that a process works for, and the last few assets; bounded, so that memory stays flat."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._assets: LRUCache[str, SceneAsset] = LRUCache(maxsize=2)
+        self._assets: LRUCache[str, SceneAsset] = LRUCache(_KEPT_ASSETS)
 
     def run(self, run_id: str) -> StoredRun:
-        """Return a run; errors as `stored_run`."""
-        return stored_run(self._context, run_id)
+        """Return a run.
+
+        Raises:
+            NotFound: it was deleted meanwhile.
+            Conflict, UnknownName: its asset changed or is gone.
+        """
+        return started_run(self._context, run_id)
 
     def asset(self, run: StoredRun) -> SceneAsset:
         """Return the asset of a run, with its meshes."""
         digest = run.resolved.asset_digest
-        asset = self._assets.get(digest)
-        if asset is None:
-            asset = load_asset(run.resolved.spec.asset, asset_dir=self._context.settings.asset_dir)
-            self._assets[digest] = asset
-        return asset
+        if digest not in self._assets:
+            self._assets[digest] = load_asset(run.resolved.spec.asset, asset_dir=self._context.settings.asset_dir)
+        return self._assets[digest]

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 from sqlalchemy import Connection
 
 from valerie.analysis.where import Where, compile_where
 from valerie.db import results
+from valerie.db.links import StoredFrame, key_of
 from valerie.errors import InvalidInput, UnknownName
-from valerie.pipeline.reading.capture import Capture, capture_of
-from valerie.pipeline.reading.tables import character_of, frame_id, table_row
-from valerie.runs.pins import Pins
+from valerie.pipeline.base.resolved_runs import StoredRun
+from valerie.pipeline.reading.tables import TableRow, frame_columns, person_columns, table_row
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
-from valerie.scene.variation.conditions import conditions, with_sun_angles
-
-#: (variant, camera, time): what tells the frames of a run apart.
-FrameKey = tuple[int, int, int]
+from valerie.scene.variation.conditions import with_sun_angles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,40 +24,29 @@ class ChosenFrame:
     """A frame whose image and truth are stored.
 
     Attributes:
-        key: (variant, camera, time).
-        background, layer, truth: digests.
-        velocity: likewise, where the run has them.
-        assignment: of its variant.
-        moment: the same at the frame's time, as `apply` takes it.
-        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one mapping per person; one mapping
-            with empty values where the frame has no person.
+        stored: its row.
+        moment: the variant's assignment at the frame's time, as `apply` takes it.
+        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; one row with empty
+            values where the frame has no person.
     """
 
-    key: FrameKey
-    background: str
-    layer: str
-    truth: str
-    assignment: Mapping[str, Any]
+    stored: StoredFrame
     moment: Mapping[str, Any]
-    persons: tuple[Mapping[str, Any], ...]
-    velocity: str | None = None
+    persons: tuple[TableRow, ...]
 
-    def capture(self, resolved: ResolvedRun, sensor_index: int) -> Capture:
-        """How one of the run's sensors takes it."""
-        return capture_of(
-            resolved,
-            sensor_index=sensor_index,
-            camera_index=self.key[1],
-            assignment=self.moment,
-            background=self.background,
-            layer=self.layer,
-            truth=self.truth,
-            velocity=self.velocity,
-        )
+    @property
+    def key(self) -> FrameKey:
+        """The frame."""
+        return self.stored.key
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Path to value of everything that the variant or the moment sets."""
+        return {**self.stored.assignment, **self.moment}
 
 
 def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Where:
-    """A selection over a run's rows, which knows its cameras, sensors and functions.
+    """Compile an expression over a run's rows; it knows the run's cameras, sensors and functions.
 
     Raises:
         InvalidInput, UnknownName: as `compile_where`.
@@ -74,7 +60,7 @@ def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Wher
 
 
 def sensor_index(name: str | None, resolved: ResolvedRun) -> int:
-    """The place of a sensor setting in the spec; the first without a name.
+    """Return the index of a sensor setting in the spec; of the first without a name.
 
     Raises:
         UnknownName: the run has no such setting.
@@ -85,88 +71,91 @@ def sensor_index(name: str | None, resolved: ResolvedRun) -> int:
     return 0 if name is None else names.index(name)
 
 
-def function_index(name: str, resolved: ResolvedRun) -> int:
-    """The place of a function in the spec.
+def function_index(name: str | None, resolved: ResolvedRun) -> int:
+    """Return the index of a function in the spec; of the first without a name.
 
     Raises:
-        UnknownName: the run did not evaluate it.
+        UnknownName: the run has no such function.
     """
-    if name not in resolved.spec.functions:
-        raise UnknownName("function of the run", name, resolved.spec.functions, field="function")
-    return resolved.spec.functions.index(name)
+    names = resolved.spec.functions
+    if name is not None and name not in names:
+        raise UnknownName("function of the run", name, names, field="function")
+    return 0 if name is None else names.index(name)
 
 
-def as_called(reference: str, resolved: ResolvedRun, pins: Pins) -> str:
-    """What a run's spec calls the version that ``name@digest`` means; the reference itself where it is no version of the run."""
+def as_called(reference: str, run: StoredRun) -> str:
+    """Return what a run's spec calls the version that ``name@digest`` means, or the reference where it is none of the run's."""
+    functions = run.resolved.spec.functions
     name, at, beginning = reference.partition("@")
-    if at and reference not in resolved.spec.functions:
-        for called in resolved.spec.functions:
-            if called.partition("@")[0] == name and pins.functions[called].digest.startswith(beginning):
+    if at and reference not in functions:
+        for called in functions:
+            if called.partition("@")[0] == name and run.pins.functions[called].digest.startswith(beginning):
                 return called
     return reference
 
 
 def choose_frames(
-    connection: Connection, run_id: str, resolved: ResolvedRun, *, where: Where | None = None, sensor: int = 0
+    connection: Connection, run: StoredRun, *, where: Where | None = None, sensor: int = 0
 ) -> list[ChosenFrame]:
-    """Finished frames of which at least one person's row is selected; all of them without ``where``.
+    """Return the finished frames of which at least one person's row is selected; all of them without ``where``.
 
-    Scores are those of the functions that looked through sensor setting ``sensor``; any of them may select a frame,
-    unless ``where`` names one.
+    Scores are those of the functions that looked through sensor setting ``sensor``. Any of them may select a frame, unless
+    ``where`` names one.
     """
-    scored = None if where is None or not where.scored else _scored(connection, run_id, resolved, where, sensor)
-    chosen = []
-    for frame in finished_frames(connection, run_id, resolved, sensor):
-        if scored is not None:
-            wanted = frame.key in scored
-        else:
-            given = {**frame.assignment, **frame.moment}
-            spoken = {} if where is None else with_sun_angles(given, resolved.manifest)
-            wanted = where is None or any(where.holds({**spoken, **row}) for row in frame.persons)
-        if wanted:
-            chosen.append(frame)
-    return chosen
+    frames = finished_frames(connection, run, sensor)
+    if where is None:
+        return list(frames)
+    if where.scored:
+        rows = evaluated_rows(connection, run, sensor=sensor)
+        selected = {key for key, row in rows if where.holds(row)}
+        return [frame for frame in frames if frame.key in selected]
+    return [frame for frame in frames if _any_person(frame, run.resolved, where)]
 
 
-def finished_frames(
-    connection: Connection, run_id: str, resolved: ResolvedRun, sensor: int = 0
-) -> Iterator[ChosenFrame]:
-    """All frames of a run whose image and truth are stored, in order."""
+def finished_frames(connection: Connection, run: StoredRun, sensor: int = 0) -> Iterator[ChosenFrame]:
+    """Return all frames of a run whose image and truth are stored, in order."""
+    resolved = run.resolved
     name = resolved.spec.sensors[sensor].name
-    rows = results.finished_frames(connection, run_id)
-    for key, group in groupby(rows, lambda row: (row.variant_index, row.camera_index, row.time_index)):
-        members = list(group)
-        first = members[0]
+    for stored, rows in results.finished_frames(connection, run.id):
+        common = {
+            **frame_columns(stored.key, stored.assignment, resolved),
+            "time_index": stored.key.time,
+            "sensor": name,
+        }
         yield ChosenFrame(
-            key=key,
-            background=first.background,
-            layer=first.layer,
-            truth=first.truth,
-            assignment=first.assignment,
-            moment=resolved.at(first.assignment, first.time_index),
-            velocity=first.velocity,
-            persons=tuple(_metadata(row, run_id, resolved, name) for row in members),
+            stored=stored,
+            moment=resolved.at(stored.assignment, stored.key.time),
+            persons=tuple(
+                {
+                    **common,
+                    **person_columns(row, stored.assignment, resolved),
+                    "box": row.box,
+                    "amodal_box": row.amodal_box,
+                }
+                for row in rows
+            ),
         )
 
 
 def evaluated_rows(
-    connection: Connection,
-    run_id: str,
-    resolved: ResolvedRun,
-    *,
-    sensor: int | None = None,
-    function: int | None = None,
-) -> Iterator[tuple[FrameKey, dict[str, Any]]]:
-    """The long table's rows with *all* assigned parameters, each with the key of its frame."""
+    connection: Connection, run: StoredRun, *, sensor: int | None = None, function: int | None = None
+) -> Iterator[tuple[FrameKey, TableRow]]:
+    """Return the long table's rows with *all* assigned parameters, each with its frame.
+
+    Args:
+        connection: to read with.
+        run: the run.
+        sensor, function: indexes in the spec; None: all.
+    """
     filters = [
         results.Filter(column, "eq", value)
         for column, value in (("sensor_index", sensor), ("function_index", function))
         if value is not None
     ]
-    for row in results.rows(connection, run_id, filters=filters):
-        key = (row.variant_index, row.camera_index, row.time_index)
-        given = {**row.assignment, **resolved.at(row.assignment, row.time_index)}
-        yield key, {**with_sun_angles(given, resolved.manifest), **table_row(row, run_id, resolved, {})}
+    resolved = run.resolved
+    for row in results.rows(connection, run.id, filters=filters):
+        values = {**row.assignment, **resolved.at(row.assignment, row.time_index)}
+        yield key_of(run.id, row), {**with_sun_angles(values, resolved.manifest), **table_row(row, run, ())}
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
@@ -175,37 +164,13 @@ def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
     Raises:
         InvalidInput: nothing is chosen.
     """
-    if not frames:
-        text = "selects no finished frame of the run" if where is not None else "the run has no finished frame yet"
-        raise InvalidInput(
-            text, field="where" if where is not None else "", value=None if where is None else where.text
-        )
+    if frames:
+        return
+    if where is None:
+        raise InvalidInput("the run has no finished frame yet")
+    raise InvalidInput("selects no finished frame of the run", field="where", value=where.text)
 
 
-def _scored(
-    connection: Connection, run_id: str, resolved: ResolvedRun, where: Where, sensor: int
-) -> frozenset[FrameKey]:
-    rows = evaluated_rows(connection, run_id, resolved, sensor=sensor)
-    return frozenset(key for key, row in rows if where.holds(row))
-
-
-def _metadata(row: Any, run_id: str, resolved: ResolvedRun, sensor: str) -> dict[str, Any]:
-    nobody = row.instance_id == 0
-    seen = ("instance_id", "pixel_area", "pixel_area_percent", "pixel_area_amodal")
-    always = (
-        "occlusion_rate", "truncation_rate", "distance_m", "depth_m", "bearing_deg", "aspect_deg", "irradiance",
-        "shadow_share", "contrast", "box", "amodal_box", "undefined_reason",
-    )  # fmt: skip
-    return {
-        "run_id": run_id,
-        "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
-        "variant_index": row.variant_index,
-        "camera": resolved.cameras[row.camera_index],
-        "time_index": row.time_index,
-        "time_s": resolved.seconds(row.assignment, row.time_index),
-        "sensor": sensor,
-        "character": character_of(row.instance_id, row.assignment, resolved),
-        **{name: None if nobody else getattr(row, name) for name in seen},
-        **{name: getattr(row, name) for name in always},
-        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
-    }
+def _any_person(frame: ChosenFrame, resolved: ResolvedRun, where: Where) -> bool:
+    values = with_sun_angles(frame.values, resolved.manifest)
+    return any(where.holds({**values, **row}) for row in frame.persons)

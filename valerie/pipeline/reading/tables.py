@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from sqlalchemy import Engine
@@ -13,42 +13,52 @@ from valerie.analysis.all_classes import AllClasses, all_classes
 from valerie.analysis.table import EvaluationTable
 from valerie.db import results
 from valerie.db.engine import reading
+from valerie.db.links import key_of
 from valerie.labels import PERSON
+from valerie.measures import OF_PERSON, Source, names_from
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
+from valerie.pipeline.base.resolved_runs import StoredRun
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
-
-def frame_id(run_id: str, variant: int, camera: int, time: int = 0) -> str:
-    """Name of a frame in URLs, tables and on the command line: ``run.variant.camera.time``."""
-    return f"{run_id}.{variant}.{camera}.{time}"
-
-
-def read_table(engine: Engine, run_id: str, resolved: ResolvedRun) -> EvaluationTable:
-    """The long table of what is evaluated so far."""
-    return EvaluationTable.from_rows(_rows(engine, run_id, resolved), varied_types(resolved))
+#: Column to value, of one row of a table; the columns of parameters are known to the run alone.
+TableRow = dict[str, Any]
+#: Columns of a person that are empty where the frame shows nobody.
+_PIXELS: Final = frozenset({"pixel_area", "pixel_area_percent", "pixel_area_amodal"})
+_OF_PERSON: Final = names_from(*OF_PERSON)
+_SCORES: Final = names_from(Source.PERSON_SCORE, Source.FRAME_SCORE)
 
 
-def read_classes(
-    engine: Engine, run_id: str, resolved: ResolvedRun, cards: Sequence[FunctionCard]
-) -> tuple[AllClasses, ...]:
-    """What is evaluated so far, over all classes: one entry per function and sensor setting, functions first, as in the table.
+def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
+    """Read the long table of what is evaluated so far."""
+    varied = varied_types(run.resolved)
+    with reading(engine) as connection:
+        rows = (table_row(row, run, varied) for row in results.rows(connection, run.id))
+        return EvaluationTable.from_rows(rows, varied)
+
+
+def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:
+    """Read the figures over all classes of what is evaluated so far.
 
     Args:
         engine: of the database.
-        run_id, resolved: the run.
-        cards: of its functions, in the spec's order: they say by which classes each is judged.
+        run: the run.
+        cards: of its functions, in the spec's order; they say by which classes each function is judged.
+
+    Returns:
+        One entry per function and sensor setting, functions first, as in the table.
     """
     totals: dict[tuple[int, int], ConfusionMatrix] = defaultdict(lambda: np.zeros(SHAPE, np.int64))
     mious: dict[tuple[int, int], list[float | None]] = defaultdict(list)
     with reading(engine) as connection:
-        for sensor, function, packed, miou in results.confusions(connection, run_id):
+        for sensor, function, packed, miou in results.confusions(connection, run.id):
             totals[function, sensor] += codecs.decode_counts(packed)
             mious[function, sensor].append(miou)
-    functions, sensors = resolved.spec.functions, resolved.spec.sensors
+    functions, sensors = run.resolved.spec.functions, run.resolved.spec.sensors
     return tuple(
         all_classes(
             functions[function],
@@ -62,59 +72,57 @@ def read_classes(
 
 
 def varied_types(resolved: ResolvedRun) -> dict[str, str]:
-    """Path to type of the parameters that the run varies."""
+    """Return path to type of the parameters that the run varies."""
     varied = set(resolved.space.varied)
     return {d.path: d.type.value for d in resolved.definitions if d.path in varied}
 
 
-def table_row(row: Any, run_id: str, resolved: ResolvedRun, varied: dict[str, str]) -> dict[str, Any]:
-    """One row of the long table from one row of the database."""
-    nobody = row.instance_id == 0
-    character = character_of(row.instance_id, row.assignment, resolved)
+def table_row(row: Any, run: StoredRun, varied: Iterable[str]) -> TableRow:
+    """Return one row of the long table.
+
+    Args:
+        row: of `valerie.db.results.rows`.
+        run: the run.
+        varied: paths of the parameters that get a column.
+    """
+    spec = run.resolved.spec
     return {
-        "run_id": run_id,
-        "variant_index": row.variant_index,
-        "frame_id": frame_id(run_id, row.variant_index, row.camera_index, row.time_index),
-        "camera": resolved.cameras[row.camera_index],
-        "time_s": resolved.seconds(row.assignment, row.time_index),
-        "character": character,
-        "sensor": resolved.spec.sensors[row.sensor_index].name,
-        "function": resolved.spec.functions[row.function_index],
-        "instance_id": None if nobody else row.instance_id,
-        "pixel_area": None if nobody else row.pixel_area,
-        "pixel_area_percent": None if nobody else row.pixel_area_percent,
-        "pixel_area_amodal": None if nobody else row.pixel_area_amodal,
-        "occlusion_rate": row.occlusion_rate,
-        "truncation_rate": row.truncation_rate,
-        "distance_m": row.distance_m,
-        "depth_m": row.depth_m,
-        "bearing_deg": row.bearing_deg,
-        "aspect_deg": row.aspect_deg,
-        "irradiance": row.irradiance,
-        "shadow_share": row.shadow_share,
-        "contrast": row.contrast,
-        **conditions(resolved.at(row.assignment, row.time_index), resolved.manifest)._asdict(),
+        **frame_columns(key_of(run.id, row), row.assignment, run.resolved),
+        **person_columns(row, row.assignment, run.resolved),
+        "sensor": spec.sensors[row.sensor_index].name,
+        "function": spec.functions[row.function_index],
+        **{name: getattr(row, name) for name in _SCORES},
+        # An absent person has no counts.
         "tp": row.tp or 0,
         "fn": row.fn or 0,
-        "pacc": row.pacc,
-        "undefined_reason": row.undefined_reason,
-        "precision": row.precision,
-        "iou": row.iou,
-        "pixel_accuracy": row.pixel_accuracy,
-        "fp": row.frame_fp,
         **{path: row.assignment.get(path) for path in varied},
     }
 
 
-def _rows(engine: Engine, run_id: str, resolved: ResolvedRun) -> Iterator[dict[str, Any]]:
-    varied = varied_types(resolved)
-    with reading(engine) as connection:
-        for row in results.rows(connection, run_id):
-            yield table_row(row, run_id, resolved, varied)
+def frame_columns(key: FrameKey, assignment: Mapping[str, Any], resolved: ResolvedRun) -> TableRow:
+    """Return the columns of a row that say which frame it is about, and under which conditions it was taken."""
+    return {
+        "run_id": key.run_id,
+        "variant_index": key.variant,
+        "frame_id": str(key),
+        "camera": resolved.cameras[key.camera],
+        "time_s": resolved.seconds(assignment, key.time),
+        **conditions(resolved.at(assignment, key.time), resolved.manifest)._asdict(),
+    }
+
+
+def person_columns(row: Any, assignment: Mapping[str, Any], resolved: ResolvedRun) -> TableRow:
+    """Return the columns of a row that say how a person is seen."""
+    nobody = row.instance_id == 0
+    return {
+        "character": character_of(row.instance_id, assignment, resolved),
+        "instance_id": row.instance_id or None,
+        **{name: None if nobody and name in _PIXELS else getattr(row, name) for name in _OF_PERSON},
+    }
 
 
 def character_of(instance_id: int, assignment: Mapping[str, Any], resolved: ResolvedRun) -> str | None:
-    """Which pedestrian an instance is: the value of its CATEGORICAL parameter ``character``; None for instance 0."""
+    """Return the pedestrian that an instance is: its CATEGORICAL parameter ``character``; None for instance 0."""
     if instance_id == 0:
         return None
     path = f"scene.{PERSON.node_class}-{instance_id % 1000}.character"

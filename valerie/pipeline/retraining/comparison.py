@@ -11,27 +11,25 @@ from numpy.typing import NDArray
 
 from valerie.analysis.before_after import Comparison, aligned, compare, row_keys
 from valerie.analysis.region import Region
-from valerie.analysis.table import COLUMNS, EvaluationTable
-from valerie.db import results, runs
+from valerie.analysis.table import EvaluationTable
+from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput
-from valerie.labels import to_train_ids
+from valerie.measures import MEASURES
 from valerie.metrics.collection import collection_scores
-from valerie.metrics.confusion import confusion_matrix
-from valerie.metrics.instances import person_counts
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scoring import score_frame
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.opening import display_name
+from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
-    FrameKey,
     evaluated_rows,
     finished_frames,
     function_index,
@@ -39,8 +37,7 @@ from valerie.pipeline.reading.selection import (
 )
 from valerie.pipeline.reading.tables import varied_types
 from valerie.pipeline.retraining.targets import run_values
-from valerie.runs.pins import Pins
-from valerie.runs.spec import ResolvedRun
+from valerie.runs.frames import FrameKey
 from valerie.storage import codecs
 
 
@@ -107,19 +104,18 @@ def compare_versions(
     """
     if len(references) < 2 or len({display_name(one) for one in references}) < len(references):
         raise InvalidInput("name two or more different functions", field="versions", value=list(references))
+    run = read_run(context, run_id)
     with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
-        frames = list(finished_frames(connection, run_id, resolved))
+        frames = list(finished_frames(connection, run))
     if not frames:
         raise Conflict(f"run {run_id} has no finished frames yet")
-    known = {display_name(one): _known(one, resolved, run.pinned(), open_function) for one in references}
+    known = {display_name(one): _known(one, run, open_function) for one in references}
     if not mixed:  # before the frames are looked at
         _require_one_class(known)
     looked = {
-        name: _stored(context, run_id, resolved, one.reference)
+        name: _stored(context, run, one.reference)
         if one.stored
-        else _look(context, resolved, frames, one.reference, open_function, progress)
+        else _look(context, run, frames, one.reference, open_function, progress)
         for name, one in known.items()
     }
     tables = aligned([one.table for one in looked.values()])
@@ -129,24 +125,19 @@ def compare_versions(
         name: (table, collection_scores([one.matrices[key] for key in keys], common))
         for (name, one), table in zip(looked.items(), tables, strict=True)
     }
-    groups = _groups(context, run_id, resolved, tables[0], next(iter(looked)), where, region)
+    groups = _groups(context, run, tables[0], next(iter(looked)), where, region)
     return compare(
         versions,
         numeric_classes=[one.numeric_class for one in known.values()],
         more_groups=groups,
-        threshold=resolved.spec.detection_threshold,
-        seed=resolved.spec.seed,
+        threshold=run.resolved.spec.detection_threshold,
+        seed=run.resolved.spec.seed,
     )
 
 
-def _known(
-    reference: str,
-    resolved: ResolvedRun,
-    pins: Pins,
-    open_function: Callable[[str], PerceptionFunction],
-) -> _Version:
-    if reference in resolved.spec.functions:
-        card, numeric_class = pinned_card(pins, reference), pins.functions[reference].numeric_class
+def _known(reference: str, run: StoredRun, open_function: Callable[[str], PerceptionFunction]) -> _Version:
+    if reference in run.resolved.spec.functions:
+        card, numeric_class = pinned_card(run.pins, reference), run.pins.functions[reference].numeric_class
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
     function = open_function(reference)
     try:
@@ -169,8 +160,7 @@ def _require_one_class(versions: Mapping[str, _Version]) -> None:
 
 def _groups(
     context: Context,
-    run_id: str,
-    resolved: ResolvedRun,
+    run: StoredRun,
     table: EvaluationTable,
     before: str,
     where: str,
@@ -182,71 +172,63 @@ def _groups(
         return groups
     stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
     with reading(context.engine) as connection:
-        assigned = {
-            (row["frame_id"], row["instance_id"]): row for _, row in evaluated_rows(connection, run_id, resolved)
-        }
+        assigned = {(row["frame_id"], row["instance_id"]): row for _, row in evaluated_rows(connection, run)}
     # The first version's scores over all that is assigned.
     rows = [{**assigned.get(key, {}), **stored[key]} for key in row_keys(table)]
     there = np.array([row["instance_id"] is not None for row in rows], np.bool_)
     if region is not None:
         inside = np.array(
-            [bool(row["instance_id"]) and region.holds(run_values(row, resolved)) for row in rows], np.bool_
+            [bool(row["instance_id"]) and region.holds(run_values(row, run.resolved)) for row in rows], np.bool_
         )
         groups["in the region"], groups["outside the region"] = inside, there & ~inside
     if where:
-        condition = run_where(where, resolved)
+        condition = run_where(where, run.resolved)
         chosen = np.array([condition.holds(row) for row in rows], np.bool_)
         groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & there, there & ~chosen
     return groups
 
 
-def _stored(context: Context, run_id: str, resolved: ResolvedRun, function: str) -> Looked:
-    index = function_index(function, resolved)
-    varied = varied_types(resolved)
+def _stored(context: Context, run: StoredRun, function: str) -> Looked:
+    index = function_index(function, run.resolved)
+    varied = varied_types(run.resolved)
     with reading(context.engine) as connection:
-        rows = [row for _, row in evaluated_rows(connection, run_id, resolved, sensor=0, function=index)]
-        found = results.predictions(connection, run_id, 0, index)
+        rows = [row for _, row in evaluated_rows(connection, run, sensor=0, function=index)]
+        predictions = results.predictions(connection, run.id, 0, index)
     table = EvaluationTable.from_rows(({name: row.get(name) for name in _columns(varied)} for row in rows), varied)
-    return Looked(table, {key: codecs.decode_counts(packed) for key, (_, packed) in found.items()})
+    return Looked(table, {key: codecs.decode_counts(stored.confusion) for key, stored in predictions.items()})
 
 
 def _look(
     context: Context,
-    resolved: ResolvedRun,
+    run: StoredRun,
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
     progress: Callable[[int, int, float, str], None],
 ) -> Looked:
     """Predict every frame in this process, and count as the evaluation stage does."""
-    varied, name = varied_types(resolved), display_name(reference)
+    varied, name = varied_types(run.resolved), display_name(reference)
     reader = ProductReader(context.store)
     rows: list[dict[str, object]] = []
     matrices: dict[FrameKey, ConfusionMatrix] = {}
     function = open_function(reference)
     started = time.monotonic()
     try:
-        taken = ((shot, shot[1].picture(reader)) for shot in ((frame, frame.capture(resolved, 0)) for frame in frames))
+        shots = ((frame, capture_of(run.resolved, frame.stored, 0)) for frame in frames)
+        taken = ((shot, shot[1].picture(reader)) for shot in shots)
         for done, ((frame, capture), labels) in enumerate(predicted(function, taken), start=1):
             truth = capture.seen_truth(reader)
-            matrix = matrices[frame.key] = confusion_matrix(to_train_ids(truth.class_map), labels)
-            scores = frame_scores(matrix, classes=function.card.judged_ids)
-            counted = {one.instance_id: one for one in person_counts(truth, labels)}
+            scored = score_frame(truth, labels, function.card.judged_ids)
+            matrices[frame.key], scores = scored.matrix, scored.scores
             for person in frame.persons:
                 seen = measured_again(person, truth) if capture.distorted else person
-                counts = counted.get(person["instance_id"])
-                tp, fn = (counts.tp, counts.fn) if counts is not None else (0, 0)
+                counts = scored.person(person["instance_id"] or 0)
                 row = {
                     **seen,
-                    **{path: frame.assignment.get(path) for path in varied},
+                    **{path: frame.stored.assignment.get(path) for path in varied},
                     "function": name,
-                    "tp": tp,
-                    "fn": fn,
-                    "pacc": pacc(tp, fn),
-                    "precision": scores.precision,
-                    "iou": scores.iou,
-                    "pixel_accuracy": scores.pixel_accuracy,
-                    "fp": scores.counts.fp,
+                    **counts.columns,
+                    **scores.columns,
                 }
                 rows.append({column: row.get(column) for column in _columns(varied)})
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
@@ -256,4 +238,4 @@ def _look(
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:
-    return (*(name for name, *_ in COLUMNS), *varied)
+    return (*(measure.name for measure in MEASURES), *varied)

@@ -11,7 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,21 +21,21 @@ from numpy.typing import NDArray
 from valerie.analysis.table import EvaluationTable
 from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
-from valerie.db import results, runs
+from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
-from valerie.labels import TRAIN_LABELS, to_train_ids
+from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
-from valerie.metrics.confusion import confusion_matrix
-from valerie.metrics.instances import person_counts
+from valerie.metrics.instances import InstanceCounts
 from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scores import frame_scores
+from valerie.metrics.scoring import score_frame
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.opening import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
 from valerie.runs.pins import FunctionPin
@@ -141,11 +141,12 @@ class EvaluationProgress:
 
 
 @dataclass(frozen=True, slots=True)
-class _Instances:
-    """What `person_counts` needs of a labelled frame."""
+class _Truth:
+    """A labelled frame as `score_frame` takes it: the persons are those that are visible."""
 
-    instance_map: np.ndarray[Any, np.dtype[np.uint16]]
-    persons: Sequence[Any] = field(default_factory=tuple)
+    class_map: NDArray[np.uint8]
+    instance_map: NDArray[np.uint16]
+    persons: tuple[InstanceCounts, ...] = ()
 
 
 def evaluate_dataset(
@@ -216,11 +217,10 @@ def _evaluated(
     index: int,
     folder: CityscapesFolder,
 ) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
-    truth = to_train_ids(frame.class_map)
-    matrix = confusion_matrix(truth, labels)
+    scored = score_frame(_Truth(frame.class_map, frame.instance_map), labels, judged)
+    matrix, scores = scored.matrix, scored.scores
     if not folder.has_instances:
         return matrix, []
-    scores = frame_scores(matrix, classes=judged)
     common = {
         "run_id": f"{folder.root.name}/{folder.split}",
         "variant_index": index,
@@ -228,13 +228,9 @@ def _evaluated(
         "camera": frame.name.city,
         "sensor": "as recorded",
         "function": name,
-        "precision": scores.precision,
-        "iou": scores.iou,
-        "pixel_accuracy": scores.pixel_accuracy,
-        "fp": scores.counts.fp,
+        **scores.columns,
     }
-    people = person_counts(_Instances(frame.instance_map), labels)
-    if not people:
+    if not scored.persons:
         return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
     pixels = frame.class_map.size
     return matrix, [
@@ -243,11 +239,9 @@ def _evaluated(
             "instance_id": one.instance_id,
             "pixel_area": one.tp + one.fn,
             "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
-            "tp": one.tp,
-            "fn": one.fn,
-            "pacc": pacc(one.tp, one.fn),
+            **one.columns,
         }
-        for one in people
+        for one in scored.persons
     ]
 
 
@@ -261,10 +255,8 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
                     "frame": name,
                     "function": one.name,
                     **asdict(scores.counts),
-                    **{
-                        column: getattr(scores, column)
-                        for column in ("pacc", "precision", "iou", "pixel_accuracy", "macc", "miou", "fwiou")
-                    },
+                    "pacc": scores.pacc,
+                    **scores.columns,
                     "confusion": matrix.ravel().tolist(),
                 }
             )
@@ -298,12 +290,10 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
         NotFound, UnknownName: no such run, or a function that it did not evaluate.
         Conflict: the run has not started yet.
     """
+    run = read_run(context, run_id)
+    called = as_called(function, run)
     with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
-        pins = run.pinned()
-        called = as_called(function, resolved, pins)
-        found = results.predictions(connection, run_id, 0, function_index(called, resolved))
-    judged = pinned_card(pins, called).judged_ids
-    scores = collection_scores([codecs.decode_counts(packed) for _, packed in found.values()], judged)
-    return RunSide(called, pins.functions[called], scores)
+        predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
+    judged = pinned_card(run.pins, called).judged_ids
+    scores = collection_scores([codecs.decode_counts(one.confusion) for one in predictions.values()], judged)
+    return RunSide(called, run.pins.functions[called], scores)

@@ -33,7 +33,7 @@ from valerie.perception.training.frame_folder import (
 )
 from valerie.pipeline.retraining import training_scenes
 from valerie.pipeline.retraining.targets import Target
-from valerie.pipeline.retraining.training_scenes import AS_MADE, crowd_asset, draw_scene, street_arguments
+from valerie.pipeline.retraining.training_scenes import AS_MADE, crowd_asset, draw_arguments, draw_scene
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor
@@ -55,7 +55,7 @@ class FrameSettings(BaseModel):
         per_street: frames of each.
         width, height: pixels.
         asset: a generated asset that takes a ``seed``.
-        arguments: of the generator; others than these and the seed are drawn (`training_scenes.street_arguments`).
+        arguments: of the generator; others than these and the seed are drawn (`training_scenes.draw_arguments`).
         first_seed: where the street seeds begin; None: with the split.
         region: None, or what a frame must show: at least one person for whom all bounds hold
             (`valerie.pipeline.retraining.targets`). Scenes are drawn until one does.
@@ -83,7 +83,7 @@ class FrameSettings(BaseModel):
 
     def street(self, seed: int) -> dict[str, Any]:
         """The asset of one street, as `load_asset` takes it."""
-        return {"name": self.asset, **street_arguments(self.asset, seed), **self.arguments, "seed": seed}
+        return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
         """Street seeds, ascending.

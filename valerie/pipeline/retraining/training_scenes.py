@@ -2,7 +2,8 @@
 
 Whatever a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and skin,
 traffic, day and night, light, weather, camera and its errors; and some frames show nobody. Half of the frames are *plain*:
-what a run shows that varies people and sun only. `street_arguments` varies the street itself.
+what a run shows that varies people and sun only. `draw_arguments` varies the street itself. What an asset calls its poses,
+its clothes and its traffic is the manifest's to say (`valerie.scene.assets.manifest.TrainingRules`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from valerie.errors import InvalidInput
 from valerie.labels import PERSON, instance_id
 from valerie.parameters.assignment import digest
 from valerie.parameters.definitions import ParameterDefinition, Value
-from valerie.scene.assets.asset import SceneAsset
+from valerie.scene.assets.asset import SceneAsset, load_pack
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.deferred import DeferredTexture
@@ -38,7 +39,6 @@ REVISION: Final = 5
 
 #: How many people a frame shows: probabilities of 0 … 5.
 _CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
-_POSES: Final = {"walking": 0.6, "standing": 0.2, "phone": 0.12, "waving": 0.08}
 #: Instants of the walk: few, so that bodies made for one frame serve others.
 _GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
 #: Share of plain frames: cameras near their own place, the asset's weather, no traffic by day, a sensor without errors.
@@ -53,9 +53,6 @@ _FOG: Final = 0.1
 _RAIN: Final = 0.1
 _NIGHT: Final = 0.16
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
-#: Parts of material names besides what `valerie.scene.graph.naming.is_cloth` knows.
-_SHOE: Final = "shoe-"
-_SKIN: Final = "skin"
 _NEUTRAL: Final = "neutral/"
 #: Share of worn things that keep the character's own colour, in plain frames and in others.
 _AS_MADE_PLAIN: Final = 0.5
@@ -78,20 +75,17 @@ class TrainingScene:
     sensor: SensorSetting
 
 
-def street_arguments(generator: str, seed: int) -> dict[str, Any]:
-    """What the generator of a street is told besides its seed; follows from the seed. Empty for other generators."""
-    if generator != "urban-street":
-        return {}
-    rng = np.random.default_rng([REVISION, seed])
-    pick = partial(_pick, rng)
-    return {
-        "season": pick({"summer": 0.4, "spring": 0.2, "autumn": 0.25, "winter": 0.15}),
-        "surface": pick({"asphalt": 0.85, "paving": 0.15}),
-        "side_street": pick({"right": 0.4, "left": 0.25, "both": 0.15, "none": 0.2}),
-        "lanes": int(rng.choice([1, 2, 3], p=[0.65, 0.25, 0.1])),
-        "pavement_width_m": round(float(rng.uniform(2.2, 4.5)), 2),
-        "setback_m": float(rng.choice([0.0, 0.0, 0.0, 2.5])),
-    }
+def draw_arguments(asset: str, seed: int) -> dict[str, Any]:
+    """Draw what an asset pack is told besides its seed; follows from the seed.
+
+    Args:
+        asset: name of the pack.
+        seed: of the street.
+
+    Raises:
+        UnknownName, InvalidInput, MissingDependency: as `valerie.scene.assets.asset.load_pack`.
+    """
+    return load_pack(asset).draw_arguments(np.random.default_rng([REVISION, seed]))
 
 
 def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset:
@@ -121,7 +115,7 @@ def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset
         ]
     textures = dict(scene.textures)
     for material in scene.materials.values():
-        if _is_worn(material.name) and material.base_color_texture is not None:
+        if _is_worn(material.name, manifest) and material.base_color_texture is not None:
             name = f"{_NEUTRAL}{material.base_color_texture}"
             textures[name] = DeferredTexture(name, partial(_grey, scene.textures[material.base_color_texture]))
     fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
@@ -272,7 +266,7 @@ def _draw_person(
             for name, low, high in (("metallic", 0.0, 0.3), ("roughness", 0.35, 1.0), ("specular_tint", 0.0, 1.0)):
                 _assign(tried, manifest, f"{person}.cloth.{name}", rng.uniform(low, high))
             if f"{person}.pose" in manifest.by_path:
-                tried[f"{person}.pose"] = _pick(rng, _POSES)
+                tried[f"{person}.pose"] = _pick(rng, _pose_shares(manifest, person))
                 tried[f"{person}.gait_phase"] = float(rng.choice(_GAIT_PHASES))
                 tried[f"{person}.carries"] = str(rng.choice(manifest.definition(f"{person}.carries").choices))
             assignment.update(tried)
@@ -280,11 +274,8 @@ def _draw_person(
 
 
 def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames.
-
-    Without those that a street got later: whoever draws for them draws all that follows otherwise.
-    """
-    for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.added)):
+    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames."""
+    for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.training.left_out)):
         wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
         kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
         if not wanted or (kinds is None and seen is None):
@@ -354,13 +345,13 @@ def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_m
         }
         for name in sorted(names):
             material = materials[name]
-            if _is_worn(name):
+            if _is_worn(name, manifest):
                 if rng.random() < as_made:
                     continue
                 texture = material.base_color_texture
                 neutral = None if texture is None else f"{_NEUTRAL}{texture}"
                 materials[name] = replace(material, base_color=_cloth_color(rng), base_color_texture=neutral)
-            elif _is_part(name, _SKIN) and not name.endswith("eyes"):
+            elif _has_part(name, manifest.training.skin):
                 red, green, blue = material.base_color
                 materials[name] = replace(material, base_color=(red * skin, green * skin, blue * skin))
     return materials
@@ -427,8 +418,8 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
     ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
     room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
     for obstacle in manifest.obstacles:
-        if any(path in manifest.added and obstacle.path.startswith(path) for path in manifest.movable):
-            continue  # not there by default, and not drawn
+        if any(obstacle.path == path or obstacle.path.startswith(f"{path}.") for path in manifest.training.left_out):
+            continue  # never shown
         polygon = shapely.Polygon(obstacle.polygon)
         reaches_up = obstacle.height_m is None or obstacle.height_m > height - 0.3
         if reaches_up and shapely.dwithin(polygon, room, 1.0):
@@ -438,9 +429,17 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
     return True
 
 
-def _is_worn(material: str) -> bool:
-    return is_cloth(material) or _is_part(material, _SHOE)
+def _pose_shares(manifest: Manifest, person: str) -> Mapping[str, float]:
+    """How often a person takes which pose; the shares add up to 1."""
+    poses = manifest.definition(f"{person}.pose").choices
+    weights = manifest.training.poses or dict.fromkeys(poses, 1.0)
+    whole = sum(weights.values())
+    return {pose: weight / whole for pose, weight in weights.items()}
 
 
-def _is_part(material: str, prefix: str) -> bool:
-    return any(part.startswith(prefix) for part in material.split("/"))
+def _is_worn(material: str, manifest: Manifest) -> bool:
+    return is_cloth(material) or _has_part(material, manifest.training.worn)
+
+
+def _has_part(material: str, beginnings: tuple[str, ...]) -> bool:
+    return any(part.startswith(beginnings) for part in material.split("/"))

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from valerie.analysis.frame_counts import ABSENT
 from valerie.analysis.region import Region, region_of
-from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
 from valerie.perception.catalog import FUNCTIONS
@@ -16,7 +15,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.training.frame_folder import SEEDS
 from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.base.context import Context
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.opening import pinned_network
 from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
@@ -84,13 +83,11 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
         InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
         Conflict: other weights of the function are installed than the run saw.
     """
-    resolved = _resolved(context, run_id)
-    name = _function(resolved, function)
-    asset, arguments, seed = _generated(resolved)
-    region, evaluated = _region(context, run_id, resolved, where, name)
-    with reading(context.engine) as connection:
-        pins = runs.get(connection, run_id).pinned()
-    document, file = pinned_network(name, pins.functions[name], context=context)
+    run = read_run(context, run_id)
+    name = _function(run.resolved, function)
+    asset, arguments, seed = _generated(run.resolved)
+    region, evaluated = _region(context, run, where, name)
+    document, file = pinned_network(name, run.pins.functions[name], context=context)
     return Weakness(
         run_id=run_id,
         function=name,
@@ -113,8 +110,8 @@ def selected_region(context: Context, run_id: str, where: str, function: str) ->
         NotFound: no such run.
         InvalidInput, UnknownName: the expression is wrong, or selects nothing.
     """
-    resolved = _resolved(context, run_id)
-    return _region(context, run_id, resolved, where, function)[0] if function in resolved.spec.functions else None
+    run = read_run(context, run_id)
+    return _region(context, run, where, function)[0] if function in run.resolved.spec.functions else None
 
 
 def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
@@ -123,24 +120,16 @@ def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
     Raises:
         NotFound: no such run.
     """
-    return tuple(_resolved(context, run_id).spec.functions)
+    return tuple(read_run(context, run_id).resolved.spec.functions)
 
 
-def _resolved(context: Context, run_id: str) -> ResolvedRun:
-    with reading(context.engine) as connection:
-        return resolve_stored(runs.get(connection, run_id), context.settings)
-
-
-def _region(context: Context, run_id: str, resolved: ResolvedRun, where: str, function: str) -> tuple[Region, int]:
-    """The region, and how many persons that function was evaluated on."""
+def _region(context: Context, run: StoredRun, where: str, function: str) -> tuple[Region, int]:
+    """Return the region of the selected rows, and how many persons the function was evaluated on."""
+    resolved = run.resolved
     condition = run_where(where, resolved)
     index = function_index(function, resolved)
     with reading(context.engine) as connection:
-        rows = [
-            row
-            for _, row in evaluated_rows(connection, run_id, resolved, function=index)
-            if row["undefined_reason"] != ABSENT
-        ]
+        rows = [row for _, row in evaluated_rows(connection, run, function=index) if row["undefined_reason"] != ABSENT]
     selected = [row for row in rows if condition.holds(row)]
     if not selected:
         raise InvalidInput(f"selects none of {len(rows)} rows of {function}", field="where", value=where)
@@ -164,16 +153,16 @@ def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
     Raises:
         InvalidInput: it is not generated from a seed, so there are no fresh streets.
     """
-    from valerie.scene.assets.asset import GENERATORS
+    from valerie.scene.assets.asset import PACKS, is_generated
 
     asset = resolved.spec.asset
     reference = {"name": asset} if isinstance(asset, str) else dict(asset)
     name = str(reference.pop("name"))
-    if name not in GENERATORS:
+    if not is_generated(name):
         raise InvalidInput(
             "new frames need fresh streets: an asset that is generated from a seed",
             field="asset",
             value=name,
-            limit=", ".join(GENERATORS),
+            limit=", ".join(PACKS.names()),
         )
     return name, reference, int(reference.pop("seed", 0))

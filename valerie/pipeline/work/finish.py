@@ -16,17 +16,18 @@ from valerie.analysis.report_model import Failure, PictureKind, Provenance, Repo
 from valerie.analysis.table import EvaluationTable
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
-from valerie.db.results import LinkedFailure
+from valerie.db.results import FailedLink
 from valerie.db.runs import RunRow
 from valerie.errors import NotFound, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY
-from valerie.pipeline.reading import frames
-from valerie.pipeline.reading.pictures import jpeg
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
+from valerie.pipeline.reading.painting import jpeg
 from valerie.pipeline.reading.tables import read_classes, read_table
+from valerie.runs.frames import FrameKey
 from valerie.runs.products import Fault
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import RunState
@@ -76,12 +77,13 @@ def finish_run(context: Context, run_id: str) -> None:
     log.info("run.finished", run=run_id, state=state)
 
 
-def write_results(context: Context, run: RunRow, failures: Sequence[LinkedFailure]) -> None:
+def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
     """Write table (Parquet, CSV), summary and report."""
-    resolved = resolve_stored(run, context.settings)
-    cards = tuple(pinned_card(run.pinned(), name) for name in resolved.spec.functions)
-    table = read_table(context.engine, run.id, resolved)
-    classes = read_classes(context.engine, run.id, resolved, cards)
+    stored = resolve_stored(run, context.settings)
+    resolved = stored.resolved
+    cards = tuple(pinned_card(stored.pins, name) for name in resolved.spec.functions)
+    table = read_table(context.engine, stored)
+    classes = read_classes(context.engine, stored, cards)
     analysis = analyze(
         table,
         classes=classes,
@@ -94,7 +96,7 @@ def write_results(context: Context, run: RunRow, failures: Sequence[LinkedFailur
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
     context.store.put(run_key(run.id, SUMMARY), summary_json(analysis), replace=True)
-    html = build_report(_report_input(context, run, resolved, cards, table, analysis, failures))
+    html = build_report(_report_input(context, run, stored, cards, table, analysis, failures))
     context.store.put(run_key(run.id, REPORT), html.encode(), replace=True)
 
 
@@ -109,16 +111,16 @@ def summary_json(analysis: Analysis) -> bytes:
 def _report_input(
     context: Context,
     run: RunRow,
-    resolved: ResolvedRun,
+    stored: StoredRun,
     cards: tuple[FunctionCard, ...],
     table: EvaluationTable,
     analysis: Analysis,
-    failures: Sequence[LinkedFailure],
+    failures: Sequence[FailedLink],
 ) -> ReportInput:
+    resolved, pins = stored.resolved, stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
         rejected = runs.rejections(connection, run.id)
-    pins = run.pinned()
     classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
     classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
@@ -146,7 +148,7 @@ def _report_input(
         variants=run.variant_count,
         frames=(run.variant_count - run.rejected_count) * len(resolved.cameras) * len(resolved.times.elapsed),
         rejections=rejected,
-        failures=_grouped(failures, run.id),
+        failures=_grouped(failures),
         picture=_Pictures(context),
     )
 
@@ -158,18 +160,19 @@ class _Pictures:
         self._context = context
 
     def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        run_id, variant, camera, time = frame_id.split(".")
+        kind_of_picture = _KIND_OF_PICTURE[kind]
         try:
-            place = (run_id, int(variant), int(camera), int(time))
-            source = frames.find(self._context, *place, kind=_KIND_OF_PICTURE[kind], function=function, sensor=sensor)
-            painted = frames.draw(self._context, source)
+            source = find_picture(
+                self._context, FrameKey.parse(frame_id), kind=kind_of_picture, function=function, sensor=sensor
+            )
+            painted = paint_picture(self._context, source)
         except ValerieError as error:
             log.warning("finish.picture", frame=frame_id, kind=kind, error=str(error))
             return None
         return jpeg(painted)
 
 
-def _grouped(failures: Sequence[LinkedFailure], run_id: str) -> tuple[Failure, ...]:
+def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
     """Failures of the same kind together."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
     for failure in failures:
@@ -177,8 +180,7 @@ def _grouped(failures: Sequence[LinkedFailure], run_id: str) -> tuple[Failure, .
         message, attempts = (
             (error.message, error.attempts) if isinstance(error, Fault) else (f"its input {error.cause} failed", 0)
         )
-        frame = f"{run_id}.{failure.variant_index}.{failure.camera_index}.{failure.time_index}"
-        groups[(failure.kind, message, attempts)].append(frame)
+        groups[failure.kind, message, attempts].append(str(failure.frame))
     return tuple(
         Failure(stage=stage, error=message, attempts=attempts, count=len(where), example=where[0])
         for (stage, message, attempts), where in sorted(groups.items(), key=lambda item: -len(item[1]))

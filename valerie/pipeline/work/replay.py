@@ -9,13 +9,15 @@ from typing import Any
 
 from valerie.db import results, runs
 from valerie.db.engine import reading
-from valerie.db.products import Finished, Job
+from valerie.db.products import Job, Look
 from valerie.errors import MissingInput, NotFound, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
+from valerie.pipeline.work.stages import Maker
+from valerie.runs.frames import FrameKey
 from valerie.runs.states import ProductKind
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
@@ -44,57 +46,37 @@ class Replayed:
         return self.verdict == "equal"
 
 
-def replay_frame(context: Context, run_id: str, variant: int, camera: int, time_index: int = 0) -> list[Replayed]:
+def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
     """Render and infer one frame again, with nothing taken from the store but what it is compared with.
 
     Raises:
         NotFound: no such run or frame.
     """
     with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-        frame = results.frame(connection, run_id, variant, camera, time_index)
-        annotations = results.frame_annotations(connection, run_id, variant, camera, time_index)
-        evaluations = results.frame_evaluations(connection, run_id, variant, camera, time_index)
+        run = runs.get(connection, key.run_id)
+        frame = results.frame(connection, key)
+        annotations = results.frame_annotations(connection, key)
+        evaluations = results.frame_evaluations(connection, key)
     scratch = _Scratch(context)
-    shared: dict[str, Any] = {
-        "attempts": 1,
-        "run_id": run_id,
-        "variant_index": variant,
-        "assignment": frame.assignment,
-        "camera_index": camera,
-        "time_index": time_index,
-        "background": frame.background,
-        "layer": frame.layer,
-        "truth": frame.truth,
-        "velocity": annotations["velocity"].product if "velocity" in annotations else None,
-    }
     render, infer, evaluate = RenderMaker(scratch.context), InferMaker(scratch.context), EvaluateMaker(scratch.context)
-    made = [
-        scratch.compare(render, Job(digest=digest, kind=kind, **shared), "")
-        for kind, digest in (
-            (ProductKind.BACKGROUND, frame.background),
-            (ProductKind.LAYER, frame.layer),
-            (ProductKind.TRUTH, frame.truth),
-        )
+    products = {
+        ProductKind.BACKGROUND: frame.products.background,
+        ProductKind.LAYER: frame.products.layer,
+        ProductKind.TRUTH: frame.products.truth,
+    }
+    replayed = [scratch.compare(render, Job(digest, kind, 1, frame)) for kind, digest in products.items()]
+    replayed += [
+        scratch.compare(render, Job(link.product, ProductKind(kind), 1, frame), stored=link)
+        for kind, link in annotations.items()
     ]
-    made += [
-        scratch.compare(render, Job(one.product, ProductKind(kind), **shared), "", stored=one)
-        for kind, one in annotations.items()
-    ]
-    spec = run.spec
-    for one in evaluations:
-        name = f"{spec.functions[one.function_index]} / {spec.sensors[one.sensor_index].name}"
-        links = {
-            **shared,
-            "prediction": one.prediction,
-            "sensor_index": one.sensor_index,
-            "function_index": one.function_index,
-        }
-        made.append(scratch.compare(infer, Job(digest=one.prediction, kind=ProductKind.PREDICTION, **links), name))
-        made.append(
-            scratch.compare(evaluate, Job(digest=one.scores, kind=ProductKind.EVALUATION, **links), name, stored=one)
+    for row in evaluations:
+        look = Look(row.sensor_index, row.function_index, row.prediction)
+        name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
+        replayed.append(scratch.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
+        replayed.append(
+            scratch.compare(evaluate, Job(row.scores, ProductKind.EVALUATION, 1, frame, look), name, stored=row)
         )
-    return made
+    return replayed
 
 
 class _Scratch:
@@ -131,11 +113,11 @@ class _Scratch:
         """As `ArtifactStore.exists`."""
         return key in self._objects
 
-    def compare(self, maker: Any, job: Job, name: str, *, stored: Any = None) -> Replayed:
+    def compare(self, maker: Maker, job: Job, name: str = "", *, stored: Any = None) -> Replayed:
         """Make a product and compare it with the stored one."""
         started = time.process_time()
         try:
-            finished: Finished = maker.make(job)
+            finished = maker.make(job)
         except ValerieError as error:
             return Replayed(job.kind, name, job.digest, f"cannot be made here: {error}")
         seconds = time.process_time() - started

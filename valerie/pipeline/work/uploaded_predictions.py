@@ -14,36 +14,28 @@ import numpy as np
 from valerie.db import functions, results, runs
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
-from valerie.db.runs import RunRow
 from valerie.errors import Conflict, InvalidInput, NotFound, TransientError, UnknownName
 from valerie.labels import VOID
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.label_png import decode_labels
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.work.stages import run_stage
+from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
 
 def put_prediction(
-    context: Context,
-    run_id: str,
-    variant: int,
-    camera: int,
-    time_index: int,
-    data: bytes,
-    *,
-    function: str | None = None,
-    sensor: str | None = None,
+    context: Context, key: FrameKey, data: bytes, *, function: str | None = None, sensor: str | None = None
 ) -> bool:
     """Take the label map of one frame.
 
     Args:
         context: of this process.
-        run_id, variant, camera, time_index: the frame.
+        key: the frame.
         data: PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void.
         function: as the spec calls it; may be left out where only one of the run's is of this kind.
         sensor: sensor setting; may be left out where there is one.
@@ -57,15 +49,15 @@ def put_prediction(
         Conflict: there is another label map for this frame already, the frame is not rendered yet, or the deadline passed.
     """
     with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
-        place = _place(run, resolved, function, sensor)
-        rows = results.frame_evaluations(connection, run_id, variant, camera, time_index)
+        run = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        resolved = run.resolved
+        place = _place(run, function, sensor)
+        rows = results.frame_evaluations(connection, key)
         if not rows:
-            raise NotFound("frame", f"{run_id}.{variant}.{camera}.{time_index}")
+            raise NotFound("frame", key)
         digest = next(one.prediction for one in rows if (one.sensor_index, one.function_index) == place)
         name = resolved.spec.functions[place[1]]
-        registered = functions.of_digest(connection, run.pinned().functions[name].digest)
+        registered = functions.of_digest(connection, run.pins.functions[name].digest)
     if registered is None:
         raise NotFound("version of the function", f"{name}: it was removed")
     encoded, pixels = _encoded(data, registered.document, resolved)
@@ -84,8 +76,9 @@ class _Given:
         return Finished(job.digest, len(self._data), self._pixels, 0.0)
 
 
-def _place(run: RunRow, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
+def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[int, int]:
     """(sensor index, function index)."""
+    resolved = run.resolved
     awaited = tuple(deadlines(run.pins))
     if not awaited:
         raise Conflict(f"run {run.id} waits for no predictions")

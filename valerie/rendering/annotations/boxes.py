@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from valerie.rendering.base import GroundTruth, View, bounds
-from valerie.rendering.raster.camera_math import clip_hull, project, view_from_world
+from valerie.rendering.projection import clip_hull, project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, instance_roots
 from valerie.scene.graph.model import Camera, Mesh, Node, Scene, freeze
 

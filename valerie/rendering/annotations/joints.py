@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import PERSON, RIDER
 from valerie.rendering.base import GroundTruth, View
-from valerie.rendering.raster.camera_math import project, view_from_world
+from valerie.rendering.projection import project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.scene.graph.model import JOINTS, Camera, Scene, freeze
 

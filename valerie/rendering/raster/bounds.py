@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from valerie.rendering.base import Rectangle, View
-from valerie.rendering.raster.camera_math import Points, box_corners, clip_hull, project
+from valerie.rendering.projection import Points, box_corners, clip_hull, project
 from valerie.scene.graph.model import Camera
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from valerie.rendering.base import View
+from valerie.rendering.projection import Points
 from valerie.rendering.raster.bounds import Reach
-from valerie.rendering.raster.camera_math import Points
 from valerie.rendering.raster.canvas import StaticSurfaces
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap
 from valerie.rendering.raster.tiles import TILE, Mask, widened

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import GroundTruth, Rectangle, View
+from valerie.rendering.projection import clip_from_view, view_from_world
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.movable_geometry import MeshBuffers, PlacedMesh

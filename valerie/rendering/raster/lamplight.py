@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.lamps import Lamp
-from valerie.rendering.raster.camera_math import Points
+from valerie.rendering.projection import Points
 from valerie.rendering.raster.drawing import SurfaceDrawer
 from valerie.rendering.raster.lamp_reach import LAMP_MAP, LAMP_TILES, MOVING_TILES, FrameLamps, LampView, within_reach
 from valerie.rendering.raster.targets import Target

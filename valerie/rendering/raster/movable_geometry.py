@@ -9,8 +9,8 @@ from typing import Any
 import moderngl
 import numpy as np
 
+from valerie.rendering.projection import Points, box_corners
 from valerie.rendering.raster.buffers import Buffers
-from valerie.rendering.raster.camera_math import Points, box_corners
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.uniforms import set_uniforms
 from valerie.rendering.scene_reading import DrawItem, normal_matrix

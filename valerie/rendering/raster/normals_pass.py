@@ -9,9 +9,9 @@ import numpy as np
 
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import Rectangle, View
+from valerie.rendering.projection import clip_from_view, view_from_world
 from valerie.rendering.raster.bounds import covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.camera_math import clip_from_view, view_from_world
 from valerie.rendering.raster.context import GraphicsContext
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.scenes import Prepared

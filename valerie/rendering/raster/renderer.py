@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from valerie.rendering.base import Layer, LinearImage, Rectangle, View, bounds, require_image
 from valerie.rendering.lamps import glowing, lit_lamps
 from valerie.rendering.person_light import Received
+from valerie.rendering.projection import LightView, clip_from_view, view_from_world
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle
 from valerie.rendering.raster.cache import LeastRecentlyUsed
-from valerie.rendering.raster.camera_math import LightView, clip_from_view, view_from_world
 from valerie.rendering.raster.canvas import Area, Canvas, StaticImage, StaticSurfaces
 from valerie.rendering.raster.changes import occluded_tiles, shadowed_tiles
 from valerie.rendering.raster.context import GraphicsContext, process_context

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.camera_math import (
+from valerie.rendering.projection import (
     LightView,
     Points,
     box_corners,

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from valerie.rendering.raster.camera_math import Points
+from valerie.rendering.projection import Points
 from valerie.rendering.sky import Sky
 
 #: Places on the statics, over their area.

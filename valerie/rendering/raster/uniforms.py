@@ -8,7 +8,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from valerie.rendering.raster.camera_math import Points
+from valerie.rendering.projection import Points
 
 
 def set_uniforms(program: moderngl.Program, values: Mapping[str, Any]) -> None:

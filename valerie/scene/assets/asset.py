@@ -1,27 +1,29 @@
-"""Scene assets: a manifest, a base scene and a digest, from a generator or from files.
+"""Scene assets: a manifest, a base scene and a digest, from an asset pack or from a folder of files.
 
-`asset_manifest` is cheap (no meshes, no trimesh) and is what the API, the planner and the control loop use;
-`load_asset` builds everything and is what render workers use.
+`asset_manifest` is cheap (no meshes, no trimesh); the API, the planner and the control loop use it. `load_asset` builds
+everything; render workers use it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, Protocol, cast
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from valerie.entry_points import PluginKind
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.assignment import canonical_json, digest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import require_declared
 from valerie.scene.graph.model import Scene
+from valerie.validation import problem_of
 
-#: An asset in a spec: its name, or a mapping of name and generator arguments, e.g. {name: urban-street, seed: 7}.
+#: An asset in a spec: its name, or a mapping of name and arguments of its pack, e.g. {name: urban-street, seed: 7}.
 AssetReference = str | Mapping[str, Any]
 
 
@@ -44,58 +46,82 @@ class SceneAsset:
         return self.manifest.name
 
 
-class GeneratorSettings(BaseModel):
-    """Base of what a generator can be told; the fields are keys of an asset reference."""
+class PackSettings(BaseModel):
+    """Base of what an asset pack can be told; the fields are keys of an asset reference."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Generator(Protocol):
-    """A module that makes an asset from a few arguments; equal settings give equal bytes."""
+class AssetPack(Protocol):
+    """A module that makes an asset from a few arguments; equal settings give equal bytes.
 
-    #: Raised by hand whenever the generated scene changes.
+    A distribution offers one as an entry point of the group ``valerie.assets``: the asset's name, and the module.
+    `valerie.testing.assets.AssetContract` tests what one must do.
+    """
+
+    #: Raised by hand whenever the generated scene changes; part of the asset's digest.
     REVISION: int
-    #: What the generator can be told.
-    Settings: type[GeneratorSettings]
+    #: What the pack can be told.
+    Settings: type[PackSettings]
 
     def make_manifest(self, settings: Any) -> Manifest:
-        """The manifest alone: no meshes."""
+        """Return the manifest alone: milliseconds, no meshes."""
         ...
 
     def make_scene(self, settings: Any, manifest: Manifest) -> Scene:
-        """The base scene; labels, instances and movability are as the manifest says."""
+        """Build the base scene; labels, instances and movability are as the manifest says."""
+        ...
+
+    def draw_arguments(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Draw what a scene to train on is told besides its seed; empty where a pack leaves that to the seed.
+
+        Args:
+            rng: all choices come from it.
+        """
         ...
 
 
-#: Built-in assets: name to the module that is their generator (imported when asked for).
-GENERATORS: Final[Mapping[str, str]] = {
-    "urban-street": "urban_street.asset",
-}
+#: Names of asset packs, and the modules behind them.
+PACKS: Final = PluginKind("asset", "valerie.assets")
 
 
 def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
-    """Names that `load_asset` knows: the built-in ones and, sorted, the folders of ``asset_dir`` with a manifest."""
+    """Return the names that `load_asset` knows: the packs, then the folders of ``asset_dir`` with a manifest, sorted."""
     from valerie.scene.assets.asset_files import MANIFEST_FILE
 
-    found: list[str] = []
+    packs, folders = PACKS.names(), list[str]()
     if asset_dir is not None and asset_dir.is_dir():
-        found = sorted(p.name for p in asset_dir.iterdir() if (p / MANIFEST_FILE).is_file())
-    return (*GENERATORS, *(name for name in found if name not in GENERATORS))
+        folders = sorted(p.name for p in asset_dir.iterdir() if (p / MANIFEST_FILE).is_file())
+    return (*packs, *(name for name in folders if name not in packs))
+
+
+def is_generated(name: str) -> bool:
+    """Whether an asset of this name comes from a pack, which makes a new one from every seed."""
+    return name in PACKS.names()
+
+
+def load_pack(name: str) -> AssetPack:
+    """Import an asset pack.
+
+    Raises:
+        UnknownName, InvalidInput, MissingDependency: see `valerie.entry_points.PluginKind.load`.
+    """
+    return cast("AssetPack", PACKS.load(name))
 
 
 def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) -> tuple[Manifest, str]:
-    """The manifest and the digest of an asset, without meshes.
+    """Return the manifest and the digest of an asset, without meshes.
 
     Args:
-        reference: a name, a mapping of name and generator arguments, or (without ``asset_dir``) a folder's path.
+        reference: a name, a mapping of name and arguments of a pack, or (without ``asset_dir``) a folder's path.
         asset_dir: where users' assets lie; names then never lead outside of it.
 
     Raises:
-        UnknownName: no such asset, or an argument that its generator does not take.
-        InvalidInput: the manifest, an argument or a file is not usable.
+        UnknownName: no such asset, or an argument that its pack does not take.
+        InvalidInput: the manifest, an argument or a file is not usable, or the operator does not allow the pack.
     """
     name, arguments = _parse_reference(reference)
-    if name in GENERATORS:
+    if is_generated(name):
         return _generated_manifest(name, canonical_json(_settings(name, arguments).model_dump(mode="json")))
     from valerie.scene.assets.asset_files import read_manifest
 
@@ -109,9 +135,9 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
     Args and errors: as `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
     """
     name, arguments = _parse_reference(reference)
-    if name in GENERATORS:
+    if is_generated(name):
         manifest, asset_digest = asset_manifest(reference)
-        scene = _generator(name).make_scene(_settings(name, arguments), manifest)
+        scene = load_pack(name).make_scene(_settings(name, arguments), manifest)
     else:
         from valerie.scene.assets.asset_files import read_manifest, read_scene
 
@@ -119,7 +145,7 @@ def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> S
         manifest, asset_digest, files = read_manifest(folder)
         scene = read_scene(manifest, files, folder)
     require_declared(scene, manifest)
-    return SceneAsset(manifest, asset_digest, scene)
+    return SceneAsset(manifest, asset_digest, replace(scene, paints=manifest.paints))
 
 
 def _parse_reference(reference: AssetReference) -> tuple[str, dict[str, Any]]:
@@ -132,12 +158,8 @@ def _parse_reference(reference: AssetReference) -> tuple[str, dict[str, Any]]:
     return name, arguments
 
 
-def _generator(name: str) -> Generator:
-    return cast("Generator", import_module(GENERATORS[name]))
-
-
-def _settings(name: str, arguments: Mapping[str, Any]) -> GeneratorSettings:
-    settings = _generator(name).Settings
+def _settings(name: str, arguments: Mapping[str, Any]) -> PackSettings:
+    settings = load_pack(name).Settings
     for argument in arguments:
         if argument not in settings.model_fields:
             raise UnknownName(f"argument of {name}", argument, settings.model_fields, field="asset")
@@ -146,30 +168,29 @@ def _settings(name: str, arguments: Mapping[str, Any]) -> GeneratorSettings:
     except ValidationError as error:
         raise InvalidInputs(
             [
-                InvalidInput(
-                    problem["msg"], field=".".join(("asset", *map(str, problem["loc"]))), value=problem["input"]
-                )
-                for problem in error.errors(include_url=False)
+                problem_of(detail, ".".join(("asset", *map(str, detail["loc"]))))
+                for detail in error.errors(include_url=False)
             ]
         ) from None
 
 
 @lru_cache(maxsize=16)
 def _generated_manifest(name: str, settings_json: bytes) -> tuple[Manifest, str]:
-    generator = _generator(name)
-    settings = generator.Settings.model_validate_json(settings_json)
-    return generator.make_manifest(settings), digest("generated-asset", name, settings_json, generator.REVISION)
+    pack = load_pack(name)
+    settings = pack.Settings.model_validate_json(settings_json)
+    return pack.make_manifest(settings), digest("generated-asset", name, settings_json, pack.REVISION)
 
 
 def _asset_folder(name: str, arguments: Mapping[str, Any], asset_dir: Path | None) -> Path:
-    if arguments:
-        raise UnknownName("argument", next(iter(arguments)), (), field="asset")
     if asset_dir is None:
         folder = Path(name)
         if not folder.is_dir():
-            raise UnknownName("asset", name, GENERATORS, field="asset")
-        return folder
-    if name not in asset_names(asset_dir):
-        # Only names of the folder's own entries are accepted, so no path can lead outside of it.
-        raise UnknownName("asset", name, asset_names(asset_dir), field="asset")
-    return asset_dir / name
+            raise PACKS.unknown(name, PACKS.names(), field="asset")
+    else:
+        folder = asset_dir / name
+        if name not in asset_names(asset_dir):
+            # Only names of the folder's own entries are accepted, so no path can lead outside of it.
+            raise PACKS.unknown(name, asset_names(asset_dir), field="asset")
+    if arguments:
+        raise UnknownName("argument", next(iter(arguments)), (), field="asset")
+    return folder

@@ -18,7 +18,6 @@ from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROO
 from valerie.scene.graph.draft import CameraPose, Draft, cloth_materials, figures, paint_materials
 from valerie.scene.graph.model import CLEAR_VISIBILITY_M, POSITIONS, Scene
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_object_name
-from valerie.scene.graph.paints import PAINTS
 from valerie.scene.graph.transforms import Pose
 from valerie.scene.light.solar import CLOCK
 
@@ -215,12 +214,10 @@ def _read_colour(scene: Scene, path: str) -> Value | None:
     if not found:
         return None
     material = scene.materials[found[0]]
-    return next((name for name, (color, *_) in PAINTS.items() if color == material.base_color), None)
+    return next((name for name, paint in scene.paints.items() if paint.base_color == material.base_color), None)
 
 
 def _write_colour(draft: Draft, path: str, value: Value) -> None:
-    if value not in PAINTS:
-        raise UnknownName("paint", str(value), PAINTS, field=path)
     draft.paint(path, str(value))
 
 

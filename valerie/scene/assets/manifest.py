@@ -6,7 +6,7 @@ the API, the planner and the control loop read it without meshes, trimesh or GL.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -16,13 +16,14 @@ from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.labels import label_of_node_class
 from valerie.parameters.definitions import ParameterDefinition, ParameterType
 from valerie.parameters.paths import parse_path
-from valerie.scene.assets.attributes import Target, resolve
+from valerie.scene.assets.attributes import Attribute, Target, resolve
 from valerie.scene.assets.placements import Coordinate, PlacedCamera, PlacedFile, require_gltf_name
 from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
 from valerie.scene.graph.model import POSITIONS
 from valerie.scene.graph.naming import ROOT, is_node_name, parse_object_name
+from valerie.scene.graph.paints import Paint
 from valerie.scene.light.solar import ANGLES, CLOCK_PATHS
-from valerie.scene.motion.trajectory import Trajectory, check_trajectory
+from valerie.scene.motion.trajectory import Trajectory, check_keyframes
 from valerie.validation import problem_of
 
 Point = tuple[Coordinate, Coordinate]
@@ -68,6 +69,22 @@ class GroundRegion(_Document):
     height: float = Field(ge=-1000, le=1000, allow_inf_nan=False)
 
 
+class TrainingRules(_Document):
+    """How scenes to train on vary what an asset shows (`valerie.pipeline.retraining.training_scenes`).
+
+    Attributes:
+        left_out: movable nodes that these scenes never show.
+        poses: pose of a person to how often it is taken; shares of their sum. Empty: each declared one as often.
+        worn: how parts of the names of materials begin that are dyed in colours of their own, besides ``cloth-``.
+        skin: how parts of the names of materials begin that are made lighter or darker, for a whole person alike.
+    """
+
+    left_out: tuple[str, ...] = ()
+    poses: dict[str, Annotated[float, Field(gt=0, allow_inf_nan=False)]] = Field(default_factory=dict)
+    worn: tuple[str, ...] = ()
+    skin: tuple[str, ...] = ("skin",)
+
+
 class Manifest(_Document):
     """What an asset declares about itself.
 
@@ -80,8 +97,6 @@ class Manifest(_Document):
         extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
         parameters: what may vary, with type, range, unit and default.
         movable: nodes (with all below them) that belong to the movable layer instead of the background.
-        added: nodes that got parameters after products of a generated asset had been made. At their defaults these are inputs of
-            nothing, so that what was made stays valid.
         obstacles: where no person can stand; and the ground that moves with what a parameter moves.
         ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
         ground: heights of the ground; later regions win, elsewhere z = 0.
@@ -91,6 +106,9 @@ class Manifest(_Document):
         cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
         placed_cameras: cameras that are in no file.
         node_classes: class by path, for nodes whose names do not tell.
+        gaits: poses of persons that ``gait_phase`` acts on; in every other pose it is an input of nothing.
+        paints: by name, what the colour of a vehicle can be.
+        training: how scenes to train on vary what the asset shows.
         trajectories: how things move in runs that ask for a sequence or a time.
 
     Raises:
@@ -106,7 +124,6 @@ class Manifest(_Document):
     bearing_deg: float = Field(default=0.0, ge=-360, le=360, allow_inf_nan=False)
     extent: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     parameters: tuple[ParameterDefinition, ...] = ()
-    added: tuple[str, ...] = ()
     movable: tuple[str, ...] = ()
     obstacles: tuple[Footprint, ...] = ()
     ways: tuple[Footprint, ...] = ()
@@ -117,6 +134,9 @@ class Manifest(_Document):
     cameras: tuple[str, ...] = Field(min_length=1)
     placed_cameras: tuple[PlacedCamera, ...] = ()
     node_classes: dict[str, str] = Field(default_factory=dict)
+    gaits: tuple[str, ...] = ()
+    paints: dict[str, Paint] = Field(default_factory=dict)
+    training: TrainingRules = TrainingRules()
     trajectories: tuple[Trajectory, ...] = ()
 
     def __hash__(self) -> int:
@@ -157,7 +177,7 @@ class Manifest(_Document):
         x0, y0, x1, y1 = self.extent
         if x0 >= x1 or y0 >= y1:
             raise InvalidInput("not x0 < x1 and y0 < y1", field="extent", value=self.extent)
-        for field in ("added", "movable", "persons", "grounded"):
+        for field in ("movable", "persons", "grounded"):
             _check_paths(field, getattr(self, field))
         for path, node_class in self.node_classes.items():
             _check_paths("node_classes", (path,))
@@ -198,14 +218,18 @@ class Manifest(_Document):
                 limit=", ".join(ANGLES),
             )
         for index, definition in enumerate(self.parameters):
-            _check_attribute(definition, self.cameras, f"parameters.{index}")
+            _check_attribute(definition, self, f"parameters.{index}")
             if definition.path.removesuffix(".pos.z") in self.grounded:
                 raise InvalidInput(
                     "z of what follows the ground cannot vary", field=f"parameters.{index}", value=definition.path
                 )
+        _check_poses(self)
+        for path in self.training.left_out:
+            if path not in self.movable:
+                raise UnknownName("movable node", path, self.movable, field="training.left_out")
         _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
         for index, trajectory in enumerate(self.trajectories):
-            check_trajectory(trajectory, self, field=f"trajectories.{index}")
+            self.require_trajectory(trajectory, field=f"trajectories.{index}")
         return self
 
     @property
@@ -238,6 +262,19 @@ class Manifest(_Document):
         if name not in self.cameras:
             raise UnknownName("camera", name, self.cameras, field=field)
         return name
+
+    def require_trajectory(self, trajectory: Trajectory, *, field: str = "") -> None:
+        """Refuse a trajectory that the manifest gives no room for.
+
+        Raises:
+            UnknownName: it moves what cannot move; or as `check_keyframes`.
+            InvalidInput: as `check_keyframes`.
+        """
+        cameras = {f"{ROOT}.{camera}" for camera in self.cameras}
+        if not self.is_movable(trajectory.path) and trajectory.path not in cameras:
+            known = sorted({path.removeprefix(f"{ROOT}.") for path in (*self.movable, *cameras)})
+            raise UnknownName("thing that can move", trajectory.name, known, field=f"{field}.path")
+        check_keyframes(trajectory, self.by_path, field=field)
 
     def is_movable(self, path: str) -> bool:
         """Whether a node, or an attribute below it, belongs to the movable layer."""
@@ -281,9 +318,9 @@ def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
     return {"type": attribute.type, "unit": attribute.unit, "affects": attribute.affects, **parameter}
 
 
-def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], field: str) -> None:
+def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field: str) -> None:
     """Type, unit, range and stage are those of the attribute's row: a wrong stage would reuse wrong products."""
-    _, attribute = resolve(definition.path, cameras, field=field)
+    _, attribute = resolve(definition.path, manifest.cameras, field=field)
     for name in ("type", "unit", "affects"):
         declared, own = getattr(definition, name), getattr(attribute, name)
         if declared != own:
@@ -301,11 +338,33 @@ def _check_attribute(definition: ParameterDefinition, cameras: Sequence[str], fi
             value=definition.range_text,
             limit=f"{low}…{high}",
         )
-    row = SENSOR_PARAMETERS.get(definition.path.removeprefix(f"{SENSOR_ROOT}."))
-    known = row.choices if row is not None else POSITIONS if attribute.target is Target.ENVIRONMENT else None
+    known = _known_choices(definition, attribute, manifest)
     for choice in definition.choices if known is not None else ():
         if known is not None and choice not in known:
             raise UnknownName(f"choice of {definition.path}", choice, known, field=f"{field}.choices")
+
+
+def _check_poses(manifest: Manifest) -> None:
+    """Poses with a gait, and poses to train on, are among those that persons can take."""
+    poses = {
+        choice: None
+        for definition in manifest.parameters
+        if definition.path.endswith(".pose")
+        for choice in definition.choices
+    }
+    for field, names in (("gaits", manifest.gaits), ("training.poses", manifest.training.poses)):
+        for name in names:
+            if name not in poses:
+                raise UnknownName("pose", name, poses, field=field)
+
+
+def _known_choices(definition: ParameterDefinition, attribute: Attribute, manifest: Manifest) -> Collection[str] | None:
+    """Return what the choices of a parameter are among; None where only the scene's nodes and figures tell."""
+    if attribute.target is Target.SENSOR:
+        return SENSOR_PARAMETERS[definition.path.removeprefix(f"{SENSOR_ROOT}.")].choices
+    if attribute.target is Target.ENVIRONMENT:
+        return POSITIONS
+    return manifest.paints if attribute.name == "colour" else None
 
 
 def _check_paths(field: str, paths: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from valerie.errors import InvalidInput, UnknownName
 from valerie.scene.graph.model import Camera, Figure, Light, Material, Node, Scene, Stance
 from valerie.scene.graph.naming import ROOT, is_cloth
-from valerie.scene.graph.paints import PAINTS, is_paint, paint_gloss
+from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
 
 
@@ -116,14 +116,20 @@ class Draft:
             self._materials[name] = replace(self._materials.get(name) or self.scene.materials[name], **appearance)
 
     def paint(self, path: str, name: str) -> None:
-        """Give every `Material` of paint at or below a node one of `PAINTS`."""
-        color, metallic, _ = PAINTS[name]
+        """Give every `Material` of paint at or below a node the look of one of the scene's paints.
+
+        Raises:
+            UnknownName: the scene has no such paint.
+        """
+        if name not in self.scene.paints:
+            raise UnknownName("paint", name, self.scene.paints, field=path)
+        paint = self.scene.paints[name]
         for material in paint_materials(self.scene, path):
             self._materials[material] = replace(
                 self._materials.get(material) or self.scene.materials[material],
-                base_color=color,
-                metallic=metallic,
-                roughness=paint_gloss(metallic),
+                base_color=paint.base_color,
+                metallic=paint.metallic,
+                roughness=paint.roughness,
             )
 
     def light(self, path: str, **changes: Any) -> None:
@@ -155,10 +161,10 @@ class Draft:
 
     def finish(self) -> Scene:
         """The scene with all changes."""
-        return Scene(
+        return replace(
+            self.scene,
             nodes=self._finished_nodes(),
             materials={**self.scene.materials, **self._materials},
-            textures=self.scene.textures,
             cameras=self._finished_cameras(),
             sun=self._sun,
             environment=self._environment,

@@ -19,6 +19,8 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.scene.graph.paints import Paint
+
 Matrix = NDArray[np.float64]
 
 
@@ -113,24 +115,17 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """How a figure holds itself.
+    """How a figure holds itself; its asset names the poses and the things to carry.
 
     Attributes:
-        pose: one of `POSES`.
-        gait_phase: for walking, 0…1: how far in the cycle of two steps, from the figure's own first instant on, shortly
-            after a heel has struck and with both feet on the ground.
-        carries: one of `CARRIED`; ``own`` is what the figure comes with.
+        pose: a name that the figure knows.
+        gait_phase: of a pose that walks, 0…1: how far in the cycle of two steps, from the figure's own first instant on.
+        carries: a name that the figure knows.
     """
 
-    pose: str = "walking"
-    gait_phase: float = 0.0
-    carries: str = "own"
-
-
-#: Poses that `Stance.pose` names.
-POSES: Final = ("walking", "standing", "phone", "waving")
-#: What `Stance.carries` names.
-CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
+    pose: str
+    gait_phase: float
+    carries: str
 
 
 #: The joints of a figure, left and right being its own. ``head`` is where the skull sits on the neck, ``toes`` the ball of
@@ -159,7 +154,11 @@ class Figure(Protocol):
         ...
 
     def taking(self, stance: Stance) -> Figure:
-        """The figure in another stance."""
+        """Return the figure in another stance.
+
+        Raises:
+            UnknownName: it knows no such pose, or no such thing to carry.
+        """
         ...
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
@@ -332,6 +331,7 @@ class Scene:
         nodes: path to node, parents before children; the root is ``scene``.
         materials, textures: by name.
         cameras: by camera name, e.g. ``camera-1``.
+        paints: by name; what vehicles can be painted in.
     """
 
     nodes: Mapping[str, Node]
@@ -340,9 +340,10 @@ class Scene:
     cameras: Mapping[str, Camera]
     sun: Sun
     environment: Environment = field(default_factory=Environment)
+    paints: Mapping[str, Paint] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("nodes", "materials", "textures", "cameras"):
+        for name in ("nodes", "materials", "textures", "cameras", "paints"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:

@@ -1,36 +1,32 @@
-"""Paints that vehicles are bought in, by name."""
+"""Paints of vehicles: an asset names them, and a vehicle's colour is one of them."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
-Color = tuple[float, float, float]
+from pydantic import BaseModel, ConfigDict, Field
 
 #: How the name of a material of paint begins, after the last ``/``-separated prefix.
 PAINT_PREFIX: Final = "paint-"
 
-#: Linear reflectance, metallic, how often it is seen.
-PAINTS: Final[dict[str, tuple[Color, float, float]]] = {
-    "white": ((0.74, 0.74, 0.73), 0.0, 3.0),
-    "silver": ((0.45, 0.46, 0.47), 0.6, 2.4),
-    "grey": ((0.155, 0.16, 0.165), 0.5, 3.0),
-    "black": ((0.012, 0.012, 0.014), 0.2, 2.6),
-    "blue": ((0.022, 0.060, 0.20), 0.35, 1.6),
-    "navy": ((0.010, 0.022, 0.065), 0.3, 1.0),
-    "red": ((0.34, 0.013, 0.012), 0.15, 1.4),
-    "green": ((0.035, 0.075, 0.05), 0.3, 0.6),
-    "sand": ((0.34, 0.29, 0.21), 0.45, 0.7),
-    "petrol": ((0.04, 0.13, 0.16), 0.4, 0.6),
-    "orange": ((0.50, 0.12, 0.015), 0.1, 0.3),
-    "yellow": ((0.62, 0.42, 0.02), 0.0, 0.3),
-}
+_Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+
+
+class Paint(BaseModel):
+    """The look of a paint.
+
+    Attributes:
+        base_color: linear RGB reflectance.
+        metallic, roughness: see `valerie.scene.graph.model.Material`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    base_color: tuple[_Share, _Share, _Share]
+    metallic: _Share = 0.0
+    roughness: _Share = 0.2
 
 
 def is_paint(material_name: str) -> bool:
     """Whether a material is a vehicle's paint: the last ``/``-separated part of its name starts with ``paint-``."""
     return material_name.rpartition("/")[2].startswith(PAINT_PREFIX)
-
-
-def paint_gloss(metallic: float) -> float:
-    """Roughness of lacquered paint."""
-    return 0.20 + 0.06 * metallic

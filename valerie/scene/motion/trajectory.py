@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,9 +25,6 @@ from valerie.errors import InvalidInput, UnknownName
 from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, ParameterType, Value, wrap
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
-
-if TYPE_CHECKING:
-    from valerie.scene.assets.manifest import Manifest
 
 #: The moment of a variant's first frame, a parameter of every run that knows time.
 TIME_PATH: Final = f"{ROOT}.time"
@@ -95,22 +92,19 @@ class Trajectory(BaseModel):
         return tuple(name for name in self.keyframes[0] if name != TIME)
 
 
-def check_trajectory(trajectory: Trajectory, manifest: Manifest, *, field: str = "") -> None:
-    """Refuse a trajectory that the manifest gives no room for.
+def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition], *, field: str = "") -> None:
+    """Refuse a trajectory whose keyframes do not fit the parameters of what it moves.
+
+    Args:
+        trajectory: to check.
+        parameters: path to declaration, of the whole asset.
+        field: of the trajectory, for errors.
 
     Raises:
-        UnknownName: a parameter that the manifest does not declare for the thing.
-        InvalidInput: what does not move is to move, keyframes differ in what they give, or are not in order.
+        UnknownName: a keyframe gives a parameter that is not declared for the thing.
+        InvalidInput: keyframes differ in what they give, leave a range, or are not in the order of time.
     """
-    cameras = {f"{ROOT}.{camera}" for camera in manifest.cameras}
-    if not manifest.is_movable(trajectory.path) and trajectory.path not in cameras:
-        known = sorted({path.removeprefix(f"{ROOT}.") for path in (*manifest.movable, *cameras)})
-        raise UnknownName("thing that can move", trajectory.name, known, field=f"{field}.path")
-    declared = {
-        path.removeprefix(f"{trajectory.path}."): definition
-        for path, definition in manifest.by_path.items()
-        if path.startswith(f"{trajectory.path}.")
-    }
+    declared = _declared_of(trajectory, parameters)
     numbers = [name for name, one in declared.items() if one.type in (ParameterType.FLOAT, ParameterType.ANGLE)]
     last = -math.inf
     for index, keyframe in enumerate(trajectory.keyframes):
@@ -152,8 +146,8 @@ class Motion:
     """All trajectories of a run over the parameters of its asset.
 
     Args:
-        trajectories: at most one for each thing, each checked (`check_trajectory`).
-        manifest: declares what moves.
+        trajectories: at most one for each thing, each checked (`check_keyframes`).
+        parameters: path to declaration, of the whole asset.
         start: the moment of the first frame, in seconds, unless a variant says otherwise.
 
     Attributes:
@@ -161,10 +155,12 @@ class Motion:
         moved: paths whose values follow trajectories; a variant cannot give them.
     """
 
-    def __init__(self, trajectories: Sequence[Trajectory], manifest: Manifest, start: float = 0.0) -> None:
+    def __init__(
+        self, trajectories: Sequence[Trajectory], parameters: Mapping[str, ParameterDefinition], start: float = 0.0
+    ) -> None:
         self.trajectories = tuple(trajectories)
-        self._things = tuple(_Thing(trajectory, manifest) for trajectory in trajectories)
-        self.parameters = tuple(_parameters(trajectories, manifest, start))
+        self._things = tuple(_Thing(trajectory, parameters) for trajectory in trajectories)
+        self.parameters = tuple(_parameters(trajectories, parameters, start))
         self.moved: dict[str, Trajectory] = {path: thing.trajectory for thing in self._things for path in thing.moved}
         self._own = frozenset(definition.path for definition in self.parameters)
         self._start = start
@@ -212,11 +208,10 @@ class Motion:
 class _Thing:
     """One trajectory with the declarations of what it moves."""
 
-    def __init__(self, trajectory: Trajectory, manifest: Manifest) -> None:
+    def __init__(self, trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]) -> None:
         self.trajectory = trajectory
         path, channels = trajectory.path, trajectory.channels
-        prefix = f"{path}."
-        self._declared = {p.removeprefix(prefix): d for p, d in manifest.by_path.items() if p.startswith(prefix)}
+        self._declared = _declared_of(trajectory, parameters)
         moves = set(_GROUND) <= set(channels) and len(trajectory.keyframes) > 1
         facing = _facing(self._declared)
         follows = trajectory.facing or ("kept" if facing == "yaw" else "path")
@@ -355,18 +350,28 @@ def _heading(vx: float, vy: float) -> float | None:
     return math.degrees(math.atan2(-vx, vy)) if math.hypot(vx, vy) > _STANDING else None
 
 
+def _declared_of(
+    trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]
+) -> dict[str, ParameterDefinition]:
+    """Return the declarations of what a trajectory moves, by attribute."""
+    prefix = f"{trajectory.path}."
+    return {path.removeprefix(prefix): definition for path, definition in parameters.items() if path.startswith(prefix)}
+
+
 def _facing(declared: Mapping[str, Any]) -> str | None:
     return next((name for name in _FACING if name in declared), None)
 
 
-def _parameters(trajectories: Sequence[Trajectory], manifest: Manifest, start: float) -> Iterator[ParameterDefinition]:
+def _parameters(
+    trajectories: Sequence[Trajectory], parameters: Mapping[str, ParameterDefinition], start: float
+) -> Iterator[ParameterDefinition]:
     yield _seconds(TIME_PATH, start, "of the first frame")
     for trajectory in trajectories:
         yield _seconds(trajectory.start, 0.0, f"when the trajectory of {trajectory.name} begins")
         for index, keyframe in enumerate(trajectory.keyframes):
             yield _seconds(trajectory.key(index, TIME), keyframe[TIME], "of the keyframe, after the trajectory's start")
             for name in trajectory.channels:
-                channel = manifest.by_path[f"{trajectory.path}.{name}"]
+                channel = parameters[f"{trajectory.path}.{name}"]
                 path = trajectory.key(index, name)
                 changed = {"name": path.removeprefix(f"{ROOT}."), "path": path, "default": keyframe[name]}
                 yield channel.model_copy(update={**changed, "description": f"{channel.description} (keyframe)".strip()})

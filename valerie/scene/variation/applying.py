@@ -85,11 +85,10 @@ def split(assignment: Mapping[str, Value], manifest: Manifest, camera: str) -> I
         manifest.require_camera(camera)
         raise
     # Most values are defaults, whose text is there already.
-    defaults, keys, texts, added = prepared.defaults, prepared.keys, prepared.texts, prepared.added
+    defaults, keys, texts = prepared.defaults, prepared.keys, prepared.texts
     said = {
         path: texts[path] if value is defaults[path] else keys[path] + canonical_json(value)
         for path, value in values.items()
-        if path not in added or value != defaults[path]
     }
     return Inputs(
         geometry=_object(said, paths.geometry),
@@ -172,7 +171,6 @@ class _Prepared:
         defaults: every declared path and its default.
         keys: every declared path as the key of a JSON object, with its colon.
         texts: the same with the default.
-        added: paths that are inputs only where they have other values (`Manifest.added`).
         complete_defaults: every declared path and its default, without what hidden nodes make irrelevant.
         attributes: what each path is of (the node's, the camera's … own path) and the attribute's row.
         switches: for parameters that hide something: path, and per value the paths that become irrelevant.
@@ -182,7 +180,6 @@ class _Prepared:
     defaults: dict[str, Value]
     keys: dict[str, bytes]
     texts: dict[str, bytes]
-    added: frozenset[str]
     complete_defaults: dict[str, Value]
     attributes: dict[str, tuple[str, Attribute]]
     switches: _Switches
@@ -203,7 +200,6 @@ def _prepare(manifest: Manifest) -> _Prepared:
         defaults=defaults,
         keys=keys,
         texts={path: keys[path] + canonical_json(value) for path, value in defaults.items()},
-        added=frozenset(path for path, (thing, _) in attributes.items() if thing in manifest.added),
         complete_defaults=_without_hidden(by_angles, switches),
         attributes=attributes,
         switches=switches,
@@ -238,8 +234,8 @@ def _switches(
             yield path, {False: tuple(below)}
         elif attribute.target is Target.NODE and attribute.type is ParameterType.CATEGORICAL:
             choices = manifest.definition(path).choices
-            if attribute.name == "pose":  # who stands has no gait
-                yield path, {choice: (f"{thing}.gait_phase",) for choice in choices if choice != "walking"}
+            if attribute.name == "pose":
+                yield path, {choice: (f"{thing}.gait_phase",) for choice in choices if choice not in manifest.gaits}
                 continue
             yield (
                 path,

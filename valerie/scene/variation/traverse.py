@@ -68,7 +68,7 @@ def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iter
 
 def trajectory_parameters(manifest: Manifest) -> tuple[ParameterDefinition, ...]:
     """What can be varied of an asset's own trajectories, and the time; nothing where it has none."""
-    return Motion(manifest.trajectories, manifest).parameters if manifest.trajectories else ()
+    return Motion(manifest.trajectories, manifest.by_path).parameters if manifest.trajectories else ()
 
 
 def _of_trajectory(one: ParameterDefinition) -> PathEntry:

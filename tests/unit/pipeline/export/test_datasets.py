@@ -18,9 +18,10 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
 from valerie.pipeline.export.datasets import ExportProgress, ExportSettings, export_run
-from valerie.pipeline.reading.frames import draw, find
+from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
+from valerie.runs.frames import FrameKey
 from valerie.testing.blank import BlankFunction
 
 
@@ -42,10 +43,13 @@ def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Pat
     name = FrameName.of("boxes-camera-2", 5, 0)
     frame = next(one for one in frames if one.name == name)
     np.testing.assert_array_equal(
-        frame.picture, draw(pipeline.context, find(pipeline.context, run_id, 5, 1, kind="picture"))
+        frame.picture,
+        paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run_id, 5, 1), kind="picture")),
     )
     with reading(pipeline.context.engine) as connection:
-        truth = ProductReader(pipeline.context.store).truth(results.frame(connection, run_id, 5, 1).truth)
+        truth = ProductReader(pipeline.context.store).truth(
+            results.frame(connection, FrameKey(run_id, 5, 1)).products.truth
+        )
     np.testing.assert_array_equal(frame.class_map, truth.class_map)
     np.testing.assert_array_equal(frame.instance_map, truth.instance_map)
     camera = json.loads((tmp_path / "set" / cityscapes.camera_path("val", name)).read_text())
@@ -142,7 +146,7 @@ def test_predictions_travel_with_their_scores(run: tuple[Pipeline, str], tmp_pat
     export_run(pipeline.context, run_id, tmp_path / "set", settings)
     name = FrameName.of("boxes-camera-2", 3, 0)
     with reading(pipeline.context.engine) as connection:
-        (evaluation,) = results.frame_evaluations(connection, run_id, 3, 1)
+        (evaluation,) = results.frame_evaluations(connection, FrameKey(run_id, 3, 1))
     predicted = ProductReader(pipeline.context.store).prediction(evaluation.prediction)
     np.testing.assert_array_equal(
         cityscapes.read_prediction(tmp_path / "set", "blank", "val", name), to_label_ids(predicted)
@@ -251,7 +255,7 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
 
 def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    digest = pipeline.row(run_id).pinned().functions["blank"].digest
+    digest = pipeline.row(run_id).pins.functions["blank"].digest
     by_name, by_digest = (run_side(pipeline.context, run_id, name) for name in ("blank", f"blank@{digest[:12]}"))
     assert by_digest.called == by_name.called == "blank"
     assert by_digest.scores.as_document() == by_name.scores.as_document()

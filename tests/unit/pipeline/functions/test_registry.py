@@ -22,6 +22,7 @@ from valerie.pipeline.functions.opening import open_pinned, open_reference
 from valerie.pipeline.functions.probe import probe_engine, probe_function, probe_inference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
+from valerie.runs.frames import FrameKey
 from valerie.runs.pins import AnyOffer
 from valerie.testing.onnx_function import small_onnx
 
@@ -128,11 +129,11 @@ class TestARun:
         newest = register(served, tmp_path, provenance={"trained": "longer"})
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
-        pin = served.row(run).pinned().functions["small"]
+        pin = served.row(run).pins.functions["small"]
         assert (pin.digest, pin.kind) == (newest.digest, "onnx")
         assert pin.numeric_class.startswith("onnxruntime-")
         assert pin.card.name == "small"
-        assert [one.verdict for one in replay_frame(served.context, run, 0, 1)] == ["equal"] * 5
+        assert [one.verdict for one in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
         first = register(served, tmp_path)
@@ -140,7 +141,7 @@ class TestARun:
         served.step()
         register(served, tmp_path, provenance={"trained": "longer"})
         assert served.run(run) == "completed"
-        assert served.row(run).pinned().functions["small"].digest == first.digest
+        assert served.row(run).pins.functions["small"].digest == first.digest
 
     def test_compares_two_versions_of_one_name(self, served: Pipeline, tmp_path: Path) -> None:
         one, two = register(served, tmp_path), register(served, tmp_path, input={"mean": [0.4, 0.4, 0.4]})
@@ -188,7 +189,7 @@ class TestARun:
         assert served.run(run) == "completed-with-failures"
         failed = [one for one in served.products() if one.kind == "prediction"]
         assert {one.state for one in failed} == {"failed"}
-        assert all("it was removed" in one.error["message"] for one in failed)
+        assert all("it was removed" in one.error.message for one in failed)
 
     def test_is_served_although_the_copy_on_this_machine_is_damaged(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
@@ -207,7 +208,7 @@ class TestARun:
         run = served.submit(named("small"))
         assert served.run(run) == "completed-with-failures"
         error = next(one.error for one in served.products() if one.kind == "prediction")
-        assert error["type"] == "CorruptArtifact"
+        assert error.type == "CorruptArtifact"
 
 
 def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:

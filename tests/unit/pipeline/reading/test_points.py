@@ -8,7 +8,7 @@ import pytest
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.points import plot_axes, read_points
 from valerie.pipeline.reading.tables import read_table
 
@@ -30,14 +30,13 @@ def run(pipeline: Pipeline) -> str:
 
 
 def test_every_axis_of_a_run_gives_the_values_of_its_column(pipeline: Pipeline, run: str) -> None:
-    resolved = resolve_stored(pipeline.row(run), pipeline.settings)
+    stored = read_run(pipeline.context, run)
+    resolved = stored.resolved
     columns = [axis.column for axis in plot_axes(resolved)]
     assert {"bearing_deg", "aspect_deg", "irradiance", "shadow_share", "contrast", "time_s", VARIED} <= set(columns)
     # The sun's elevation stands once, whichever way the sun was given; its azimuth does not differ.
     assert [column for column in columns if "sun" in column] == ["sun_elevation_deg"]
-    table = [
-        row for row in read_table(pipeline.context.engine, run, resolved).arrow.to_pylist() if row["pacc"] is not None
-    ]
+    table = [row for row in read_table(pipeline.context.engine, stored).arrow.to_pylist() if row["pacc"] is not None]
     assert len(table) == 12
     for column in columns:
         points = read_points(pipeline.context, run, column, limit=1000)

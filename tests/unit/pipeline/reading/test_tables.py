@@ -4,15 +4,13 @@ import numpy as np
 import orjson
 import pytest
 from sklearn.metrics import jaccard_score
-from sqlalchemy import select
 
 from tests.unit.pipeline.harness import completed_run
 from valerie.db import results
 from valerie.db.engine import reading
-from valerie.db.models import Frame
 from valerie.labels import to_train_ids
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.tables import read_classes
 from valerie.storage.keys import run_key
@@ -21,21 +19,19 @@ from valerie.storage.keys import run_key
 def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(tmp_path: Path) -> None:
     pipeline, run_id = completed_run(tmp_path)
     context = pipeline.context
-    resolved = resolve_stored(pipeline.row(run_id), context.settings)
-    cards = [pinned_card(pipeline.row(run_id).pinned(), name) for name in resolved.spec.functions]
-    (found,) = read_classes(context.engine, run_id, resolved, cards)
+    run = read_run(context, run_id)
+    cards = [pinned_card(run.pins, name) for name in run.resolved.spec.functions]
+    (found,) = read_classes(context.engine, run, cards)
 
     summary = orjson.loads(context.store.get(run_key(run_id, "summary.json")))["summary"]
     assert summary["classes"] == [orjson.loads(orjson.dumps(found))]
 
     with reading(context.engine) as connection:
-        frames = connection.execute(
-            select(Frame.variant_index, Frame.camera_index, Frame.time_index, Frame.truth)
-        ).all()
+        frames = [frame for frame, _ in results.frames_page(connection, run_id, limit=100)]
         evaluated = results.predictions(connection, run_id, 0, 0)
     reader = ProductReader(context.store)
-    truth = np.concatenate([to_train_ids(reader.truth(frame.truth).class_map).ravel() for frame in frames])
-    predicted = np.concatenate([reader.prediction(evaluated[tuple(frame[:3])][0]).ravel() for frame in frames])
+    truth = np.concatenate([to_train_ids(reader.truth(frame.products.truth).class_map).ravel() for frame in frames])
+    predicted = np.concatenate([reader.prediction(evaluated[frame.key].digest).ravel() for frame in frames])
     labelled = truth < 19
     oracle = jaccard_score(truth[labelled], predicted[labelled], labels=np.unique(truth[labelled]), average=None)
     assert found.frames == len(frames) == 24

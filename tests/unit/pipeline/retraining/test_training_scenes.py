@@ -178,10 +178,11 @@ def test_a_dyed_texture_gets_a_grey_twin_that_keeps_the_weave() -> None:
     assert used == {"yellow", "neutral/yellow"}
 
 
-def test_vehicles_that_the_street_got_later_change_no_draw() -> None:
+def test_what_an_asset_leaves_out_of_training_changes_no_draw() -> None:
     manifest, _ = asset_manifest("urban-street")
     camera = Camera("scene.camera-1", camera_transform((2.5, -12.0, 1.4), 0.0, 0.0, 0.0), 50.0, 36.0)
-    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in manifest.added)})
+    left_out = manifest.training.left_out
+    first = manifest.model_copy(update={"movable": tuple(p for p in manifest.movable if p not in left_out)})
     assert len(first.movable) < len(manifest.movable)
     drawn: list[dict[str, Value]] = []
     for one in (manifest, first):

@@ -19,8 +19,9 @@ from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.base.deadlines import deadlines
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.functions import registry
-from valerie.pipeline.reading.frames import find
+from valerie.pipeline.reading.frame_pictures import find_picture
 from valerie.pipeline.work.uploaded_predictions import put_prediction
+from valerie.runs.frames import FrameKey
 from valerie.storage.codecs import decode_prediction
 from valerie.storage.keys import product_key
 
@@ -47,7 +48,7 @@ def waiting(pipeline: Pipeline) -> tuple[Pipeline, str]:
 
 def put(pipeline: Pipeline, run: str, place: tuple[int, int] = (0, 0), ids: NDArray[np.uint8] | None = None) -> bool:
     data = encode_png(label_map() if ids is None else ids)
-    return put_prediction(pipeline.context, run, *place, 0, data)
+    return put_prediction(pipeline.context, FrameKey(run, *place), data)
 
 
 def test_the_run_says_what_it_waits_for_and_rings_for_nobody(waiting: tuple[Pipeline, str]) -> None:
@@ -65,7 +66,7 @@ def test_it_ends_with_results_when_all_are_brought(waiting: tuple[Pipeline, str]
     assert all(put(pipeline, run, place) for place in FRAMES)
     assert pipeline.run(run) == "completed"
     with reading(pipeline.context.engine):
-        source = find(pipeline.context, run, 0, 0, kind="prediction", function="mine")
+        source = find_picture(pipeline.context, FrameKey(run, 0, 0), kind="prediction", function="mine")
     assert source.prediction is not None
     stored = decode_prediction(pipeline.context.store.get(product_key("prediction", source.prediction)))
     expected = np.where(label_map() == 1, 11, 0)  # train ids of person and road
@@ -115,9 +116,9 @@ def test_what_does_not_exist_is_told(waiting: tuple[Pipeline, str]) -> None:
     with pytest.raises(NotFound, match="there is no frame"):
         put(pipeline, run, (99, 0))
     with pytest.raises(UnknownName, match="unknown function 'mien'; did you mean mine"):
-        put_prediction(pipeline.context, run, 0, 0, 0, data, function="mien")
+        put_prediction(pipeline.context, FrameKey(run, 0, 0), data, function="mien")
     with pytest.raises(UnknownName, match="unknown sensor"):
-        put_prediction(pipeline.context, run, 0, 0, 0, data, sensor="dusk")
+        put_prediction(pipeline.context, FrameKey(run, 0, 0), data, sensor="dusk")
 
 
 def test_a_run_that_waits_for_nobody_says_so(pipeline: Pipeline) -> None:
@@ -143,7 +144,7 @@ def test_a_run_that_was_cancelled_takes_none(waiting: tuple[Pipeline, str]) -> N
 
 
 def expire(pipeline: Pipeline, run: str) -> None:
-    pins = pipeline.row(run).pinned()
+    pins = pipeline.row(run).pins
     mine = pins.functions["mine"].model_copy(update={"deadline": time.time() - 1})
     pins = pins.model_copy(update={"functions": {**pins.functions, "mine": mine}})
     with writing(pipeline.context.engine) as connection:

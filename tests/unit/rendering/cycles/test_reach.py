@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from valerie.rendering.base import Rectangle, View
 from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
-from valerie.rendering.raster.camera_math import project
+from valerie.rendering.projection import project
 from valerie.scene.graph.model import Environment, Light, Node, Scene
 from valerie.testing.assets import simple_asset
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from valerie.rendering.base import View
+from valerie.rendering.projection import box_corners
 from valerie.rendering.raster.bounds import Reach, changed_rectangle, covered_rectangle, grown
-from valerie.rendering.raster.camera_math import box_corners
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scene_rays import blocked, triangles_of
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.camera_math import LightView
+from valerie.rendering.projection import LightView
 from valerie.rendering.raster.context import process_context
 from valerie.rendering.raster.drawing import table_texture
 from valerie.rendering.raster.shadows import (

@@ -1,55 +1,91 @@
-"""References to assets: names, arguments, digests, and what the cheap manifest must not load."""
+"""References to assets: names, arguments, digests, who may offer them, and what the cheap manifest must not load."""
 
-import re
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from valerie.errors import InvalidInput, UnknownName
-from valerie.scene.assets.asset import asset_manifest, asset_names
+from tests.plugin_package import look_again, write_boxes, write_package
+from valerie import plugins
+from valerie.errors import InvalidInput, MissingDependency, UnknownName
+from valerie.scene.assets.asset import asset_manifest, asset_names, is_generated, load_asset
+from valerie.testing.asset_packs import AssetContract
+from valerie.testing.assets import simple_manifest
 
 
-def test_the_built_in_street_is_known_by_name() -> None:
-    manifest, digest = asset_manifest("urban-street")
-    assert manifest.name == "urban-street"
-    assert len(digest) == 32
-    assert "urban-street" in asset_names()
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Install the distribution ``box-assets``, and let the operator allow it."""
+    folder = write_boxes(tmp_path / "boxes")
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("VALERIE_PLUGINS", "box_assets")
+    look_again()
+    yield folder
+    sys.modules.pop("boxes", None)
+    monkeypatch.undo()
+    look_again()
 
 
-def test_a_mapping_with_the_default_arguments_is_the_same_asset() -> None:
-    assert asset_manifest({"name": "urban-street", "seed": 0}) == asset_manifest("urban-street")
+@pytest.mark.usefixtures("installed")
+class TestBoxes(AssetContract):
+    name = "boxes"
+    other = {"bearing_deg": 90.0}  # noqa: RUF012
 
 
-def test_another_seed_is_another_asset() -> None:
-    (one, one_digest), (other, other_digest) = (
-        asset_manifest({"name": "urban-street", "seed": seed}) for seed in (0, 7)
-    )
-    assert one_digest != other_digest
-    assert one.obstacles != other.obstacles
-    # Which cars are parked where, where later vehicles begin and which houses stand there differ; all else is declared alike.
-    differing = re.compile(r"scene\.(car-\d{1,2}|car-102|truck-101|bus-101|motorcycle-101|building-\d+)\.")
-    common = [
-        [definition for definition in manifest.parameters if not differing.match(definition.path)]
-        for manifest in (one, other)
-    ]
-    assert common[0] == common[1]
+@pytest.mark.usefixtures("installed")
+class TestAPackOfAnotherDistribution:
+    def test_makes_assets_like_those_of_this_one(self) -> None:
+        assert asset_names()[-1] == "boxes"
+        assert is_generated("boxes")
+        asset = load_asset({"name": "boxes", "bearing_deg": 45})
+        assert asset.manifest.bearing_deg == 45.0
+        assert set(asset.base.nodes) > set(simple_manifest().persons)
+
+    def test_is_refused_where_the_operator_does_not_name_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("VALERIE_PLUGINS", "another-package")
+        look_again()
+        sys.modules.pop("boxes", None)
+        assert "boxes" not in asset_names()
+        offered = "asset boxes: offered by the package box-assets, which VALERIE_PLUGINS does not name"
+        for reference in ("boxes", {"name": "boxes", "seed": 1}):
+            with pytest.raises(InvalidInput, match=offered):
+                asset_manifest(reference)
+        assert "boxes" not in sys.modules
+        assert any("box-assets offers asset boxes" in notice for notice in plugins.look_at_installed())
+
+    def test_cannot_take_over_the_name_of_an_asset_of_this_distribution(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        points = {"valerie.assets": {"urban-street": "boxes"}}
+        monkeypatch.syspath_prepend(str(write_package(tmp_path / "other", "taker", modules={}, entry_points=points)))
+        monkeypatch.setenv("VALERIE_PLUGINS", "box-assets, taker")
+        look_again()
+        assert asset_manifest("urban-street")[0].title == "Urban street"
+
+    def test_says_what_it_needs_and_is_not_there(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        points = {"valerie.assets": {"lost": "no_such_module"}}
+        monkeypatch.syspath_prepend(str(write_package(tmp_path / "other", "lost", modules={}, entry_points=points)))
+        monkeypatch.setenv("VALERIE_PLUGINS", "lost")
+        look_again()
+        with pytest.raises(MissingDependency, match="asset 'lost' needs what is not installed"):
+            asset_manifest("lost")
+
+    @pytest.mark.parametrize("seed", [-1, "seven", 1.5])
+    def test_an_argument_of_the_wrong_kind_names_its_field(self, seed: object) -> None:
+        with pytest.raises(InvalidInput, match=r"asset\.seed"):
+            asset_manifest({"name": "boxes", "seed": seed})
+
+    def test_a_misspelt_argument_has_near_matches(self) -> None:
+        with pytest.raises(UnknownName, match="did you mean seed"):
+            asset_manifest({"name": "boxes", "sed": 7})
 
 
 def test_an_unknown_asset_lists_near_matches() -> None:
     with pytest.raises(UnknownName, match="urban-street"):
         asset_manifest("urban-streets")
-
-
-def test_an_unknown_argument_lists_near_matches() -> None:
-    with pytest.raises(UnknownName, match="seed"):
-        asset_manifest({"name": "urban-street", "sed": 7})
-
-
-@pytest.mark.parametrize("seed", [-1, "seven", 2**70, 1.5])
-def test_an_argument_of_the_wrong_kind_names_its_field(seed: object) -> None:
-    with pytest.raises(InvalidInput, match=r"asset\.seed"):
-        asset_manifest({"name": "urban-street", "seed": seed})
 
 
 def test_an_asset_mapping_without_name_is_refused() -> None:
@@ -58,10 +94,13 @@ def test_an_asset_mapping_without_name_is_refused() -> None:
 
 
 @pytest.mark.processes
-def test_the_manifest_loads_neither_mesh_nor_graphics_libraries() -> None:
+def test_the_manifest_loads_neither_mesh_nor_graphics_libraries(installed: Path) -> None:
     code = (
-        "import sys; from valerie.scene.assets.asset import asset_manifest; asset_manifest('urban-street');"
+        "import sys; from valerie.scene.assets.asset import asset_manifest;"
+        "asset_manifest('urban-street'); asset_manifest('boxes');"
         "print(sorted(m for m in ('trimesh', 'pygltflib', 'cv2', 'moderngl', 'pyrender', 'torch') if m in sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    path = os.pathsep.join(filter(None, (os.environ.get("PYTHONPATH"), str(installed))))
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "[]", done.stderr

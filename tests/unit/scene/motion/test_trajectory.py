@@ -11,7 +11,7 @@ from valerie.parameters.definitions import Affects, ParameterDefinition, Paramet
 from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.assets.manifest import Manifest, parse_manifest
 from valerie.scene.graph.transforms import Pose
-from valerie.scene.motion.trajectory import TIME_PATH, Motion, Trajectory, check_trajectory
+from valerie.scene.motion.trajectory import TIME_PATH, Motion, Trajectory
 from valerie.scene.variation.applying import apply
 from valerie.scene.variation.traverse import traverse
 from valerie.testing.assets import simple_asset, simple_manifest
@@ -26,7 +26,7 @@ def walk(*keys: tuple[float, float, float], path: str = PERSON, **more: Any) -> 
 
 
 def moment(trajectory: Trajectory, time: float, manifest: Manifest = MANIFEST, **given: Any) -> dict[str, Any]:
-    motion = Motion([trajectory], manifest)
+    motion = Motion([trajectory], manifest.by_path)
     assignment = {f"{trajectory.path}.{name.replace('__', '.')}": value for name, value in given.items()}
     return {path.removeprefix(f"{trajectory.path}."): v for path, v in motion.at(assignment, time).items()}
 
@@ -49,7 +49,7 @@ def test_who_walks_faces_the_way(x: float, y: float, heading: float) -> None:
         heading = math.degrees(math.atan2(3, 5))
     assert found["heading"] == pytest.approx(heading, abs=1e-6)
     # The heading of the scene is the one that the geometry turns by: a nose ahead of the body.
-    scene = apply(Motion([trajectory], MANIFEST).at({}, 1.0), simple_asset())
+    scene = apply(Motion([trajectory], MANIFEST.by_path).at({}, 1.0), simple_asset())
     nose = scene.world_transform(PERSON)[:3, :3] @ [0.0, 1.0, 0.0]
     assert nose[:2] == pytest.approx(np.array([x, y - 10]) / math.hypot(x, y - 10), abs=1e-6)
 
@@ -87,7 +87,7 @@ def test_what_a_variant_says_of_keyframes_and_start_is_put_in() -> None:
     assert moment(trajectory, 1.0, **{"trajectory__key-2__pos__x": 8.0})["pos.x"] == pytest.approx(4.0)
     assert moment(trajectory, 1.0, **{"trajectory__key-2__time": 4.0})["pos.x"] == pytest.approx(1.0)
     assert moment(trajectory, 1.0, trajectory__start=0.5)["pos.x"] == pytest.approx(1.0)
-    motion = Motion([trajectory], MANIFEST, start=0.25)
+    motion = Motion([trajectory], MANIFEST.by_path, start=0.25)
     assert motion.at({}, 0.25)["scene.person-1.pos.x"] == pytest.approx(1.0)
     assert motion.at({TIME_PATH: 1.0}, 0.25)["scene.person-1.pos.x"] == pytest.approx(2.5)
     assert motion.seconds({TIME_PATH: 1.0}, 0.25) == 1.25
@@ -96,7 +96,7 @@ def test_what_a_variant_says_of_keyframes_and_start_is_put_in() -> None:
 
 def test_a_camera_moves_and_keeps_its_direction() -> None:
     keys = ({"time": 0.0, "pos.x": -2.0}, {"time": 1.0, "pos.x": 2.0})
-    motion = Motion([Trajectory(path="scene.camera-1", keyframes=keys)], MANIFEST)
+    motion = Motion([Trajectory(path="scene.camera-1", keyframes=keys)], MANIFEST.by_path)
     before, after = (apply(motion.at({}, t), simple_asset()).cameras["camera-1"] for t in (0.25, 0.75))
     assert after.position - before.position == pytest.approx([2.0, 0.0, 0.0])
     assert np.array_equal(after.transform[:3, :3], before.transform[:3, :3])
@@ -130,19 +130,19 @@ def test_the_gait_follows_the_distance_walked() -> None:
 
 def test_a_variant_whose_movement_cannot_be_is_rejected_with_the_moment() -> None:
     trajectory = walk((0, 0, 10), (2, 14, 10))
-    motion = Motion([trajectory], MANIFEST)
+    motion = Motion([trajectory], MANIFEST.by_path)
     assert motion.rejection({}, (0.0, 1.0, 2.0)) is None
     far = {f"{PERSON}.trajectory.start": -1.0, f"{PERSON}.trajectory.key-1.pos.x": -15.0}
     assert motion.rejection(far, (0.0, 1.0)) is None
     overshooting = walk((0, 0, 10), (1, 15, 10), (1.5, 14, 10))
-    reason = Motion([overshooting], MANIFEST).rejection({}, (0.0, 1.1))
+    reason = Motion([overshooting], MANIFEST.by_path).rejection({}, (0.0, 1.1))
     assert reason == "person-1.pos.x leaves its range -15…15 m at 1.1 s"
     swapped = {f"{PERSON}.trajectory.key-1.time": 3.0}
     assert motion.rejection(swapped, (0.0,)) == "the keyframes of person-1 are not in the order of time"
 
 
 def test_parameters_have_type_unit_and_range_of_what_moves() -> None:
-    motion = Motion([walk((0, 0, 10), (2, 4, 10))], MANIFEST, start=0.5)
+    motion = Motion([walk((0, 0, 10), (2, 4, 10))], MANIFEST.by_path, start=0.5)
     found = {definition.name: definition for definition in motion.parameters}
     assert found["time"].default == 0.5
     key = found["person-1.trajectory.key-2.pos.x"]
@@ -171,7 +171,7 @@ def test_a_trajectory_that_the_asset_has_no_room_for_is_refused(
 ) -> None:
     document = {"path": PERSON, "keyframes": [{"time": 0, "pos.x": 1}], **change}
     with pytest.raises(error, match=text):
-        check_trajectory(Trajectory.model_validate(document), MANIFEST, field="trajectories.0")
+        MANIFEST.require_trajectory(Trajectory.model_validate(document), field="trajectories.0")
 
 
 def test_the_manifest_s_own_trajectories_are_checked_and_listed() -> None:
@@ -190,14 +190,14 @@ def test_the_manifest_s_own_trajectories_are_checked_and_listed() -> None:
 
 
 def test_equal_moments_are_equal_assignments_whatever_the_path_to_them() -> None:
-    there = Motion([walk((0, -2, 10), (4, 2, 10))], MANIFEST).at({}, 1.0)
-    back = Motion([walk((0, -4, 10), (2, 2, 10))], MANIFEST).at({}, 1.0)
+    there = Motion([walk((0, -2, 10), (4, 2, 10))], MANIFEST.by_path).at({}, 1.0)
+    back = Motion([walk((0, -4, 10), (2, 2, 10))], MANIFEST.by_path).at({}, 1.0)
     assert there == back
     assert Pose.of(apply(there, simple_asset()).nodes[PERSON].transform).position == (-1.0, 10.0, 0.0)
 
 
 def test_moments_that_no_frame_is_taken_at_are_held_within_the_declared_range() -> None:
-    motion = Motion([walk((0, 0, 10), (1, 15, 10), (1.5, 14, 10))], MANIFEST)
+    motion = Motion([walk((0, 0, 10), (1, 15, 10), (1.5, 14, 10))], MANIFEST.by_path)
     assert motion.at({}, 1.1)["scene.person-1.pos.x"] > 15
     held = motion.at({}, 1.1, within=True)
     assert held["scene.person-1.pos.x"] == 15

@@ -70,5 +70,5 @@ def light_rows(
     Raises:
         MissingInput: an object is gone.
     """
-    image, truth = reader.frame(job.background, job.layer), reader.truth(job.truth)
+    image, truth = reader.frame(job.frame.products), reader.truth(job.frame.products.truth)
     return tuple({"product": job.digest, **asdict(one)} for one in measure_light(truth, image, scene, view, light))

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import InferenceError
-from valerie.labels import to_train_ids
-from valerie.metrics.confusion import confusion_matrix
-from valerie.metrics.instances import person_counts
-from valerie.metrics.matrix import ConfusionMatrix
-from valerie.metrics.scores import frame_scores, pacc
+from valerie.metrics.scores import FrameScores
+from valerie.metrics.scoring import score_frame
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.reading.capture import capture_of_job
+from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
@@ -36,32 +33,24 @@ class EvaluateMaker:
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.work.stages.Maker`."""
         started = time.process_time()
-        if job.prediction is None or job.sensor_index is None or job.function_index is None:
+        if job.look is None:
             raise InferenceError(f"product {job.digest} is no evaluation")
-        run = self._runs.run(job.run_id)
+        run = self._runs.run(job.frame.key.run_id)
         resolved = run.resolved
-        card = pinned_card(run.pins, resolved.spec.functions[job.function_index])
-        capture = capture_of_job(resolved, job)
+        card = pinned_card(run.pins, resolved.spec.functions[job.look.function])
+        capture = capture_of(resolved, job.frame, job.look.sensor)
         truth = capture.seen_truth(self._reader)
-        prediction = self._reader.prediction(job.prediction)
-        matrix = confusion_matrix(to_train_ids(truth.class_map), prediction)
-        packed = codecs.encode_counts(matrix)
-        persons = person_counts(truth, prediction)
+        prediction = self._reader.prediction(job.look.prediction)
+        scored = score_frame(truth, prediction, card.judged_ids)
+        packed = codecs.encode_counts(scored.matrix)
         return Finished(
             digest=job.digest,
             bytes=len(packed),
             pixels=int(prediction.size),
             cpu_seconds=time.process_time() - started,
-            score={"digest": job.digest, "confusion": packed, **_ratios(matrix, card.judged_ids)},
+            score={"digest": job.digest, "confusion": packed, **_columns(scored.scores)},
             person_scores=tuple(
-                {
-                    "digest": job.digest,
-                    "instance_id": person.instance_id,
-                    "tp": person.tp,
-                    "fn": person.fn,
-                    "pacc": pacc(person.tp, person.fn),
-                }
-                for person in persons
+                {"digest": job.digest, "instance_id": person.instance_id, **person.columns} for person in scored.persons
             ),
             person_views=self._views(job, truth) if capture.distorted else (),
         )
@@ -69,22 +58,9 @@ class EvaluateMaker:
     def _views(self, job: Job, truth: GroundTruth) -> tuple[dict[str, Any], ...]:
         """The rows of the frame's own truth with everything that is measured in pixels measured again."""
         with reading(self._context.engine) as connection:
-            rows = [dict(row._mapping) for row in results.person_views(connection, job.truth)]  # noqa: SLF001  # public
+            rows = [dict(row._mapping) for row in results.person_views(connection, job.frame.products.truth)]  # noqa: SLF001  # public
         return tuple({**measured_again(row, truth), "truth": job.digest} for row in rows)
 
 
-def _ratios(matrix: ConfusionMatrix, judged: Sequence[int]) -> dict[str, Any]:
-    scores = frame_scores(matrix, classes=judged)
-    return {
-        "tp": scores.counts.tp,
-        "fp": scores.counts.fp,
-        "fn": scores.counts.fn,
-        "tn": scores.counts.tn,
-        "pacc": scores.pacc,
-        "precision": scores.precision,
-        "iou": scores.iou,
-        "pixel_accuracy": scores.pixel_accuracy,
-        "miou": scores.miou,
-        "fwiou": scores.fwiou,
-        "macc": scores.macc,
-    }
+def _columns(scores: FrameScores) -> dict[str, Any]:
+    return {**asdict(scores.counts), "pacc": scores.pacc, **scores.columns}

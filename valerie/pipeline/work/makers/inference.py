@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from numpy import uint8
 from numpy.typing import NDArray
 
-from valerie.db.products import Finished, Job
+from valerie.db.products import Finished, Job, Look
 from valerie.errors import InferenceError, ValerieError
 from valerie.perception.running.batches import require_size
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.source import FunctionSource
-from valerie.pipeline.reading.capture import capture_of_job
+from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
 from valerie.runs.pins import FunctionPin
@@ -64,10 +64,8 @@ class InferMaker:
     def _predict(self, job: Job) -> Predicted:
         """The prediction of one product, and as a by-product those of some that are expected."""
         started = time.process_time()
-        if job.sensor_index is None or job.function_index is None:
-            raise InferenceError(f"product {job.digest} is no prediction")
-        run = self._runs.run(job.run_id)
-        name = run.resolved.spec.functions[job.function_index]
+        run, look = self._runs.run(job.frame.key.run_id), _look(job)
+        name = run.resolved.spec.functions[look.function]
         function = self._function(name, run.pins.functions[name])
         pictures = {job.digest: self._picture(job)}
         # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
@@ -100,8 +98,8 @@ class InferMaker:
         for other in self._expected.values():
             if len(found) == most:
                 break
-            same = (other.run_id, other.function_index, other.attempts) == (job.run_id, job.function_index, 1)
-            if not same or other.digest in self._ahead:
+            same = (other.frame.key.run_id, _look(other).function) == (job.frame.key.run_id, _look(job).function)
+            if not same or other.attempts > 1 or other.digest in self._ahead:
                 continue
             try:
                 picture = self._picture(other)
@@ -113,7 +111,8 @@ class InferMaker:
 
     def _picture(self, job: Job) -> NDArray[uint8]:
         """What the function sees."""
-        return capture_of_job(self._runs.run(job.run_id).resolved, job).picture(self._reader)
+        resolved = self._runs.run(job.frame.key.run_id).resolved
+        return capture_of(resolved, job.frame, _look(job).sensor).picture(self._reader)
 
     def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
         key = (name, pin.digest, pin.numeric_class)
@@ -128,3 +127,9 @@ class InferMaker:
     def _say(self, reason: str) -> None:
         if self._tell is not None:
             self._tell(f"{reason} (VALERIE_INFER_SECONDS)")
+
+
+def _look(job: Job) -> Look:
+    if job.look is None:
+        raise InferenceError(f"product {job.digest} is no prediction")
+    return job.look

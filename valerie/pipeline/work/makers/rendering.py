@@ -44,12 +44,13 @@ class RenderMaker:
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.work.stages.Maker`."""
         started, elsewhere, engine = time.process_time(), 0.0, None
-        run = self._runs.run(job.run_id)
+        key, assignment = job.frame.key, job.frame.assignment
+        run = self._runs.run(key.run_id)
         resolved = run.resolved
         asset = self._runs.asset(run)
-        scene = apply(resolved.at(job.assignment, job.time_index), asset)
+        scene = apply(resolved.at(assignment, key.time), asset)
         resolution = resolved.spec.resolution
-        view = View(resolved.cameras[job.camera_index], resolution.width, resolution.height)
+        view = View(resolved.cameras[key.camera], resolution.width, resolution.height)
         views: tuple[dict[str, Any], ...] = ()
         part: Part | None = None
         lights: tuple[dict[str, Any], ...] = ()
@@ -73,9 +74,9 @@ class RenderMaker:
                 kind,
                 scene,
                 view,
-                near=lambda seconds: apply(resolved.near(job.assignment, job.time_index, seconds), asset),
+                near=lambda seconds: apply(resolved.near(assignment, key.time, seconds), asset),
                 step=resolved.times.step or 0.0,
-                truth=job.truth,
+                truth=job.frame.products.truth,
                 reader=self._reader,
                 truth_pass=truth_pass,
             )

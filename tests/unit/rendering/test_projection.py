@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from valerie.rendering.base import View
-from valerie.rendering.raster.camera_math import (
+from valerie.rendering.projection import (
     box_corners,
     clip_from_view,
     clip_hull,

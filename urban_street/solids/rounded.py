@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from urban_street.street.geometry import Floats, Surface, lathe, merge, sheet, tubes, unit
+from urban_street.solids.surfaces import Floats, Surface, lathe, merge, sheet, tubes, unit
 
 
 def turned(axis: int, degrees: float, at: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:

@@ -1,0 +1,105 @@
+"""Answers about what a spec may name, the columns of results, and the processes at work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ConfigDict, Field
+
+from services.api.schemas.base import CAMERAS, NUMERIC_CLASS, Digest, Read
+from valerie.measures import Source
+from valerie.parameters.definitions import ParameterDefinition
+
+_PARAMETER = {
+    "name": "person-1.pos.x",
+    "path": "scene.person-1.pos.x",
+    "type": "FLOAT",
+    "minimum": -10.0,
+    "maximum": 20.0,
+    "choices": [],
+    "unit": "m",
+    "default": 3.0,
+    "affects": "geometry",
+    "description": "",
+}
+_PERSONS = ["scene.person-1", "scene.person-2"]
+
+
+class AssetEntry(Read):
+    name: str = Field(examples=["urban-street"])
+    title: str = Field(examples=["Urban street"])
+    digest: Digest
+    cameras: list[str] = Field(examples=[CAMERAS])
+    problem: str | None = Field(None, description="why it cannot be used; all other fields but the name are empty then")
+
+
+class AssetRead(Read):
+    """The asset's manifest without its outlines."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = Field(examples=["urban-street"])
+    digest: Digest
+    title: str = Field(examples=["Urban street"])
+    description: str = Field(examples=["A generated street of 165 m with houses, trees, vehicles and pedestrians."])
+    cameras: list[str] = Field(examples=[CAMERAS])
+    persons: list[str] = Field(examples=[_PERSONS])
+    movable: list[str] = Field(examples=[_PERSONS])
+    parameters: list[ParameterDefinition] = Field(examples=[[_PARAMETER]])
+
+
+class MeasureRead(Read):
+    """One column of the long table, and how to show its values."""
+
+    name: str = Field(description="of the column", examples=["distance_m"])
+    source: Source = Field(examples=["place"])
+    title: str = Field(examples=["distance"])
+    description: str = Field(examples=["Euclidean distance from the optical centre to the person"])
+    unit: str = Field(description="shown after a number that was multiplied by `scale`", examples=["m"])
+    scale: float = Field(examples=[1.0])
+    digits: int = Field(description="decimals of a shown number", examples=[2])
+
+
+class RendererRead(Read):
+    name: str = Field(examples=["raster"])
+    numeric_classes: list[str] = Field(description="in which living workers offer it", examples=[[NUMERIC_CLASS]])
+
+
+class LabelRead(Read):
+    name: str = Field(examples=["person"])
+    id: int = Field(description="Cityscapes label id, as in ground truth", examples=[24])
+    train_id: int = Field(description="Cityscapes train id, as networks use it; 255 is void", examples=[11])
+    category: str = Field(examples=["human"])
+    has_instances: bool = Field(examples=[True])
+    color: tuple[int, int, int] = Field(description="sRGB, 0…255", examples=[[220, 20, 60]])
+
+
+class WorkerRead(Read):
+    id: str = Field(examples=["workstation-4711-1f2e3d4c"])
+    stage: str = Field(examples=["infer"])
+    host: str = Field(examples=["workstation"])
+    pid: int = Field(examples=[4711])
+    offers: list[dict[str, Any]] = Field(
+        description="engines or functions that it can run",
+        examples=[[{"stage": "infer", "name": "deeplabv3plus-small", "numeric_class": "torch-2.9.0-cpu-fp32"}]],
+    )
+    started_at: float = Field(description="Unix seconds", examples=[1764000000.0])
+    seen_at: float = Field(description="time of its last sign of life, Unix seconds", examples=[1764000042.0])
+
+
+class QueueRead(Read):
+    route: str = Field(description="stage, engine and numeric class", examples=["infer.torch-2.9.0-cpu-fp32"])
+    waiting: int = Field(description="products whose inputs are not made yet", examples=[6])
+    ready: int = Field(examples=[12])
+    running: int = Field(examples=[6])
+    messages: int | None = Field(description="in the broker; null where it does not answer", examples=[2])
+    workers: int = Field(description="living workers that serve it", examples=[1])
+
+
+class Health(Read):
+    status: str = Field(examples=["ok"])
+    checks: dict[str, str] = Field(
+        default_factory=dict,
+        description="ok or the reason, by part of the system",
+        examples=[{"database": "ok", "broker": "ok", "artifacts": "ok"}],
+    )

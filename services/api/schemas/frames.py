@@ -1,0 +1,115 @@
+"""Answers about variants and frames."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from services.api.schemas.base import (
+    ASSIGNMENT,
+    FRAME_ID,
+    FUNCTION,
+    RUN_ID,
+    Digest,
+    NextCursor,
+    Read,
+    measured,
+)
+from valerie.measures import OF_PERSON, Source
+from valerie.parameters.definitions import Value
+
+_STATE = "done, failed, or the state of the slowest of its products"
+_IMAGE = f"/v1/frames/{FRAME_ID}/image"
+_BOX = [516, 242, 552, 371]
+
+
+class VariantRead(Read):
+    index: int = Field(examples=[5])
+    block: int = Field(examples=[0])
+    assignment: dict[str, Value] = Field(description="path to value; angles in degrees", examples=[ASSIGNMENT])
+    rejection: str | None = Field(description="why it has no frames; null for an accepted variant")
+
+
+class VariantPage(Read):
+    items: list[VariantRead]
+    next: NextCursor
+
+
+class FrameRead(Read):
+    id: str = Field(examples=[FRAME_ID])
+    variant_index: int = Field(examples=[5])
+    camera: str = Field(examples=["camera-1"])
+    time_index: int = Field(examples=[0])
+    time_s: float = Field(description="time of the frame in seconds; 0 in a run without time", examples=[0.0])
+    background: Digest
+    layer: Digest
+    truth: Digest
+    state: str = Field(description=_STATE, examples=["done"])
+
+
+class FramePage(Read):
+    items: list[FrameRead]
+    next: NextCursor
+
+
+class PersonRead(measured(*OF_PERSON)):  # type: ignore[misc]  # the fields are those of the measures
+    instance_id: int = Field(description="label id × 1000 + n; 0 stands for a scene without persons", examples=[24001])
+    character: str | None = Field(examples=["yellow-shirt"])
+    box: list[int] | None = Field(
+        description="x0, y0, x1, y1 of the visible pixels, end exclusive; null where none is visible", examples=[_BOX]
+    )
+    amodal_box: list[int] | None = Field(description="box of the person rendered alone", examples=[_BOX])
+
+
+class PersonScoreRead(measured(Source.PERSON_SCORE)):  # type: ignore[misc]  # likewise
+    instance_id: int = Field(examples=[24001])
+
+
+class FrameEvaluation(measured(Source.FRAME_SCORE)):  # type: ignore[misc]  # likewise
+    sensor: str = Field(examples=["default"])
+    function: str = Field(examples=[FUNCTION])
+    prediction: Digest
+    scores: Digest
+    state: str = Field(description=_STATE, examples=["done"])
+    fp: int | None = Field(description="pixels called person that belong to none; null until done", examples=[310])
+    tp: int | None = Field(description="pixels of persons that are called person", examples=[1980])
+    fn: int | None = Field(description="pixels of persons that are called something else", examples=[210])
+    tn: int | None = Field(description="all other pixels", examples=[515900])
+    pacc: float | None = Field(description="recall of the class person in this frame", examples=[0.9041])
+    judged_by: list[str] = Field(
+        description="classes that pixel_accuracy, miou, fwiou and macc are over; empty: all 19", examples=[[]]
+    )
+    persons: list[PersonScoreRead]
+    images: dict[str, str] = Field(
+        description="kind of picture to its address: what this function saw and predicted",
+        examples=[{"prediction": f"{_IMAGE}?kind=prediction&function={FUNCTION}&sensor=default"}],
+    )
+
+
+class SequenceRead(Read):
+    frames: int = Field(
+        description="moments of each variant and camera; their frames' ids differ in the last part alone", examples=[10]
+    )
+    step_s: float = Field(description="seconds from one to the next", examples=[0.5])
+
+
+class FrameDetail(FrameRead):
+    run_id: str = Field(examples=[RUN_ID])
+    width: int = Field(examples=[960])
+    height: int = Field(examples=[540])
+    sequence: SequenceRead | None = Field(description="null: each variant and camera has one frame")
+    assignment: dict[str, Value] = Field(
+        description="of the variant, and the places of moving things at the frame's time", examples=[ASSIGNMENT]
+    )
+    annotations: dict[str, str] = Field(
+        description="kind to digest of the annotations that the run asked for", examples=[{}]
+    )
+    persons: list[PersonRead]
+    evaluations: list[FrameEvaluation]
+    images: dict[str, str] = Field(
+        description="kind of picture to its address, behind the run's first sensor setting",
+        examples=[{"picture": f"{_IMAGE}?kind=picture", "depth": f"{_IMAGE}?kind=depth"}],
+    )
+    previous: str | None = Field(
+        description="frame before this one in the order of variants and cameras", examples=[f"{RUN_ID}.4.2.0"]
+    )
+    next: str | None = Field(description="frame after this one", examples=[f"{RUN_ID}.5.1.0"])

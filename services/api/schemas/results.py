@@ -1,0 +1,104 @@
+"""Answers about the results of a run: the long table, points to plot, the summary."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
+from valerie.analysis.findings import Findings
+from valerie.analysis.summary import Summary
+from valerie.measures import Source
+
+
+class EvaluationRow(measured(*Source)):  # type: ignore[misc]  # the fields are those of the measures
+    """One person in one evaluation; further members are the run's varied parameters, named by their paths."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class EvaluationPage(Read):
+    items: list[EvaluationRow]
+    total: int = Field(description="rows that the filters let through at this moment", examples=[30])
+    next: NextCursor
+
+
+class PlotAxis(Read):
+    column: str = Field(
+        description="of the long table: a measure, or the path of a varied parameter", examples=["distance_m"]
+    )
+    title: str = Field(examples=["distance"])
+    unit: str = Field(description="shown after numbers that were multiplied by `scale`; may be empty", examples=["m"])
+    scale: float = Field(examples=[1.0])
+    group: Literal["person", "conditions", "varied"] = Field(examples=["person"])
+
+
+class PointColumns(Read):
+    """Points of a scatter plot, column by column: the i-th entries belong together."""
+
+    column: str = Field(examples=["distance_m"])
+    functions: list[str] = Field(examples=[[FUNCTION]])
+    sensors: list[str] = Field(examples=[["default"]])
+    cameras: list[str] = Field(examples=[CAMERAS])
+    characters: list[str] = Field(examples=[["yellow-shirt"]])
+    x: list[float] = Field(description="values of the column", examples=[[17.09]])
+    pacc: list[float] = Field(examples=[[0.9041]])
+    variant: list[int] = Field(examples=[[5]])
+    camera: list[int] = Field(
+        description="position in `cameras`; sensor, function and character are positions in their lists", examples=[[0]]
+    )
+    time: list[int] = Field(description="time index", examples=[[0]])
+    sensor: list[int] = Field(examples=[[0]])
+    function: list[int] = Field(examples=[[0]])
+    character: list[int] = Field(description="-1 for a person without character", examples=[[0]])
+    instance: list[int] = Field(examples=[[24001]])
+    undefined: dict[str, int] = Field(
+        description="persons in frames without a pACC, by reason", examples=[{"fully hidden": 2}]
+    )
+    share: float = Field(
+        description="share of the variants that is shown; below 1 it is an even sample", examples=[1.0]
+    )
+    axes: list[PlotAxis] = Field(description="what this run's pACC can be plotted over")
+
+
+class SummaryRead(Read):
+    """The table of the paper's section 6.2, and the findings."""
+
+    summary: Summary = Field(
+        examples=[
+            {
+                "threshold": 0.5,
+                "frames": 30,
+                "rows": [
+                    {
+                        "function": FUNCTION,
+                        "sensor": "default",
+                        "character": "yellow-shirt",
+                        "frames": 30,
+                        "persons": 30,
+                        "defined": 28,
+                        "undefined": {"fully hidden": 2},
+                        "pacc_mean": 0.871,
+                        "pacc_mean_interval": {"low": 0.83, "high": 0.905},
+                        "pacc_min": 0.312,
+                        "pacc_max": 0.984,
+                        "pacc_pooled": 0.889,
+                        "precision_mean": 0.842,
+                        "precision_pooled": 0.851,
+                        "iou_mean": 0.748,
+                        "iou_pooled": 0.769,
+                        "detected": 26,
+                        "detection_rate": 0.9286,
+                        "detection_interval": {"low": 0.774, "high": 0.98},
+                    }
+                ],
+                "occlusion": [{"character": "yellow-shirt", "persons": 30, "occluded": 4}],
+                "empty": [],
+                "classes": [],
+            }
+        ]
+    )
+    findings: Findings = Field(
+        examples=[{"items": [], "examined": 6, "held": 0, "level": 0.95, "resamples": 2000, "seed": 0, "unpaired": []}]
+    )

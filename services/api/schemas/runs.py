@@ -1,0 +1,93 @@
+"""Answers about runs and their progress."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal
+
+from pydantic import Field, JsonValue
+
+from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
+from valerie.runs.states import RunState
+
+#: The paper's two lists (section 4) in its own notation.
+SPEC: Final[dict[str, JsonValue]] = {
+    "name": "two lists of the paper",
+    "asset": "urban-street",
+    "parameters": [
+        ["p1", "scene.person-1.pos.x", "FLOAT", 0.0, 20.0],
+        ["p2", "scene.person-1.pos.y", "FLOAT", 0.0, 10.0],
+    ],
+    "vary": [["p1", "HOMOGENEOUS", 1.5, 5.5, 1.0], ["p2", "HOMOGENEOUS", 4.0, 5.0, 1.0]],
+    "functions": ["deeplabv3plus-small"],
+}
+
+StageName = Literal["render", "infer", "eval"]
+
+
+class StageProgress(Read):
+    done: int = Field(examples=[24])
+    total: int = Field(description="exact once every variant is fed, an extrapolation before", examples=[30])
+    failed: int = Field(examples=[0])
+    running: int = Field(description="products of this stage that workers hold now, of all runs", examples=[6])
+    rate_per_s: float = Field(description="finished per second", examples=[6.1])
+    eta_s: float | None = Field(description="seconds that remain; null while nothing finishes", examples=[1.0])
+
+
+class VariantProgress(Read):
+    total: int = Field(examples=[10])
+    fed: int = Field(description="variants that have rows in the database", examples=[10])
+    rejected: int = Field(examples=[0])
+
+
+class Progress(Read):
+    state: RunState = Field(examples=["running"])
+    reason: str | None = Field(None, description="why the run waits, is paused or failed")
+    variants: VariantProgress
+    stages: dict[StageName, StageProgress] = Field(description="render counts frames; infer and eval count evaluations")
+    updated_at: float | None = Field(
+        description="time of the count, Unix seconds; null before the first", examples=[1764000000.0]
+    )
+
+
+class RunRead(Read):
+    id: str = Field(examples=[RUN_ID])
+    name: str = Field(examples=["two lists of the paper"])
+    state: RunState = Field(examples=["running"])
+    reason: str | None = Field(description="why the run waits, is paused or failed")
+    spec_digest: Digest
+    asset_digest: Digest
+    parent_run: str | None
+    iteration: int = Field(examples=[0])
+    variant_count: int = Field(examples=[10])
+    rejected_count: int = Field(examples=[0])
+    pins: dict[str, Any] | None = Field(
+        description="digests and numeric classes that the run keeps from its start",
+        examples=[{"engine": {"name": "raster", "numeric_class": NUMERIC_CLASS, "revision": 1}}],
+    )
+    stages: dict[StageName, StageProgress] = Field(description="at the latest count; empty before the first")
+    created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
+    started_at: Moment | None = Field(examples=["2026-11-21T02:43:09Z"])
+    finished_at: Moment | None
+
+
+class RunDetail(RunRead):
+    spec: dict[str, JsonValue] = Field(examples=[SPEC])
+
+
+class RunPage(Read):
+    items: list[RunRead]
+    next: NextCursor
+
+
+class Failure(Read):
+    variant_index: int = Field(examples=[4])
+    camera_index: int = Field(examples=[0])
+    time_index: int = Field(examples=[0])
+    digest: str = Field(description="of the product", examples=[DIGEST])
+    kind: str = Field(description="of the product", examples=["layer"])
+    error: dict[str, Any] | None = Field(
+        description="stage, type, message and attempts; or the digest of the failed input as cause",
+        examples=[
+            {"stage": "layer", "type": "RenderingError", "message": "raster: the image is constant", "attempts": 1}
+        ],
+    )

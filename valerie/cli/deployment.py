@@ -1,0 +1,84 @@
+"""Open the deployment of the data folder, for commands that work without a server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from valerie.cli.shell import command_name, settings_of
+from valerie.errors import NotFound
+
+if TYPE_CHECKING:
+    from valerie.pipeline.base.context import Context
+    from valerie.settings import Settings
+
+_SQLITE: Final = "sqlite:///"
+
+
+def has_database(settings: Settings) -> bool:
+    """Return True if the database file exists; a database on a server counts as existing."""
+    url = settings.database_url
+    return not url.startswith(_SQLITE) or Path(url.removeprefix(_SQLITE)).exists()
+
+
+@contextmanager
+def context_of(data_dir: Path | None) -> Iterator[Context]:
+    """Open the deployment's database and artifact store.
+
+    Raises:
+        NotFound: there is no database; none is created.
+        ValerieError: the database is of another version.
+    """
+    settings = settings_of(data_dir)
+    if not has_database(settings):
+        made_by = f"`{command_name()} run` and `{command_name()} up` make one"
+        raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {made_by}")
+    with _opened(settings) as context:
+        yield context
+
+
+@contextmanager
+def deployment_or_empty(settings: Settings) -> Iterator[Context]:
+    """Open the deployment; before there is one, open an empty one that leaves nothing behind.
+
+    Raises:
+        ValerieError: the database is of another version.
+    """
+    if has_database(settings):
+        with _opened(settings) as context:
+            yield context
+        return
+    with TemporaryDirectory(prefix="valerie-empty-") as folder:
+        update = {"database_url": f"sqlite:///{folder}/empty.sqlite3", "artifacts_url": folder}
+        empty = settings.model_copy(update=update)
+        migrate_database(empty)
+        with _opened(empty) as context:
+            yield context
+
+
+def migrate_database(settings: Settings) -> None:
+    """Create the tables, or bring them to this version."""
+    from valerie.db.engine import open_engine
+    from valerie.db.migrate import migrate
+
+    engine = open_engine(settings.database_url)
+    try:
+        migrate(engine)
+    finally:
+        engine.dispose()
+
+
+@contextmanager
+def _opened(settings: Settings) -> Iterator[Context]:
+    from valerie.db.migrate import require_current
+    from valerie.pipeline.base.context import open_context
+
+    context = open_context(settings)
+    try:
+        require_current(context.engine)
+        yield context
+    finally:
+        context.engine.dispose()

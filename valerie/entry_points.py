@@ -1,0 +1,119 @@
+"""Things that installed distributions offer by name, imported only when they are asked for.
+
+A distribution offers them as entry points of the groups ``valerie.*``. An entry point is a program, and being installed
+(perhaps for the sake of something else) is no permission to run in every worker. So the offers of another distribution count
+only where the operator names it in ``VALERIE_PLUGINS``; this distribution's own always count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, Final, NamedTuple
+
+from valerie.errors import InvalidInput, MissingDependency, UnknownName
+from valerie.settings import load_settings
+from valerie.spelling import package_name
+
+#: This distribution.
+OWN: Final = "valerie"
+
+
+class Offer(NamedTuple):
+    """One entry point.
+
+    Attributes:
+        name: as specs write it.
+        target: ``module`` or ``module:attribute``.
+        package: the distribution that offers it, as package indexes spell it.
+    """
+
+    name: str
+    target: str
+    package: str
+
+
+@lru_cache
+def installed(group: str) -> tuple[Offer, ...]:
+    """Return what installed distributions offer in a group; read once, since a file of every distribution is opened."""
+    return tuple(
+        Offer(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
+        for point in entry_points(group=group)
+    )
+
+
+@lru_cache
+def named_packages() -> frozenset[str]:
+    """Return the distributions that the operator names in ``VALERIE_PLUGINS``.
+
+    Read from this process's environment: the code that asks for a name lies deep in the science and knows no settings.
+    """
+    return frozenset(load_settings().plugin_packages)
+
+
+@dataclass(frozen=True, slots=True)
+class PluginKind:
+    """One kind of things that can be named, and where they come from.
+
+    Attributes:
+        word: of one such thing, as messages call it.
+        group: of entry points.
+        built_in: name to ``module:attribute``; no distribution can take these names over.
+    """
+
+    word: str
+    group: str
+    built_in: Mapping[str, str] = field(default_factory=dict)
+
+    def declared(self) -> dict[str, str]:
+        """Return name to target of what may be used and is not built in: this distribution's own first, then by name."""
+        allowed = [offer for offer in self._offers() if offer.package in {OWN, *named_packages()}]
+        ordered = sorted(allowed, key=lambda offer: (offer.package != OWN, offer.name))
+        targets: dict[str, str] = {}
+        for offer in ordered:
+            targets.setdefault(offer.name, offer.target)
+        return targets
+
+    def left_out(self) -> dict[str, str]:
+        """Return name to package of what is installed and not allowed."""
+        names = self.names()
+        return {offer.name: offer.package for offer in self._offers() if offer.name not in names}
+
+    def _offers(self) -> list[Offer]:
+        return [offer for offer in installed(self.group) if offer.name not in self.built_in]
+
+    def names(self) -> tuple[str, ...]:
+        """Return all names: the built-in ones, then the declared ones."""
+        return (*self.built_in, *self.declared())
+
+    def load(self, name: str) -> Any:
+        """Import what a name stands for.
+
+        Raises:
+            UnknownName: no such name.
+            InvalidInput: it is installed, but the operator does not allow its package.
+            MissingDependency: a library that it needs is not installed.
+        """
+        table = {**self.declared(), **self.built_in}
+        if name not in table:
+            raise self.unknown(name, table, field=self.word)
+        module, _, attribute = table[name].partition(":")
+        try:
+            loaded = import_module(module)
+            return getattr(loaded, attribute) if attribute else loaded
+        except ImportError as error:
+            raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
+
+    def unknown(self, name: str, known: Iterable[str], *, field: str) -> InvalidInput:
+        """Return the error for a name that is not among ``known``: which switch would allow it, or near matches."""
+        package = self.left_out().get(name)
+        if package is None:
+            return UnknownName(self.word, name, known, field=field)
+        return InvalidInput(
+            f"{self.word} {name}: offered by the package {package}, which VALERIE_PLUGINS does not name",
+            field=field,
+            limit="whoever operates this deployment can allow it: packages in VALERIE_PLUGINS run as part of VALERIE",
+        )

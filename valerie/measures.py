@@ -1,0 +1,282 @@
+"""The columns of the long table, which has one row per person, frame, sensor setting and function.
+
+Everything else that has such columns reads them here: Arrow and SQL tables, REST models and their examples, plot axes,
+selections, the index of an exported data set, and the labels of reports and of the dashboard. A new measure of a person
+is one entry here, the code that computes it, and a migration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from valerie.errors import UnknownName
+
+
+class ColumnType(StrEnum):
+    """Type of a column's values; all but `NAME` are names of Arrow types."""
+
+    NAME = "name"  # text of which few different values occur
+    TEXT = "string"
+    INT32 = "int32"
+    INT64 = "int64"
+    FLOAT = "float64"
+
+    @property
+    def python(self) -> type[str] | type[int] | type[float]:
+        """The Python type of one value."""
+        if self in (ColumnType.NAME, ColumnType.TEXT):
+            return str
+        return float if self is ColumnType.FLOAT else int
+
+
+class Source(StrEnum):
+    """Where the values of a column come from."""
+
+    FRAME = "frame"
+    """What the row is about: run, frame, sensor, person."""
+    PIXELS = "pixels"
+    """The ground truth of one picture; measured again where the sensor distorts."""
+    PLACE = "place"
+    """Where the person stands in front of the camera."""
+    LIGHT = "light"
+    """The annotation ``light``; empty in runs that did not ask for it."""
+    CONDITIONS = "conditions"
+    """The frame's time, light and weather."""
+    FUNCTION = "function"
+    """The function under test."""
+    PERSON_SCORE = "person score"
+    """What the function made of the person."""
+    FRAME_SCORE = "frame score"
+    """What the function made of the whole frame."""
+
+
+#: Sources that describe a person before any function looks.
+OF_PERSON: Final = (Source.PLACE, Source.PIXELS, Source.LIGHT)
+#: Sources that depend on the function under test.
+OF_FUNCTION: Final = (Source.FUNCTION, Source.PERSON_SCORE, Source.FRAME_SCORE)
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One column of the long table.
+
+    Attributes:
+        name: of the column, in every table.
+        type: of its values.
+        source: where the values come from.
+        title: for people, in lower case.
+        description: the definition, for people.
+        example: a value for documentation.
+        unit: shown after a number that was multiplied by ``scale``.
+        scale: from the column's unit to the shown one; rates are shown in per cent.
+        digits: decimals of a shown number.
+        required: whether every row of the long table has a value.
+        low, high: bounds of the values, in the column's unit; None: unbounded.
+        bin_width: width of the bins of pACC over this column, in the column's unit; None: the report does not plot it.
+    """
+
+    name: str
+    type: ColumnType
+    source: Source
+    title: str
+    description: str
+    example: str | int | float | None
+    unit: str = ""
+    scale: float = 1.0
+    digits: int = 0
+    required: bool = False
+    low: float | None = None
+    high: float | None = None
+    bin_width: float | None = None
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the values are numbers."""
+        return self.type.python is not str
+
+    def text(self, value: float) -> str:
+        """Return a value as people read it: ``17.09 m``, ``5.2 %``."""
+        return self._with_unit(f"{value * self.scale:,.{self.digits}f}")
+
+    def range_text(self, low: float, high: float) -> str:
+        """Return a range as people read it: ``25–30 m``."""
+        return self._with_unit(f"{low * self.scale:g}–{high * self.scale:g}")
+
+    def _with_unit(self, number: str) -> str:
+        return number + (self.unit if self.unit == "°" else f" {self.unit}" if self.unit else "")
+
+
+def _rate(
+    name: str, source: Source, title: str, description: str, example: float, bin_width: float | None = None
+) -> Measure:
+    """A share, 0…1 in tables and in per cent for people."""
+    return Measure(
+        name, ColumnType.FLOAT, source, title, description, example,
+        unit="%", scale=100.0, digits=1, low=0.0, high=1.0, bin_width=bin_width,
+    )  # fmt: skip
+
+
+def _angle(name: str, source: Source, title: str, description: str, example: float) -> Measure:
+    return Measure(name, ColumnType.FLOAT, source, title, description, example, unit="°", digits=1)
+
+
+def _count(
+    name: str, source: Source, title: str, description: str, example: int, *, unit: str = "", required: bool = False
+) -> Measure:
+    return Measure(name, ColumnType.INT64, source, title, description, example, unit=unit, required=required, low=0)
+
+
+def _label(
+    name: str, source: Source, title: str, description: str, example: str | None, *, required: bool = False
+) -> Measure:
+    return Measure(name, ColumnType.NAME, source, title, description, example, required=required)
+
+
+#: In the order of the long table.
+MEASURES: Final = (
+    _label("run_id", Source.FRAME, "run", "id of the run", "r1ng219w3v1ks", required=True),
+    Measure(
+        "variant_index", ColumnType.INT64, Source.FRAME, "variant", "index of the variant in the run's parameter space",
+        5, required=True,
+    ),
+    Measure(
+        "frame_id", ColumnType.TEXT, Source.FRAME, "frame", "id of the frame: run, variant, camera, time",
+        "r1ng219w3v1ks.5.0.0", required=True,
+    ),
+    _label("camera", Source.FRAME, "camera", "name of the camera", "camera-1", required=True),
+    _label("character", Source.FRAME, "pedestrian", "which pedestrian the person is", "yellow-shirt"),
+    _label("sensor", Source.FRAME, "sensor", "name of the sensor setting", "default", required=True),
+    _label(
+        "function", Source.FUNCTION, "function", "name of the function under test", "deeplabv3plus-small", required=True
+    ),
+    Measure(
+        "instance_id", ColumnType.INT32, Source.FRAME, "person",
+        "label id × 1000 + n; empty where the frame shows no person", 24001,
+    ),
+    Measure(
+        "distance_m", ColumnType.FLOAT, Source.PLACE, "distance",
+        "Euclidean distance from the optical centre to the point on the ground between the person's feet",
+        17.09, unit="m", digits=2, low=0.0, bin_width=5.0,
+    ),
+    Measure(
+        "depth_m", ColumnType.FLOAT, Source.PLACE, "depth",
+        "depth of the same point along the optical axis, negative behind the camera", 17.0, unit="m", digits=2,
+    ),
+    _angle(
+        "bearing_deg", Source.PLACE, "bearing",
+        "angle from the optical axis to the same point, −180…180, positive to the right", 4.6,
+    ),
+    _angle(
+        "aspect_deg", Source.PLACE, "aspect",
+        "heading of the person against the line of sight, −180…180: 0 faces the camera, ±180 shows the back", -1.9,
+    ),
+    _rate(
+        "occlusion_rate", Source.PIXELS, "occlusion",
+        "share of the person's pixels within the image that other objects hide: 1 − visible pixels / pixels of the "
+        "person rendered alone", 0.0519, bin_width=0.05,
+    ),
+    _rate("truncation_rate", Source.PIXELS, "truncation", "share of the person that lies beyond the image border", 0.0),
+    _count("pixel_area", Source.PIXELS, "pixel area", "visible pixels of the person", 2190, unit="pixels"),
+    Measure(
+        "pixel_area_percent", ColumnType.FLOAT, Source.PIXELS, "pixel area",
+        "visible pixels of the person as a share of all pixels of the image, in per cent",
+        0.4225, unit="% of the image", digits=3, low=0.0, high=100.0, bin_width=0.05,
+    ),
+    _count(
+        "pixel_area_amodal", Source.PIXELS, "amodal pixel area",
+        "pixels of the person rendered alone, within the image", 2310, unit="pixels",
+    ),
+    Measure(
+        "irradiance", ColumnType.FLOAT, Source.LIGHT, "light on the body",
+        "light that arrives on the visible body; 1 is a clear noon sun",
+        0.71, unit="of a clear noon sun", digits=2, low=0.0, bin_width=0.1,
+    ),
+    _rate(
+        "shadow_share", Source.LIGHT, "body in shadow",
+        "share of the visible body that lies in shadow; empty without a sun", 0.13, bin_width=0.1,
+    ),
+    Measure(
+        "contrast", ColumnType.FLOAT, Source.LIGHT, "contrast to the surroundings",
+        "Michelson contrast of the visible body to the ring of pixels around it, −1…1; negative for a darker body",
+        0.22, unit="Michelson", digits=2, low=-1.0, high=1.0, bin_width=0.1,
+    ),
+    Measure(
+        "time_s", ColumnType.FLOAT, Source.CONDITIONS, "time",
+        "time of the frame from the start of its sequence; 0 in a run without time",
+        0.0, unit="s", digits=2, bin_width=0.5,
+    ),
+    _angle(
+        "sun_azimuth_deg", Source.CONDITIONS, "sun azimuth",
+        "azimuth of the sun, clockwise from north, also where date and place give it", 140.0,
+    ),
+    _angle(
+        "sun_elevation_deg", Source.CONDITIONS, "sun elevation",
+        "elevation of the sun above the horizon, negative after sunset", 35.0,
+    ),
+    Measure(
+        "road_friction", ColumnType.FLOAT, Source.CONDITIONS, "road friction",
+        "peak friction coefficient of new tyres on this road in this weather, at 50 km/h", 0.85, digits=2, low=0.0,
+    ),
+    _count("tp", Source.PERSON_SCORE, "person pixels found", "pixels of the person that the function calls person", 1980,
+           required=True),
+    _count("fn", Source.PERSON_SCORE, "person pixels missed", "pixels of the person that the function calls something else",
+           210, required=True),
+    _rate(
+        "pacc", Source.PERSON_SCORE, "pACC",
+        "share of the person's visible pixels that the function calls person: tp / (tp + fn)", 0.9041,
+    ),
+    _label(
+        "undefined_reason", Source.PIXELS, "why pACC is undefined",
+        "why the person has no pACC: absent, outside the image or fully hidden; empty where pACC is defined", None,
+    ),
+    _rate(
+        "precision", Source.FRAME_SCORE, "precision",
+        "share of the pixels called person that belong to a person, of the whole frame; empty where none is called so",
+        0.8646,
+    ),
+    _rate(
+        "iou", Source.FRAME_SCORE, "IoU",
+        "intersection over union of the class person, of the whole frame; empty where neither truth nor function has it",
+        0.792,
+    ),
+    _rate(
+        "pixel_accuracy", Source.FRAME_SCORE, "pixel accuracy",
+        "share of the frame's labelled pixels that are right, over the classes that the function is judged by", 0.9413,
+    ),
+    _rate(
+        "miou", Source.FRAME_SCORE, "mIoU",
+        "mean IoU over the classes in the frame's truth that the function is judged by", 0.6122,
+    ),
+    _rate("fwiou", Source.FRAME_SCORE, "fwIoU", "the same, each class weighted by its pixels in the truth", 0.9011),
+    _rate(
+        "macc", Source.FRAME_SCORE, "mAcc",
+        "mean recall over the classes in the frame's truth that the function is judged by", 0.6904,
+    ),
+    _count("fp", Source.FRAME_SCORE, "false person pixels",
+           "pixels of the whole frame that are called person and belong to none; repeated in each of its rows", 310,
+           required=True),
+)  # fmt: skip
+_BY_NAME: Final = {measure.name: measure for measure in MEASURES}
+
+
+def measure_of(name: str) -> Measure:
+    """Return the measure of a column.
+
+    Raises:
+        UnknownName: no such column.
+    """
+    if name not in _BY_NAME:
+        raise UnknownName("column", name, _BY_NAME)
+    return _BY_NAME[name]
+
+
+def measures_from(*sources: Source) -> tuple[Measure, ...]:
+    """Return the measures from these sources, in the order of the long table."""
+    return tuple(measure for measure in MEASURES if measure.source in sources)
+
+
+def names_from(*sources: Source) -> tuple[str, ...]:
+    """Return the names of the measures from these sources, in the order of the long table."""
+    return tuple(measure.name for measure in measures_from(*sources))

@@ -1,0 +1,123 @@
+"""The pictures of one frame: what each is made of, and painting it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from valerie.db import results, runs
+from valerie.db.engine import reading
+from valerie.errors import Conflict, UnknownName
+from valerie.parameters.assignment import digest
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading.capture import Capture, capture_of
+from valerie.pipeline.reading.painting import (
+    ANNOTATION_KINDS,
+    FRAME_KINDS,
+    FUNCTION_KINDS,
+    PAINTING_REVISION,
+    FramePainter,
+)
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.selection import function_index, sensor_index
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.frames import FrameKey
+
+#: Kinds that show the ground truth alone, and the picture alone (a prediction apart).
+_OF_TRUTH: Final = ("truth", "instances", "depth")
+_OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
+
+
+@dataclass(frozen=True, slots=True)
+class PictureSource:
+    """What one picture is made of; all of it is stored.
+
+    Attributes:
+        kind: one of `valerie.pipeline.reading.painting.KINDS`.
+        capture: the frame and the sensor that sees it.
+        prediction: digest; None where no function looked.
+        annotation: digest, of a kind that shows one.
+    """
+
+    kind: str
+    capture: Capture
+    prediction: str | None
+    annotation: str | None = None
+
+    @property
+    def tag(self) -> str:
+        """32 hexadecimal characters that stand for the painted picture, known before it is painted."""
+        shown = self.prediction or self.annotation or ""
+        return digest("picture", PAINTING_REVISION, self.kind, self.capture.tag, shown)
+
+
+def find_picture(
+    context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
+) -> PictureSource:
+    """Find what a picture is made of.
+
+    Args:
+        context: of this process.
+        key: the frame.
+        kind: one of `valerie.pipeline.reading.painting.KINDS`.
+        function, sensor: as the spec calls them; None: the first.
+
+    Raises:
+        NotFound: no such run or frame.
+        UnknownName: no such function, sensor setting or annotation.
+        Conflict: what the picture needs is not made yet.
+    """
+    with reading(context.engine) as connection:
+        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
+        frame = results.frame(connection, key)
+        annotations = results.frame_annotations(connection, key)
+        evaluations = results.frame_evaluations(connection, key)
+        products = (frame.products.background, frame.products.layer, frame.products.truth)
+        states = {product: results.product(connection, product).state for product in products}
+    states |= {link.product: link.state for link in annotations.values()}
+    place = (sensor_index(sensor, resolved), function_index(function, resolved))
+    evaluation = next((row for row in evaluations if (row.sensor_index, row.function_index) == place), None)
+    capture = capture_of(resolved, frame, place[0])
+    needed = [states[product] for product in _needed(kind, capture)]
+    if kind in FUNCTION_KINDS and evaluation is not None:
+        needed.append(evaluation.prediction_state)
+    annotation = None
+    if kind in ANNOTATION_KINDS:
+        if kind not in annotations:
+            known = (*FRAME_KINDS, *FUNCTION_KINDS, *(name for name in annotations if name in ANNOTATION_KINDS))
+            raise UnknownName("kind of picture", kind, known, field="kind")
+        annotation = annotations[kind].product
+        needed.append(annotations[kind].state)
+    missing = [state for state in needed if state != "done"]
+    if missing:
+        raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")
+    return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
+
+
+def paint_picture(context: Context, source: PictureSource) -> NDArray[np.uint8]:
+    """Paint a picture: (H, W, 3) uint8 sRGB.
+
+    Raises:
+        UnknownName: no such kind, or it needs a function and the run has none.
+        MissingInput: an object is gone.
+    """
+    painter = FramePainter(ProductReader(context.store))
+    return painter.paint(
+        source.kind, capture=source.capture, prediction=source.prediction, annotation=source.annotation
+    )
+
+
+def _needed(kind: str, capture: Capture) -> tuple[str, ...]:
+    """Return the digests that a kind of picture is painted from, besides a prediction and an annotation."""
+    if kind in ("prediction", AnnotationKind.NORMALS):
+        return ()
+    products = capture.products
+    image, truth = (products.background, products.layer), (products.truth,)
+    moving = () if capture.velocity is None else (capture.velocity,)
+    if kind in _OF_TRUTH:
+        return (*truth, *moving)
+    return image if kind in _OF_IMAGE and not capture.setting.needs_depth else (*image, *truth, *moving)

@@ -1,0 +1,61 @@
+"""A frame: how it is named, and which products show it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from valerie.errors import InvalidInput
+
+#: A frame id, as a regular expression.
+FRAME_ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0-9]{1,6}$"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FrameKey:
+    """The name of a frame; its text, ``run.variant.camera.time``, is the frame id in URLs, tables and on the command line.
+
+    Attributes:
+        run_id: the run.
+        variant: index in the run's parameter space.
+        camera: index in the run's cameras.
+        time: index in the run's sequence.
+    """
+
+    run_id: str
+    variant: int
+    camera: int
+    time: int = 0
+
+    @classmethod
+    def parse(cls, text: str, *, field: str = "frame") -> FrameKey:
+        """Read a frame id.
+
+        Raises:
+            InvalidInput: not a frame id.
+        """
+        if re.fullmatch(FRAME_ID, text) is None:
+            raise InvalidInput("not a frame id", field=field, value=text, limit="run.variant.camera.time")
+        run_id, variant, camera, time = text.split(".")
+        return cls(run_id, int(variant), int(camera), int(time))
+
+    def __str__(self) -> str:
+        return f"{self.run_id}.{self.variant}.{self.camera}.{self.time}"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameProducts:
+    """The digests of the products that show a frame.
+
+    Attributes:
+        background: the image without movables.
+        layer: what the movables change in it.
+        truth: the ground truth.
+        velocity: the motion of every pixel; None where the run measures none.
+    """
+
+    background: str
+    layer: str
+    truth: str
+    velocity: str | None = None
