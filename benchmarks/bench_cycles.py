@@ -27,14 +27,14 @@ from benchmarks.cycles_parts import Parts
 from benchmarks.cycles_render import Studio
 from valerie import plugins
 from valerie.errors import ValerieError
-from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.shipped import FUNCTIONS
 from valerie.rendering.base import View
 from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.asset import SceneAsset, load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.settings import load_settings
 
 STEPS = ("render", "score", "reach")

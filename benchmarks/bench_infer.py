@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import results
-from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.shipped import FUNCTIONS
 
 #: The paper's pair, at output strides 8 and 32.
 LARGE = ("deeplabv3plus-r101c-os8", "semantic-fpn-r101c")
@@ -104,7 +104,7 @@ def render(folder: Path, width: int, height: int) -> None:
     from valerie import plugins
     from valerie.rendering.base import View
     from valerie.scene.assets.asset import load_asset
-    from valerie.scene.variation.applying import apply
+    from valerie.scene.variation.variant import apply
     from valerie.sensing.sensor import develop
     from valerie.sensing.settings import SensorSetting
 
@@ -138,9 +138,9 @@ def write(folder: Path, *networks: str) -> None:
 def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
     """In this process: seconds per frame after a first one, and the labels into the folder."""
     from valerie.errors import MissingDependency
-    from valerie.perception.catalog import file_document, function_path
     from valerie.perception.running.adaptation import plan
     from valerie.perception.running.opening import open_function
+    from valerie.perception.shipped import file_document, function_path
 
     pictures = np.load(folder / "pictures.npy")
     path = folder / f"{network}.safetensors" if network in LARGE else function_path(network)
@@ -191,9 +191,9 @@ def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.
     import torch
     from torch.nn import functional
 
-    from valerie.perception.catalog import file_document
-    from valerie.perception.importing.loaders import load_network
+    from valerie.perception.importing.network_weights import load_network
     from valerie.perception.running.adaptation import plan
+    from valerie.perception.shipped import file_document
 
     torch.set_num_threads(threads)
     taken = file_document(path.stem, path).input

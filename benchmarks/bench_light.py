@@ -24,7 +24,7 @@ from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 
 SKIES: Final[dict[str, Mapping[str, Value]]] = {
     "clear": {},

@@ -23,10 +23,10 @@ from benchmarks import results
 from tests.acceptance.system import System
 from valerie import plugins
 from valerie.parameters.definitions import Value
-from valerie.perception.catalog import FUNCTIONS
+from valerie.perception.shipped import FUNCTIONS
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 
 #: Frames that follow each other under one camera and sun, where the render worker's part is taken alone.

@@ -33,8 +33,8 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.base import GroundTruth, LinearImage, PersonTruth, View
 from valerie.scene.assets.asset import SceneAsset, load_asset
 from valerie.scene.graph.model import Scene
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.store import open_store
 

@@ -27,7 +27,7 @@ from valerie.errors import MissingDependency
 from valerie.labels import to_train_ids
 from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.instances import person_counts
-from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.perception.shipped import FUNCTIONS, load_function
 from valerie.rendering.annotations.boxes import measure_boxes
 from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
@@ -36,7 +36,7 @@ from valerie.rendering.person_light import measure_light
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.visibility import measure
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 from valerie.storage import codecs

@@ -21,8 +21,8 @@ from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.translation import Guided
 from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.graph.model import Scene
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
 #: Where pedestrians stand: metres across the street, and from the line of the cameras along it.

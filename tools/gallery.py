@@ -21,8 +21,9 @@ from valerie import plugins
 from valerie.errors import MissingDependency, RenderingError
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import Renderer, View
+from valerie.rendering.engine import EVERYTHING
 from valerie.scene.assets.asset import SceneAsset, load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 
@@ -150,7 +151,7 @@ def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[
 def refusal(engine: str, condition: Condition) -> str | None:
     """Why an engine cannot show a condition, as a spec that asked for it would be told; None if it can."""
     asked = {path.removeprefix("environment-1.") for path in condition.values if path.startswith("environment-1.")}
-    lacking = sorted(asked & plugins.WITHOUT.get(engine, frozenset()))
+    lacking = sorted(asked & (EVERYTHING - plugins.declared_engine(engine).shows))
     return f"{engine} has no {', '.join(lacking)}" if lacking else None
 
 
@@ -159,7 +160,7 @@ def column(engine_name: str, out: Path) -> list[Image.Image]:
     try:
         engine = plugins.create_renderer(engine_name, ENGINES[engine_name])
     except MissingDependency:
-        reason = f"{engine_name} is not installed; {plugins.ENGINE_HINTS[engine_name]}"
+        reason = f"{engine_name} is not installed; {plugins.declared_engine(engine_name).install_hint}"
         return [captioned(reason, TILE, f"{engine_name} · {condition.caption}") for condition in CONDITIONS]
     tiles = []
     try:

@@ -16,7 +16,7 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 

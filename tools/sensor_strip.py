@@ -21,7 +21,7 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.sensors import focal_length_mm
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.sensing.sensor import Shot, develop
 from valerie.sensing.settings import SensorSetting
 

@@ -1,7 +1,7 @@
 """The houses of a generated street that can be moved, turned and resized within limits, and the ways that they leave free.
 
 They belong to the background. Houses stand side by side, so most of what varies needs room first: a smaller house, or one farther
-back. What is in the way of what is decided by outlines (`valerie.scene.legality.moving`).
+back. What is in the way of what is decided by outlines (`valerie.scene.legality.mover_rules`).
 """
 
 from __future__ import annotations

@@ -247,7 +247,7 @@ class Client:
     def put_prediction(
         self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None
     ) -> bool:
-        """Bring the label map of a frame (PNG); whether it is new."""
+        """Upload the label map of a frame (PNG); return whether it is new."""
         parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
         path = f"/v1/frames/{quote(frame_id)}/prediction"
         headers = {"Content-Type": "image/png"}

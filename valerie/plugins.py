@@ -1,4 +1,4 @@
-"""What can be named in a spec, and the class behind each name, imported only when it is asked for.
+"""The things that a spec can name, and the class behind each name, imported only when it is asked for.
 
 Four kinds: render engines, functions under test, samplers, and asset packs (`valerie.scene.assets.asset`). Each has what is
 built in, and what installed packages declare as entry points, where the operator allows it (`valerie.entry_points`). Names come
@@ -9,47 +9,37 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from valerie.entry_points import PluginKind, installed, named_packages
-from valerie.errors import InvalidInput, InvalidInputs, UnknownName
+from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import FUNCTIONS, load_function
+from valerie.perception.shipped import FUNCTIONS, load_function
+from valerie.rendering.engine import Engine, EngineSettings
 from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of
 
 if TYPE_CHECKING:
-    from valerie.rendering.base import EngineSettings, Renderer
+    from valerie.rendering.base import Renderer
+    from valerie.rendering.truth import TruthMaker
 
 #: Accepted in specs only where the settings say so.
 TESTING_ENGINE: Final = "blank"
+#: Engines that are built in; all others come from packages.
+RENDERERS: Final = ("raster", "pyrender", "cycles")
 
-
-RENDERERS: Final = MappingProxyType(
-    {
-        "raster": "valerie.rendering.raster.renderer:RasterRenderer",
-        "pyrender": "valerie.rendering.pyrender_engine:PyrenderRenderer",
-        "cycles": "valerie.rendering.cycles.renderer:CyclesRenderer",
-    }
-)
-#: Engine to what a run that waits for it is told.
-ENGINE_HINTS: Final = MappingProxyType({"cycles": "`make cycles` installs it"})
-#: What an engine cannot show: name to the attributes of the environment that a spec with it may not name.
-_WEATHER: Final = frozenset({"cloud_cover", "visibility", "rain"})
-WITHOUT: Final = MappingProxyType({"pyrender": _WEATHER | {"street_lamps", "car_lamps"}})
-#: Engines that need the sun above the horizon.
-BY_DAY_ONLY: Final = frozenset({"pyrender"})
-#: Engines without cut-out textures.
-WHOLE_CARDS: Final = frozenset({"pyrender"})
 _RENDERERS: Final = PluginKind(
-    "renderer", "valerie.renderers", {**RENDERERS, TESTING_ENGINE: "valerie.testing.blank:BlankRenderer"}
-)
-_ENGINE_SETTINGS: Final = PluginKind(
-    "engine settings", "valerie.engine_settings", {"cycles": "valerie.rendering.cycles.settings:CyclesSettings"}
+    "renderer",
+    "valerie.renderers",
+    {
+        **{name: f"valerie.rendering.{name}.engine:ENGINE" for name in RENDERERS},
+        TESTING_ENGINE: "valerie.testing.blank:ENGINE",
+    },
 )
 _TRUTH_PASSES: Final = PluginKind(
     "truth pass",
@@ -59,15 +49,15 @@ _TRUTH_PASSES: Final = PluginKind(
 _FUNCTIONS: Final = PluginKind("function", "valerie.functions", {TESTING_ENGINE: "valerie.testing.blank:BlankFunction"})
 _SAMPLERS: Final = PluginKind("design", "valerie.samplers")
 
-
-_KINDS: Final = (_RENDERERS, _ENGINE_SETTINGS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
+_KINDS: Final = (_RENDERERS, _TRUTH_PASSES, _FUNCTIONS, _SAMPLERS, PACKS)
 
 
 def look_at_installed() -> tuple[str, ...]:
-    """Read once what installed packages declare, so that no request waits for it (some 50 ms).
+    """Read what installed packages declare, so that no request waits for it (some 50 ms).
 
     Returns:
-        What an operator may not expect, in sentences: packages that are installed and left out, or named and without plug-ins.
+        Sentences about what an operator may not expect: packages that are installed and left out, or named and without
+        plug-ins.
     """
     left_out: dict[str, list[str]] = {}
     for kind in _KINDS:
@@ -89,18 +79,18 @@ def look_at_installed() -> tuple[str, ...]:
 def unknown_name(
     word: Literal["renderer", "function", "design"], name: str, known: Iterable[str], *, field: str
 ) -> InvalidInput:
-    """The error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
+    """Return the error for a name in a spec that is not among ``known``: near matches, or which switch would allow it."""
     kind = next(kind for kind in _KINDS if kind.word == word)
     return kind.unknown(name, known, field=field)
 
 
 def renderer_names(*, testing: bool = False) -> tuple[str, ...]:
-    """All engines that a spec may name; none is imported."""
+    """Return all engines that a spec may name; none is imported."""
     return (*RENDERERS, *_RENDERERS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
 def require_renderer(name: str, *, field: str) -> None:
-    """Check a name.
+    """Check the name of an engine.
 
     Raises:
         UnknownName: no such engine.
@@ -122,6 +112,21 @@ def require_function(name: str, *, field: str) -> None:
         raise _FUNCTIONS.unknown(name, known, field=field)
 
 
+def declared_engine(name: str) -> Engine:
+    """Return what an engine declares about itself; none of its libraries is imported.
+
+    Raises:
+        UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
+    """
+    engine: Engine = _RENDERERS.load(name)
+    return engine
+
+
+def known_engine(name: str) -> Engine | None:
+    """Return what an engine declares, or None for one that is gone: a stored run outlives what was installed."""
+    return declared_engine(name) if name in _RENDERERS.names() else None
+
+
 def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Renderer:
     """Open an engine, with what a spec says of its settings.
 
@@ -129,67 +134,69 @@ def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Ren
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
         InvalidInputs: see `engine_settings`.
     """
-    engine = _RENDERERS.load(name)
-    chosen = engine_settings(name, settings or {})
-    renderer: Renderer = engine() if chosen is None else engine(chosen)
+    engine = declared_engine(name)
+    chosen = engine_settings(name, engine, settings or {})
+    module, _, attribute = engine.renderer.partition(":")
+    try:
+        opened = getattr(import_module(module), attribute)
+    except ImportError as error:
+        raise MissingDependency(f"the renderer {name!r} needs what is not installed: {error}") from error
+    renderer: Renderer = opened(chosen) if engine.has_settings else opened()
     return renderer
 
 
-def engine_settings(name: str, given: Mapping[str, Any]) -> EngineSettings | None:
-    """The settings of an engine; None for one that has none. The engine itself is not imported.
+def engine_settings(name: str, engine: Engine, given: Mapping[str, Any]) -> EngineSettings:
+    """Check the settings that a spec gives an engine.
 
     Raises:
         InvalidInputs: a setting that the engine does not have, or a value that it does not take, as ``renderer.samples``.
     """
-    if name not in _ENGINE_SETTINGS.names():
-        if given:
-            raise InvalidInputs(
-                [InvalidInput(f"the renderer {name!r} has no settings", field=f"renderer.{key}") for key in given]
-            )
-        return None
-    model = _ENGINE_SETTINGS.load(name)
+    model = engine.settings
+    if given and not engine.has_settings:
+        raise InvalidInputs(
+            [InvalidInput(f"the renderer {name!r} has no settings", field=f"renderer.{key}") for key in given]
+        )
     unknown = [key for key in given if key not in model.model_fields]
     if unknown:
         what = f"setting of {name}"
         raise InvalidInputs([UnknownName(what, key, model.model_fields, field=f"renderer.{key}") for key in unknown])
     try:
-        settings: EngineSettings = model.model_validate(dict(given))
+        return model.model_validate(dict(given))
     except ValidationError as error:
         raise InvalidInputs(
             [problem_of(detail, f"renderer.{detail['loc'][0]}") for detail in error.errors(include_url=False)]
         ) from None
-    return settings
-
-
-def engine_settings_models() -> dict[str, type[BaseModel]]:
-    """Built-in engine to the model of its settings."""
-    return {name: _ENGINE_SETTINGS.load(name) for name in _ENGINE_SETTINGS.built_in}
 
 
 def engine_inputs(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """All settings that an engine's pixels depend on; see `engine_settings`. Of an engine that is gone: what was given."""
-    settings = engine_settings(name, given) if name in _RENDERERS.names() else None
-    return dict(given) if settings is None else settings.inputs()
+    """Return all settings that an engine's pixels depend on; of an engine that is gone, what was given.
+
+    Raises:
+        InvalidInputs: see `engine_settings`.
+    """
+    engine = known_engine(name)
+    return dict(given) if engine is None else engine_settings(name, engine, given).inputs()
 
 
 def engine_cost(name: str, given: Mapping[str, Any]) -> float:
-    """CPU seconds of a picture relative to the engine's default settings."""
-    settings = engine_settings(name, given) if name in _RENDERERS.names() else None
-    return 1.0 if settings is None else settings.cost()
+    """Return the CPU seconds of a picture relative to the engine's default settings."""
+    engine = known_engine(name)
+    return 1.0 if engine is None else engine_settings(name, engine, given).cost()
 
 
-def create_truth_pass(numeric_class: str) -> Any:
+def create_truth_pass(numeric_class: str) -> TruthMaker:
     """Open the truth pass: one for all engines, but for the numeric class of the testing engine."""
-    return _TRUTH_PASSES.load(TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster")()
+    truth_pass: TruthMaker = _TRUTH_PASSES.load(light_engine(numeric_class))()
+    return truth_pass
 
 
 def light_engine(numeric_class: str) -> str:
-    """The engine that says what light arrives where, for all engines: as `create_truth_pass`."""
+    """Return the engine that knows what light arrives where, for all engines; it belongs to the truth pass."""
     return TESTING_ENGINE if numeric_class == TESTING_ENGINE else "raster"
 
 
 def function_names(*, testing: bool = False) -> tuple[str, ...]:
-    """All functions under test that a spec may name; neither torch nor a network is loaded."""
+    """Return all functions under test that a spec may name; neither torch nor a network is loaded."""
     return (*FUNCTIONS, *_FUNCTIONS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
@@ -208,6 +215,6 @@ def create_function(name: str, *, threads: int = 1, device: str = "auto") -> Per
 
 @lru_cache(maxsize=1)
 def samplers() -> Mapping[str, SamplerFactory]:
-    """Name to sampler of all designs that draw variants."""
+    """Return name to sampler of all designs that draw variants."""
     plugged: dict[str, SamplerFactory] = {name: _SAMPLERS.load(name) for name in _SAMPLERS.declared()}
     return MappingProxyType({**plugged, **SAMPLERS})

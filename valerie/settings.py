@@ -73,7 +73,7 @@ class Settings(BaseSettings):
     )
     function_cache_mb: int = Field(4_096, ge=1, description="files of functions that a machine keeps in data_dir")
     predictions_hours: float = Field(
-        168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for predictions that people bring"
+        168.0, gt=0, le=87_600, allow_inf_nan=False, description="a run waits so long for uploaded predictions"
     )
 
     # Plug-ins

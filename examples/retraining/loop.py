@@ -22,7 +22,7 @@ from rich.console import Console
 from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
 from valerie.cli.datasets import Lines
 from valerie.pipeline.base.context import Context, open_context
-from valerie.pipeline.functions.opening import open_reference
+from valerie.pipeline.functions.references import open_reference
 from valerie.pipeline.retraining.comparison import compare_versions
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain
 from valerie.pipeline.retraining.weakness import find_weakness

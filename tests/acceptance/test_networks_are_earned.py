@@ -15,10 +15,11 @@ from valerie.metrics.confusion import confusion_matrix
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import FUNCTIONS, function_card, load_function
+from valerie.perception.shipped import FUNCTIONS, function_card, load_function
 from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.retraining import training_scenes
-from valerie.pipeline.retraining.training_scenes import crowd_asset, draw_scene
+from valerie.pipeline.retraining.crowds import crowd_asset
+from valerie.pipeline.retraining.training_scenes import draw_scene
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import load_asset
 from valerie.sensing.sensor import develop

@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from valerie.rendering.base import LinearImage, Renderer
-from valerie.rendering.pyrender_engine import PyrenderRenderer
+from valerie.rendering.pyrender.renderer import PyrenderRenderer
 from valerie.rendering.raster.renderer import RasterRenderer
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.rendering import BEFORE_THE_SKY, BELOW, RendererContract, assert_in_step, from_below, truths
 

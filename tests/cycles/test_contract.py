@@ -14,7 +14,7 @@ from valerie.rendering.cycles.blender import BlenderHolder
 from valerie.rendering.cycles.reach import denoised_window, reached_rectangle
 from valerie.rendering.cycles.renderer import CyclesRenderer
 from valerie.rendering.cycles.settings import CyclesSettings
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.rendering import POSES, RendererContract, assert_same, assert_within_noise
 

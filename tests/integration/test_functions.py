@@ -38,8 +38,8 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
     onnx.with_suffix(".yaml").write_text("output: {classes: [road, person]}\nengine: onnxruntime\n")
     own = tmp_path / "own.json"
     own.write_text(json.dumps(spec(xs=2, ys=2, name="own")))
-    brought = tmp_path / "brought.yaml"
-    brought.write_text("name: brought\nkind: predictions\noutput: {classes: [road, person]}\n")
+    document = tmp_path / "uploads.yaml"
+    document.write_text("name: uploads\nkind: predictions\noutput: {classes: [road, person]}\n")
     with System(tmp_path / "data", tmp_path / "assets", infer_engines="onnxruntime/fp32") as system:
         first = system.submit(spec(xs=2, ys=2))
         assert system.wait(first) == "completed"  # the worker runs, and knows of no other function
@@ -54,8 +54,8 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
         assert {key.split("/")[1] for key in made} == {"prediction"}, "a run that adds a function only infers"
         assert {row["function"] for row in system.rows(run)} == {reference}
 
-        assert command(system, "function", "import", "--document", str(brought)).returncode == 0
-        run = system.submit(spec(xs=2, ys=2, name="brought", functions=["brought"]))
+        assert command(system, "function", "import", "--document", str(document)).returncode == 0
+        run = system.submit(spec(xs=2, ys=2, name="uploads", functions=["uploads"]))
         system.wait(run, until=lambda progress: "awaiting-predictions: 8" in (progress["reason"] or ""))
         frames, labels = tmp_path / "frames", tmp_path / "labels"
         exported = command(system, "frames", "export", run, str(frames))
@@ -64,6 +64,6 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
         for path in frames.glob("*.png"):
             (labels / path.name).write_bytes(encode_png(np.ones((36, 64), np.uint8)))
         put = command(system, "predictions", "put", run, str(labels))
-        assert put.stdout == "8 predictions brought, 0 were there, 0 refused\n", put.stderr
+        assert put.stdout == "8 predictions uploaded, 0 were there, 0 refused\n", put.stderr
         assert system.wait(run) == "completed"
         assert {row["pacc"] for row in system.rows(run)} - {None} == {1.0}, "everything was called a person"

@@ -6,22 +6,24 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from valerie.cli.main import app
 from valerie.labels import PERSON
-from valerie.perception.catalog import function_card
-from valerie.perception.training.__main__ import main
+from valerie.perception.shipped import function_card
 from valerie.perception.training.frame_folder import FrameFolder, write_index
+
+
+def train(*arguments: str) -> str:
+    return CliRunner().invoke(app, ["train", *arguments], catch_exceptions=False).output
 
 
 @pytest.mark.gl
 @pytest.mark.processes
-def test_a_street_is_rendered_and_learned_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_street_is_rendered_and_learned_from(tmp_path: Path) -> None:
     folder = tmp_path / "train"
-    assert (
-        main(["frames", str(folder), "--streets", "1", "--per-street", "4", "--size", "160x96", "--first-seed", "1030"])
-        == 0
-    )
-    assert "4 frames" in capsys.readouterr().out
+    small = ["--streets", "1", "--per-street", "4", "--size", "160x96", "--first-seed", "1030"]
+    assert "4 frames" in train("frames", str(folder), *small)
     frames = FrameFolder(folder)
     frames.verify()
     assert frames.street_seeds == {1030}
@@ -36,7 +38,7 @@ def test_a_street_is_rendered_and_learned_from(tmp_path: Path, capsys: pytest.Ca
     write_index(held_out, [shard], {"street-seeds": "900-900"})
     out = tmp_path / "semantic-fpn-small.safetensors"
     arguments = ["fit", "semantic-fpn-small", "--frames", str(folder), "--held-out", str(held_out), "--out", str(out)]
-    assert main([*arguments, "--steps", "2", "--batch", "2", "--precision", "fp32", "--device", "cpu"]) == 0
+    train(*arguments, "--steps", "2", "--batch", "2", "--precision", "fp32", "--device", "cpu")
     provenance = function_card("semantic-fpn-small", folder=tmp_path).provenance
     assert provenance["frames-digest"] == frames.digest
     assert provenance["frames-asset"] == "urban-street"

@@ -16,7 +16,7 @@ from valerie.db.migrate import migrate
 from valerie.db.processes import WorkerRow
 from valerie.db.products import Job
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import function_card
+from valerie.perception.shipped import function_card
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.submit import submit

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from valerie.labels import PERSON, VOID
-from valerie.perception.catalog import load_function
+from valerie.perception.shipped import load_function
 from valerie.perception.training.frame_folder import FrameFolder, Shard, TrainingFrame, write_index, write_shard
 from valerie.pipeline.retraining.training_frames import FrameSettings
 from valerie.settings import Settings

@@ -23,7 +23,6 @@ from valerie.loading import load_document
 from valerie.parameters.samplers import SamplerFactory
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
-from valerie.perception.training.__main__ import command_parser
 from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
 from valerie.runs.spec import parse, resolve
@@ -133,8 +132,6 @@ def test_named_options_of_commands_exist(document: Path) -> None:
     known = commands()
     for line in names_in(document.read_text("utf-8"), r"^valerie ([a-z][^\n#]*)"):
         words = line.split()
-        if words[0] == "train":
-            continue  # its options are of another parser: the next test
         command = known.get(tuple(words[:2]), known.get(tuple(words[:1])))
         assert command is not None, line
         options = {option for parameter in command.params for option in parameter.opts}
@@ -145,7 +142,8 @@ def test_named_options_of_commands_exist(document: Path) -> None:
 def test_commands_that_make_frames_and_networks_are_accepted_as_they_stand(document: Path) -> None:
     for block in blocks(document.read_text("utf-8"), "sh"):
         for line in re.findall(r"^valerie train ((?:frames|fit) [^\n#]+)", block.replace("\\\n", " "), re.MULTILINE):
-            command_parser("valerie train").parse_args(shlex.split(line))
+            name, *arguments = shlex.split(line)
+            commands()["train", name].make_context(name, arguments)
 
 
 @EVERY

@@ -3,6 +3,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,18 +11,40 @@ from tests.plugin_package import look_again, write_package
 from valerie import plugins
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS
-from valerie.perception.catalog import FUNCTIONS
-from valerie.runs.spec import parse, resolve
+from valerie.perception.shipped import FUNCTIONS
+from valerie.pipeline.base.pins import choose_pins
+from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 
 WITNESS = """
 from valerie.parameters.samplers.random import RandomSampler as Sampler
-from valerie.rendering.cycles.settings import CyclesSettings as Settings
 from valerie.testing.blank import BlankFunction as Function
-from valerie.testing.blank import BlankRenderer as Renderer
+"""
+ENGINE = """
+from valerie.rendering.engine import Ability, Engine, EngineSettings
+
+
+class Settings(EngineSettings):
+    samples: int = 8
+
+
+ENGINE = Engine(
+    "pictures:MyRenderer",
+    settings=Settings,
+    shows=frozenset({Ability.FOG}),
+    install_hint="`make mine` installs it",
+)
+"""
+PICTURES = """
+from valerie.testing.blank import BlankRenderer
+
+
+class MyRenderer(BlankRenderer):
+    def __init__(self, settings):
+        self.samples = settings.samples
 """
 OF_WITNESS = {
-    "valerie.renderers": {"mine": "witness:Renderer"},
+    "valerie.renderers": {"mine": "engine_of_mine:ENGINE"},
     "valerie.functions": {"my-function": "witness:Function"},
     "valerie.samplers": {"my_design": "witness:Sampler"},
 }
@@ -32,15 +55,21 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
     """Installs a package with plug-ins, and lets the operator name packages."""
 
     def made(
-        points: dict[str, dict[str, str]] = OF_WITNESS, *, package: str = "My_Package", allowed: str = "my-package"
+        points: dict[str, dict[str, str]] = OF_WITNESS,
+        *,
+        package: str = "My_Package",
+        allowed: str = "my-package",
+        witness: str = WITNESS,
     ) -> None:
-        folder = write_package(tmp_path / package, package, modules={"witness": WITNESS}, entry_points=points)
+        modules = {"witness": witness, "engine_of_mine": ENGINE, "pictures": PICTURES}
+        folder = write_package(tmp_path / package, package, modules=modules, entry_points=points)
         monkeypatch.syspath_prepend(str(folder))
         monkeypatch.setenv("VALERIE_PLUGINS", allowed)
         look_again()
 
     yield made
-    sys.modules.pop("witness", None)
+    for module in ("witness", "engine_of_mine", "pictures"):
+        sys.modules.pop(module, None)
     look_again()
 
 
@@ -71,8 +100,12 @@ def test_a_package_cannot_take_over_a_built_in_name(install) -> None:
     assert plugins.samplers()["sobol"] is SAMPLERS["sobol"]
 
 
-def test_a_missing_library_is_a_clear_error(install) -> None:
-    install({"valerie.renderers": {"mine": "no_such_package.engine:Engine"}})
+@pytest.mark.parametrize("engine", ["no_such_package.engine:ENGINE", "witness:ENGINE_WITHOUT_LIBRARY"])
+def test_a_missing_library_is_a_clear_error(install, engine: str) -> None:
+    declared = (
+        'from valerie.rendering.engine import Engine\nENGINE_WITHOUT_LIBRARY = Engine("no_such_package:Renderer")\n'
+    )
+    install({"valerie.renderers": {"mine": engine}}, witness=WITNESS + declared)
     with pytest.raises(MissingDependency, match="'mine' needs what is not installed"):
         plugins.create_renderer("mine")
 
@@ -91,7 +124,7 @@ def test_what_pictures_cost_follows_the_samples() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "message"),
+    ("name", "settings", "message"),
     [
         ("cycles", {"sample": 4}, r"renderer.sample: unknown setting of cycles 'sample'; did you mean samples"),
         ("cycles", {"samples": 0}, r"renderer.samples: .*got 0; limit: >= 1"),
@@ -100,14 +133,55 @@ def test_what_pictures_cost_follows_the_samples() -> None:
         ("raster", {"samples": 4}, r"renderer.samples: the renderer 'raster' has no settings"),
     ],
 )
-def test_a_wrong_setting_is_named_with_its_place(name: str, given: dict[str, object], message: str) -> None:
+def test_a_wrong_setting_is_named_with_its_place(name: str, settings: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInputs, match=message):
-        plugins.engine_settings(name, given)
+        plugins.engine_inputs(name, settings)
 
 
-def test_a_package_can_add_an_engine_with_settings(install) -> None:
-    install(OF_WITNESS | {"valerie.engine_settings": {"mine": "witness:Settings"}})
-    assert plugins.engine_inputs("mine", {"samples": 3})["samples"] == 3
+class TestAnEngineOfAPackage:
+    """It declares everything itself: settings, abilities, and how people get it."""
+
+    @pytest.fixture(autouse=True)
+    def _installed(self, install: Callable[..., None]) -> None:
+        install()
+
+    def run(self, **more: Any) -> ResolvedRun:
+        manifest, _ = asset_manifest("urban-street")
+        document = {
+            "name": "part",
+            "asset": "urban-street",
+            "renderer": "mine",
+            "functions": [],
+            "vary": {"person-1.pos.x": {"uniform": {"from": 0, "to": 5, "count": 2}}},
+            **more,
+        }
+        return resolve(parse(document), manifest, engines=plugins.renderer_names())
+
+    def test_is_made_with_its_settings(self) -> None:
+        renderer = plugins.create_renderer("mine", {"samples": 3})
+        assert vars(renderer) == {"samples": 3}
+        assert plugins.engine_inputs("mine", {}) == {"samples": 8}
+
+    def test_is_known_without_importing_what_makes_pictures(self) -> None:
+        self.run(renderer={"name": "mine", "samples": 2})
+        assert "engine_of_mine" in sys.modules
+        assert "pictures" not in sys.modules
+
+    def test_shows_what_it_declares(self) -> None:
+        assert self.run(constants={"environment-1.visibility": "200 m"}).spec.engine == "mine"
+
+    @pytest.mark.parametrize(("path", "value"), [("rain", 5), ("cloud_cover", 0.5), ("street_lamps", "on")])
+    def test_refuses_weather_and_lamps_that_it_does_not_declare(self, path: str, value: object) -> None:
+        with pytest.raises(InvalidInputs, match=r"the engine 'mine' cannot show it; .*limit: raster, cycles"):
+            self.run(constants={f"environment-1.{path}": value})
+
+    def test_without_nights_it_wants_the_sun_above_the_horizon(self) -> None:
+        with pytest.raises(InvalidInputs, match="elevation"):
+            self.run(constants={"sun-1.elevation": "-10 deg"})
+
+    def test_names_how_people_get_it_to_a_run_that_waits(self) -> None:
+        spec = {"renderer": "mine", "functions": []}
+        assert "'mine' (`make mine` installs it)" in str(choose_pins(spec, [], {})[1])
 
 
 class TestAPackageThatTheOperatorDoesNotName:
@@ -133,7 +207,7 @@ class TestAPackageThatTheOperatorDoesNotName:
         said = f"{word} {name}: offered by the package my-package, which VALERIE_PLUGINS does not name"
         with pytest.raises(InvalidInput, match=said):
             use()
-        assert "witness" not in sys.modules
+        assert not {"witness", "engine_of_mine"} & set(sys.modules)
 
     def test_is_told_in_every_place_of_a_spec(self) -> None:
         manifest, _ = asset_manifest("urban-street")
@@ -155,7 +229,7 @@ class TestAPackageThatTheOperatorDoesNotName:
         lines = str(caught.value).splitlines()
         for place in ("renderer: renderer mine", "functions.0: function my-function", "design: design my_design"):
             assert any(line.startswith(f"{place}: {offered}") for line in lines), lines
-        assert "witness" not in sys.modules
+        assert not {"witness", "engine_of_mine"} & set(sys.modules)
 
     def test_is_among_the_notices_for_operators(self) -> None:
         left_out, unused = plugins.look_at_installed()

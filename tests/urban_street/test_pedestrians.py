@@ -10,7 +10,7 @@ from urban_street.human.figure import Model
 from urban_street.pedestrians import PLACES, Crowd, persons
 from valerie.errors import InvalidInputs
 from valerie.scene.assets.asset import asset_manifest
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 
 
 def test_a_street_has_as_many_people_as_it_is_told() -> None:

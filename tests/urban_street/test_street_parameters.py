@@ -11,7 +11,7 @@ from valerie.parameters.definitions import ParameterDefinition, Value
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 
 MANIFEST = asset_manifest("urban-street")[0]
 #: What is absent has no parameters that count.

@@ -17,17 +17,17 @@ from urban_street.varied_houses import varied_houses
 from urban_street.vehicles.paints import PAINTS
 from valerie.labels import CITYSCAPES, VOID
 from valerie.parameters.definitions import ParameterType, Value
-from valerie.pipeline.retraining.training_scenes import crowd_asset
+from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.assembling import load_gltf
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
+from valerie.scene.assets.gltf_scene import load_gltf
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import JOINTS, Scene
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply, complete, split
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.traverse import traverse
+from valerie.scene.variation.variant import apply, complete, split
 from valerie.testing.scenes import assert_same_scene
 
 MANIFEST = asset_manifest("urban-street")[0]

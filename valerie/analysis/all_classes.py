@@ -7,16 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
-from valerie.labels import NUM_TRAIN_CLASSES, TRAIN_LABELS
+from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import class_counts, miou, pixel_accuracy
 from valerie.perception.base import judged_ids
-
-#: Up to so many classes are called by their names in a sentence.
-_NAMED: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +88,3 @@ def all_classes(
         classes=tuple(shown),
         judged_by=tuple(judged_by),
     )
-
-
-def classes_text(judged_by: Sequence[str]) -> str:
-    """`AllClasses.judged_by` in words: ``all classes``, ``person alone``, ``road, car and person``, ``12 of the 19 classes``."""
-    if len(judged_by) in (0, NUM_TRAIN_CLASSES):
-        return "all classes"
-    if len(judged_by) > _NAMED:
-        return f"{len(judged_by)} of the {NUM_TRAIN_CLASSES} classes"
-    *others, last = judged_by
-    return f"{', '.join(others)} and {last}" if others else f"{last} alone"

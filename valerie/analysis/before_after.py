@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,26 @@ class GroupComparison:
 
 
 @dataclass(frozen=True, slots=True)
+class Change:
+    """One thing that a later version does better or worse than the first.
+
+    Attributes:
+        kind: ``group`` of persons (mean pACC), ``class`` (pooled IoU), or ``score`` of the class person (pooled).
+        name: of the group, the class or the score.
+        before, after: of the first and the later version, in [0, 1].
+        step: their difference; above 0 the later version is better.
+        interval: 95 % interval of the difference; groups only.
+    """
+
+    kind: Literal["group", "class", "score"]
+    name: str
+    before: float | None
+    after: float | None
+    step: float
+    interval: Interval | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """All groups and classes.
 
@@ -98,38 +118,31 @@ class Comparison:
         """Whether all versions ran in one numeric class, as far as is known."""
         return len(set(self.numeric_classes)) < 2
 
-    def changes(self, version: int) -> tuple[list[str], list[str]]:
-        """(better, worse) in sentences for one later version; each with its numbers, the largest first.
+    def changes(self, version: int) -> tuple[Change, ...]:
+        """Return what became better or worse with one later version, the largest change first.
 
-        Of groups: where the interval of the difference leaves out 0. Of classes: where IoU moved by a point or more.
+        A group changed where the interval of its difference leaves out 0; a class or a score of the class person
+        changed where it moved by a percentage point or more.
         """
-        found: list[tuple[float, str]] = []
-        for group in self.groups:
-            difference, interval = group.differences[version - 1]
-            if interval is not None and (interval.low > 0 or interval.high < 0):
-                span = f"[{100 * interval.low:+.1f}, {100 * interval.high:+.1f}]"
-                text = f"{group.name}: mean pACC {_arrow(group, version)} ({100 * difference:+.1f} points, 95 % {span})"
-                found.append((difference, text))
+        changes = [
+            Change("group", group.name, group.sides[0].pacc_mean, group.sides[version].pacc_mean, step, interval)
+            for group in self.groups
+            for step, interval in (group.differences[version - 1],)
+            if interval is not None and (interval.low > 0 or interval.high < 0)
+        ]
         for name, sides in self.classes.items():
             before, after = sides[0][0] or 0.0, sides[version][0] or 0.0
-            if abs(after - before) >= _CLASS_STEP:
-                moved = f"{100 * before:.1f} → {100 * after:.1f} %"
-                found.append((after - before, f"class {name}: pooled IoU {moved}"))
+            changes.append(Change("class", name, before, after, after - before))
         whole = self.groups[0].sides
-        for name in ("precision_pooled", "iou_pooled"):
-            one, other = getattr(whole[0], name), getattr(whole[version], name)
-            if one is not None and other is not None and abs(other - one) >= _CLASS_STEP:
-                words = name.replace("_pooled", ", pooled")
-                found.append((other - one, f"person {words}: {100 * one:.1f} → {100 * other:.1f} %"))
-        found.sort(key=lambda item: -abs(item[0]))
-        return [text for step, text in found if step > 0], [text for step, text in found if step < 0]
+        for name in ("precision", "iou"):
+            one, other = (getattr(side, f"{name}_pooled") for side in (whole[0], whole[version]))
+            if one is not None and other is not None:
+                changes.append(Change("score", name, one, other, other - one))
+        clear = (change for change in changes if change.interval is not None or abs(change.step) >= _CLASS_STEP)
+        return tuple(sorted(clear, key=lambda change: -abs(change.step)))
 
     def as_document(self) -> dict[str, Any]:
-        """JSON values; for each later version also what got better and what got worse."""
-        verdicts = {}
-        for number, name in enumerate(self.versions[1:], start=1):
-            better, worse = self.changes(number)
-            verdicts[name] = {"better": better, "worse": worse}
+        """Return JSON values, with the changes of each later version."""
         return {
             "versions": list(self.versions),
             "numeric_classes": list(self.numeric_classes),
@@ -138,7 +151,10 @@ class Comparison:
             "groups": [asdict(group) for group in self.groups],
             "classes": {name: [list(side) for side in sides] for name, sides in self.classes.items()},
             "overall": {name: [list(side) for side in sides] for name, sides in self.overall.items()},
-            "changes": verdicts,
+            "changes": {
+                name: [asdict(change) for change in self.changes(number)]
+                for number, name in enumerate(self.versions[1:], start=1)
+            },
         }
 
 
@@ -267,11 +283,6 @@ def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np
         iou_pooled=_ratio(hit.sum(), (hit + false + missed).sum()),
         false_pixels=int(false.sum()),
     )
-
-
-def _arrow(group: GroupComparison, version: int) -> str:
-    before, after = group.sides[0].pacc_mean or 0.0, group.sides[version].pacc_mean or 0.0
-    return f"{100 * before:.1f} → {100 * after:.1f} %"
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:

@@ -11,8 +11,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.all_classes import classes_text
 from valerie.analysis.before_after import Comparison
+from valerie.analysis.wording import change_sentence, classes_text, numeric_classes_sentence, percent
 
 #: Okabe and Ito: told apart by everyone.
 _COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
@@ -31,7 +31,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     for group in comparison.groups:
         table.add_row(Text(group.name, style="bold"), f"{group.persons:,}")
         for number, (version, side) in enumerate(zip(comparison.versions, group.sides, strict=True)):
-            mean = _percent(side.pacc_mean)
+            mean = percent(side.pacc_mean)
             if number:
                 difference, interval = group.differences[number - 1]
                 span = f" [{100 * interval.low:+.0f}, {100 * interval.high:+.0f}]" if interval is not None else ""
@@ -40,10 +40,10 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
                 f"  {version}",
                 "",
                 mean,
-                _percent(side.pacc_pooled),
-                _percent(side.detected),
-                f"{_percent(side.precision_mean)} / {_percent(side.precision_pooled)}",
-                f"{_percent(side.iou_mean)} / {_percent(side.iou_pooled)}",
+                percent(side.pacc_pooled),
+                percent(side.detected),
+                f"{percent(side.precision_mean)} / {percent(side.precision_pooled)}",
+                f"{percent(side.iou_mean)} / {percent(side.iou_pooled)}",
                 f"{side.false_pixels:,}",
             )
     classes = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
@@ -52,11 +52,11 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     for version in comparison.versions:
         classes.add_column(version, justify="right")
     for name, sides in comparison.overall.items():
-        classes.add_row(name, *(f"{_percent(mean)} / {_percent(pooled)}" for mean, pooled in sides))
+        classes.add_row(name, *(f"{percent(mean)} / {percent(pooled)}" for mean, pooled in sides))
     classes.add_section()
     classes.add_row(Text("pooled IoU / recall", style="dim"))
     for name, sides in comparison.classes.items():
-        classes.add_row(name, *(f"{_percent(iou)} / {_percent(recall)}" for iou, recall in sides))
+        classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
     note = (
         "In per cent; differences of the mean pACC to the first version with 95 % intervals; precision and IoU are of the "
         "frames that show the group's persons: mean / pooled. Groups selected by the first version's own scores favour every "
@@ -64,26 +64,13 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     )
     parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
     if comparison.numeric_classes:
-        parts.append(Text(numeric_classes_text(comparison), style="dim" if comparison.alike else "bold"))
+        parts.append(Text(numeric_classes_sentence(comparison), style="dim" if comparison.alike else "bold"))
     for number, version in enumerate(comparison.versions[1:], start=1):
-        better, worse = comparison.changes(number)
-        for title, lines in (("better", better), ("worse", worse)):
+        for title, sign in (("better", 1), ("worse", -1)):
+            changes = [change_sentence(change) for change in comparison.changes(number) if sign * change.step > 0]
             parts.append(Text(f"\n{version}, {title}:", style="bold"))
-            parts += [Text(f"  {line}") for line in lines or [f"nothing is clearly {title}"]]
+            parts += [Text(f"  {line}") for line in changes or [f"nothing is clearly {title}"]]
     return Group(*parts)
-
-
-def numeric_classes_text(comparison: Comparison) -> str:
-    """In which numeric classes the versions ran, and what follows where these differ; empty where nobody knows."""
-    if not comparison.numeric_classes:
-        return ""
-    if comparison.alike:
-        return f"All ran as {comparison.numeric_classes[0]}."
-    ran = zip(comparison.versions, comparison.numeric_classes, strict=True)
-    return (
-        f"Numeric classes differ, so differences may be those of precision or engine: "
-        f"{'; '.join(f'{version} ran as {numeric_class}' for version, numeric_class in ran)}."
-    )
 
 
 def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
@@ -125,7 +112,7 @@ def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> N
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=12)
-    left.set_title(fill(numeric_classes_text(comparison), _CHARACTERS), loc="left", fontsize=8, color="#555555")
+    left.set_title(fill(numeric_classes_sentence(comparison), _CHARACTERS), loc="left", fontsize=8, color="#555555")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 
@@ -145,7 +132,3 @@ def _line(axes: object, place: int, values: list[float | None], pooled: list[flo
         other = None if pooled is None else pooled[number]
         if other is not None:
             axes.scatter(100 * other, place, facecolor="none", edgecolor=color, marker=marker, s=46, zorder=2)
-
-
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f}"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from valerie.analysis.frame_counts import present
 from valerie.analysis.summary import OCCLUDED
 from valerie.analysis.table import EvaluationTable, combine
+from valerie.analysis.trends import AXES
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +19,8 @@ class Example:
 
     Attributes:
         title: why it was chosen.
-        frame_id, sensor, camera, character: what it is.
-        time_s: when the frame was taken; None in a run of one moment.
-        distance_m, occlusion_rate, pixel_area_percent: of the person; None where undefined.
+        frame_id, sensor, camera, character: the person and the frame.
+        measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
         pacc: per function, 0…1.
     """
 
@@ -29,10 +29,7 @@ class Example:
     sensor: str
     camera: str
     character: str
-    time_s: float | None
-    distance_m: float | None
-    occlusion_rate: float | None
-    pixel_area_percent: float | None
+    measures: dict[str, float]
     pacc: dict[str, float]
 
 
@@ -74,18 +71,16 @@ def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
 
 
 def _example(table: EvaluationTable, title: str, rows: NDArray[np.int64]) -> Example:
-    found = table.arrow.take(rows).to_pylist()
-    row, times = found[0], table.numbers("time_s")
-    several = bool(np.any(times != times[0]))
+    people = table.arrow.take(rows).to_pylist()
+    person, times = people[0], table.numbers("time_s")
+    still = bool(np.all((times == times[0]) | np.isnan(times)))
+    shown = (axis.name for axis in AXES if not (still and axis.name == "time_s"))
     return Example(
         title=title,
-        frame_id=row["frame_id"],
-        sensor=row["sensor"],
-        camera=row["camera"],
-        character=row["character"] or "",
-        time_s=row["time_s"] if several else None,
-        distance_m=row["distance_m"],
-        occlusion_rate=row["occlusion_rate"],
-        pixel_area_percent=row["pixel_area_percent"],
-        pacc={r["function"]: r["pacc"] for r in found},
+        frame_id=person["frame_id"],
+        sensor=person["sensor"],
+        camera=person["camera"],
+        character=person["character"] or "",
+        measures={name: person[name] for name in shown if person[name] is not None},
+        pacc={row["function"]: row["pacc"] for row in people},
     )

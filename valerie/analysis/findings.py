@@ -14,10 +14,11 @@ from typing import Final
 import numpy as np
 from pydantic import TypeAdapter
 
-from valerie.analysis.comparisons import Comparison, FindingKind, compare_all, unpaired
+from valerie.analysis.comparisons import Comparison, FindingKind, compare_all, incomparable
 from valerie.analysis.intervals import Interval, Resampler, simultaneous
 from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
+from valerie.analysis.wording import finding_sentence, incomparable_sentence
 
 #: Joint confidence of all findings of a run.
 LEVEL: Final = 0.95
@@ -92,44 +93,48 @@ def find_findings(
         table: the run's evaluations.
         trends: its trends (their bins are compared).
         resampler: the run's bootstrap draws (made of ``table.situations``).
-        precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.unpaired`.
+        precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.incomparable`.
     """
     precisions = precisions or {}
-    made = tuple(compare_all(table, trends, resampler, precisions))
+    comparisons = tuple(compare_all(table, trends, resampler, precisions))
     draws = len(resampler.weights)
-    replicates = np.stack([c.replicates for c in made], axis=1) if made else np.zeros((draws, 0))
-    estimates, situations = np.array([c.estimate for c in made]), np.array([c.situations for c in made])
+    differences = [comparison.difference for comparison in comparisons]
+    replicates = np.stack([one.replicates for one in differences], axis=1) if differences else np.zeros((draws, 0))
+    estimates, situations = np.array([d.estimate for d in differences]), np.array([d.situations for d in differences])
     half, error = simultaneous(estimates, replicates, situations, level=LEVEL)
-    judged = zip(made, half.tolist(), error.tolist(), strict=True)
-    found = [_finding(comparison, h, e) for comparison, h, e in judged if _holds(comparison, h)]
-    found.sort(key=lambda finding: (-finding.evidence, finding.sentence))
-    apart = tuple(
-        f"{a} ({precisions.get(a, 'full precision')}) and {b} ({precisions.get(b, 'full precision')}) ran in unequal precisions "
-        "and are not held against each other."
-        for a, b in unpaired(table, precisions)
-    )
-    return Findings(_clearest(found), len(made), len(found), LEVEL, draws, resampler.seed, apart)
+    several = len(table.codes("sensor").names) > 1
+    findings = [
+        _finding(comparison, own_half, own_error, several_sensors=several)
+        for comparison, own_half, own_error in zip(comparisons, half.tolist(), error.tolist(), strict=True)
+        if _holds(comparison, own_half)
+    ]
+    findings.sort(key=lambda finding: (-finding.evidence, finding.sentence))
+    apart = tuple(incomparable_sentence(a, b, precisions) for a, b in incomparable(table, precisions))
+    return Findings(_clearest(findings), len(comparisons), len(findings), LEVEL, draws, resampler.seed, apart)
 
 
 def _holds(comparison: Comparison, half: float) -> bool:
-    """Whether the interval leaves out "no effect", in a direction that is worth saying."""
-    return abs(comparison.estimate) > half and (comparison.estimate > 0 or not comparison.upward_only)
+    """Return whether the interval leaves out 0, in a direction that is worth saying."""
+    estimate = comparison.difference.estimate
+    return abs(estimate) > half and (estimate > 0 or comparison.kind is not FindingKind.FALSE_POSITIVES)
 
 
-def _finding(comparison: Comparison, half: float, error: float) -> Finding:
-    effect = comparison.estimate
-    interval = f"95 % interval {100 * (abs(effect) - half):.1f} to {100 * (abs(effect) + half):.1f}"
+def _finding(comparison: Comparison, half: float, error: float, *, several_sensors: bool) -> Finding:
+    difference = comparison.difference
+    effect = difference.estimate
+    interval = Interval(effect - half, effect + half)
+    better = comparison.second.name if comparison.kind is FindingKind.FUNCTIONS and effect < 0 else comparison.function
     return Finding(
         kind=comparison.kind,
-        sentence=comparison.say(effect > 0, f"{100 * abs(effect):.1f} points", interval),
-        function=comparison.function if effect > 0 or not comparison.other else comparison.other,
+        sentence=finding_sentence(comparison, interval, several_sensors=several_sensors),
+        function=better,
         sensor=comparison.sensor,
         column=comparison.column,
         effect=effect,
-        interval=Interval(effect - half, effect + half),
+        interval=interval,
         evidence=abs(effect) / error,
-        n=comparison.n,
-        situations=comparison.situations,
+        n=difference.n,
+        situations=difference.situations,
     )
 
 

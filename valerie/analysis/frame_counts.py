@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -71,13 +70,6 @@ def settings(table: EvaluationTable) -> tuple[tuple[str, str], ...]:
     functions, sensors = table.codes("function"), table.codes("sensor")
     pairs = np.unique(functions.index * max(len(sensors.names), 1) + sensors.index)
     return tuple((functions.names[p // len(sensors.names)], sensors.names[p % len(sensors.names)]) for p in pairs)
-
-
-def setting_labels(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """What people read of each (function, sensor), in the order of ``pairs``: the sensor is told where there are several."""
-    found = dict.fromkeys(pairs)
-    several = len({sensor for _, sensor in found}) > 1
-    return {(function, sensor): f"{function} · sensor {sensor}" if several else function for function, sensor in found}
 
 
 def characters(table: EvaluationTable) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The values of a varied parameter as a few groups of rows that can be compared."""
+"""Groups of rows by the value of a varied parameter."""
 
 from __future__ import annotations
 
@@ -13,42 +13,53 @@ from numpy.typing import NDArray
 from valerie.analysis.binning import bin_edges
 from valerie.analysis.table import EvaluationTable
 
-#: Numbers with more distinct values than this are put into about so many bins.
+#: Numbers with more distinct values than this are put into about this many bins.
 MAX_LEVELS: Final = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
-    """The rows where a parameter has one value, or lies in [low, high).
+    """The rows in which a parameter has one value, or lies in [low, high).
 
     Attributes:
-        text: the value or the range, for people; without unit, but ° for an angle.
         rows: (N,) bool.
+        name: the value of a CATEGORICAL or BOOL parameter; empty for numbers.
+        low, high: the range, equal for a single number; None for a name.
+        unit: ``°`` for an angle, else empty.
     """
 
-    text: str
     rows: NDArray[np.bool_]
+    name: str = ""
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
 
 
 def levels_of(table: EvaluationTable, path: str) -> tuple[Level, ...]:
-    """The levels of a varied parameter in ascending order; rows without a value are in none, empty levels are left out."""
+    """Return the levels of a varied parameter in ascending order.
+
+    Empty levels are left out. A row without a value belongs to no level.
+    """
     kind = table.parameters[path]
     if kind == "CATEGORICAL":
         codes = table.codes(path)
-        return tuple(Level(name, codes.where(name)) for name in codes.names)
+        return tuple(Level(codes.where(name), name) for name in codes.names)
     values = table.numbers(path)
     known = np.unique(values[np.isfinite(values)])
+    if kind == "BOOL":
+        return tuple(Level(values == value, "true" if value else "false") for value in known.tolist())
     unit = "°" if kind == "ANGLE" else ""
     if len(known) <= MAX_LEVELS:
-        texts = ["false", "true"] if kind == "BOOL" else None
-        return tuple(Level(texts[int(v)] if texts else f"{v:g}{unit}", values == v) for v in known)
+        return tuple(Level(values == value, low=value, high=value, unit=unit) for value in known.tolist())
     edges = bin_edges(float(known[0]), float(known[-1]), _round_width(float(known[-1] - known[0]) / MAX_LEVELS))
-    place = np.digitize(values, edges) - 1  # of an empty value: beyond the last
-    found = [Level(f"{low:g}–{high:g}{unit}", place == k) for k, (low, high) in enumerate(pairwise(edges.tolist()))]
-    return tuple(level for level in found if level.rows.any())
+    place = np.digitize(values, edges) - 1  # an empty value lies beyond the last edge
+    levels = (
+        Level(place == k, low=low, high=high, unit=unit) for k, (low, high) in enumerate(pairwise(edges.tolist()))
+    )
+    return tuple(level for level in levels if level.rows.any())
 
 
 def _round_width(least: float) -> float:
-    """The smallest of 1, 2 and 5 · 10ᵏ that is not below ``least``."""
+    """Return the smallest of 1, 2 and 5 · 10ᵏ that is not below ``least``."""
     power = 10.0 ** math.floor(math.log10(least))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= least * (1 - 1e-9))

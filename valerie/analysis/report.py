@@ -1,39 +1,64 @@
-"""One self-contained HTML file: opens offline, asks for nothing, reads well on paper and without scripts.
+"""One self-contained HTML file: it opens offline, asks for nothing, and reads well on paper and without scripts.
 
 The page forbids itself every connection and every script but its own two (Content-Security-Policy with hashes). Plots
-are static pictures first; where scripts run, plotly draws the same numbers over them.
+are static pictures first; where scripts run, plotly draws the same numbers over them. The markup is in ``templates``.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import jinja2
 import orjson
+import yaml
+from markupsafe import Markup
 
-from valerie.analysis import sections
-from valerie.analysis.examples import choose_examples
-from valerie.analysis.frame_counts import characters, setting_labels, settings
-from valerie.analysis.html import Html, data_url, join, tag
-from valerie.analysis.panels import COMBINED_COLOR, Panel, make_panel, styles
+from valerie.analysis import wording
+from valerie.analysis.all_classes import AllClasses
+from valerie.analysis.examples import Example, choose_examples
+from valerie.analysis.frame_counts import ALL, characters, settings
+from valerie.analysis.panels import make_panel, styles
 from valerie.analysis.plots import plotly_figure, static_figure
-from valerie.analysis.reading import READING, STATEMENT
-from valerie.analysis.report_model import ReportInput
-from valerie.analysis.trends import AXES
+from valerie.analysis.report_model import PictureKind, ReportInput
+from valerie.analysis.summary import Summary
+from valerie.analysis.trends import AXES, Trend
 from valerie.errors import MissingDependency
-from valerie.measures import Measure
+from valerie.labels import TRAIN_LABELS
+from valerie.measures import Measure, measure_of
 from valerie.runs.moments import moment_text
+
+
+class _Plot(NamedTuple):
+    """One panel of a trend section; ``number`` is its place among the page's figures."""
+
+    title: str
+    number: int
+    picture: str
+    drawn: int
+    total: int
+    trends: tuple[Trend, ...]
+
+
+class _ClassRow(NamedTuple):
+    """One line of the table of all classes; shares and values are rates."""
+
+    name: str
+    share: float | None
+    values: tuple[float | None, ...]
 
 
 def build_report(source: ReportInput) -> str:
     """Write the report.
 
     Args:
-        source: everything that is shown.
+        source: everything that is shown; equal input gives equal bytes.
 
     Returns:
         A complete HTML document.
@@ -41,195 +66,143 @@ def build_report(source: ReportInput) -> str:
     Raises:
         MissingDependency: plotly or matplotlib is not installed.
     """
-    plotly, script, style = _plotly_source(), _own("report.js"), _own("report.css")
-    name = str(source.document.get("name") or source.provenance.run_id)
+    scripts = (_plotly_source(), _own("report.js"))
     figures: list[dict[str, Any]] = []
-    body = join(
-        _header(source, name),
-        tag(
-            "main",
-            _section("Summary", "summary", _summary(source)),
-            _section("Findings", "findings", sections.findings_list(source.findings)),
-            [_trend_section(source, axis, figures) for axis in AXES if _has(source, axis)],
-            _gallery(source),
-            _section(
-                "Where every frame went",
-                "accounting",
-                sections.accounting(
-                    variants=source.variants,
-                    frames=source.frames,
-                    rejections=source.rejections,
-                    failures=source.failures,
-                    summary=source.summary,
-                ),
-            ),
-            _section("How to read this", "reading", _reading()),
-            _section(
-                "Provenance",
-                "provenance",
-                join(sections.provenance_list(source.provenance), sections.spec_text(source.document)),
-            ),
-        ),
-        tag("footer", tag("p", STATEMENT)),
-    )
-    data = orjson.dumps(figures).decode().replace("<", "\\u003c")
+    names = characters(source.table)
+    plots = [(axis, list(_plots(source, axis, figures))) for axis in AXES if _drawn(source, axis)]
     policy = (
         "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
-        f"script-src {_hash(plotly)} {_hash(script)}"
+        f"script-src {' '.join(map(_hash, scripts))}"
     )
-    head = join(
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=policy),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name="referrer", content="no-referrer"),
-        tag("link", rel="icon", href="data:,"),
-        tag("title", f"{name} · VALERIE report"),
-        tag("style", Html(style)),
-    )
-    scripts = join(
-        tag("script", Html(data), type="application/json", id="figures"),
-        tag("script", Html(plotly)),
-        tag("script", Html(script)),
-    )
-    page = tag("html", tag("head", head), tag("body", body, scripts), lang="en")
-    return f"<!DOCTYPE html>\n{page}\n"
-
-
-def _header(source: ReportInput, name: str) -> Html:
-    facts, summary = source.provenance, source.summary
-    functions = len({row.function for row in summary.rows}) or len(facts.functions)
-    cameras = len(source.table.codes("camera").names)
-    finished = "still running" if facts.finished is None else f"finished {moment_text(facts.finished)}"
-    lead = (
-        f"{summary.frames:,} frames from {cameras} camera{'s' if cameras != 1 else ''}, seen by {functions} "
-        f"function{'s' if functions != 1 else ''}; {finished}."
-    )
-    links = [("summary", "Summary"), ("findings", "Findings")]
-    links += [(axis.name, axis.title.capitalize()) for axis in AXES if _has(source, axis)]
-    if source.picture is not None:
-        links.append(("examples", "Examples"))
-    links += [("accounting", "Frames"), ("reading", "Reading"), ("provenance", "Provenance")]
-    cells = [
-        ("Asset", facts.asset),
-        ("Renderer", facts.renderer),
-        ("Resolution", f"{facts.resolution[0]} × {facts.resolution[1]}"),
-        ("Seed", str(facts.seed)),
-        ("Spec digest", facts.spec_digest),
-        ("Functions", ", ".join(card.name for card in facts.functions)),
-    ]
-    return tag(
-        "header",
-        tag("p", "VALERIE validation report", class_="kicker"),
-        tag("h1", name),
-        tag("p", lead, class_="lead"),
-        tag("dl", [tag("div", tag("dt", key), tag("dd", value)) for key, value in cells], class_="card"),
-        tag("p", STATEMENT, class_="statement"),
-        tag("nav", [tag("a", text, href=f"#{anchor}") for anchor, text in links], aria_label="Sections"),
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            source=source,
+            summary=source.summary,
+            findings=source.findings,
+            name=str(source.document.get("name") or source.provenance.run_id),
+            cameras=len(source.table.codes("camera").names),
+            characters=names,
+            plots=plots,
+            examples=list(_examples(source)),
+            occlusion=wording.occlusion_sentence(source.summary.occlusion),
+            class_rows=_class_rows(source.summary.classes),
+            rejected=sum(source.rejections.values()),
+            rejections=[
+                f"{n:,} × {reason}" for reason, n in sorted(source.rejections.items(), key=lambda i: (-i[1], i[0]))
+            ],
+            undefined_pacc=_undefined(source.summary),
+            spec=yaml.safe_dump(dict(source.document), sort_keys=False, allow_unicode=True, width=100),
+            policy=policy,
+            style=Markup(_own("report.css")),  # noqa: S704  # the package's own files
+            scripts=[Markup(script) for script in scripts],  # noqa: S704
+            figures=Markup(orjson.dumps(figures).decode().replace("<", "\\u003c")),  # noqa: S704
+            styles=styles(names),
+        )
     )
 
 
-def _summary(source: ReportInput) -> Html:
-    summary = source.summary
-    if not summary.rows:
-        return tag("p", "No person was evaluated in this run.")
-    return join(
-        sections.summary_table(summary),
-        sections.occlusion_note(summary.occlusion),
-        sections.empty_table(summary.empty),
-        sections.classes_table(summary.classes),
+def data_url(data: bytes) -> str:
+    """Return a picture file as a data URL; its first bytes tell the type (PNG, JPEG, WebP)."""
+    if data.startswith(b"\x89PNG"):
+        kind = "png"
+    elif data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+        kind = "webp"
+    else:
+        kind = "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("valerie.analysis"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=_finalize,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    environment.filters |= {
+        "count": lambda number: f"{number:,}",
+        "percent": wording.percent,
+        "pedestrian": wording.pedestrian,
+        "reasons": wording.reasons_text,
+        "classes": wording.classes_text,
+        "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
+    }
+    environment.globals |= {
+        "labels": lambda rows: wording.setting_labels((row.function, row.sensor) for row in rows),
+        "measure_of": measure_of,
+        "moment_text": moment_text,
+    }
+    return environment
 
 
-def _has(source: ReportInput, axis: Measure) -> bool:
+def _finalize(value: object) -> object:
+    """Keep a per cent sign on the line of its number."""
+    return value.replace(" %", "\u00a0%") if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _drawn(source: ReportInput, axis: Measure) -> bool:
     return any(trend.column == axis.name for trend in source.trends.items)
 
 
-def _trend_section(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) -> Html:
-    cells = []
-    for (function, sensor), title in setting_labels(settings(source.table)).items():
+def _plots(source: ReportInput, axis: Measure, figures: list[dict[str, Any]]) -> Iterator[_Plot]:
+    """Draw pACC over one axis for each function and sensor, and add the interactive figures to ``figures``."""
+    for (function, sensor), title in wording.setting_labels(settings(source.table)).items():
         panel = make_panel(source.table, source.trends, axis.name, function, sensor, seed=source.trends.seed)
-        if not panel.total:
-            continue
-        trends = source.trends.of(axis.name, function, sensor)
-        cells.append(
-            tag(
-                "figure",
-                tag("figcaption", title, _share(panel)),
-                _plot(panel, title, figures),
-                sections.bins_table(trends, source.trends.threshold),
-                class_="panel",
-            )
-        )
-    title = f"pACC over {axis.title}"
-    return _section(title, axis.name, join(_legend(source), tag("div", cells, class_="panels")))
+        if panel.total:
+            figures.append(plotly_figure(panel))
+            trends = source.trends.of(axis.name, function, sensor)
+            picture = data_url(static_figure(panel))
+            yield _Plot(title, len(figures) - 1, picture, panel.drawn, panel.total, trends)
 
 
-def _share(panel: Panel) -> Html:
-    text = f"n = {panel.total:,}" if panel.drawn == panel.total else f"n = {panel.total:,}, {panel.drawn:,} drawn"
-    return tag("span", f" {text}", class_="interval")
-
-
-def _plot(panel: Panel, title: str, figures: list[dict[str, Any]]) -> Html:
-    figures.append(plotly_figure(panel))
-    picture = tag(
-        "img", src=data_url(static_figure(panel)), alt=f"{title}: pACC over {panel.axis.title}", class_="static"
-    )
-    return tag("div", picture, tag("div", class_="live"), class_="plot", data_figure=len(figures) - 1)
-
-
-def _legend(source: ReportInput) -> Html:
-    names = characters(source.table)
-    found = styles(names)
-    entries = [_key(name, _line(found[name].color, 2), _dot(found[name].color)) for name in names]
-    if len(names) > 1:
-        entries.append(_key("all together", _line(COMBINED_COLOR, 3)))
-    entries.append(_key("mean of a bin", _whisker(COMBINED_COLOR)))
-    text = "curve: polynomial, degree by cross-validation · band and whiskers: 95 %"
-    return tag("p", entries, tag("span", text, class_="interval"), class_="legend")
-
-
-def _key(text: str, *marks: Html) -> Html:
-    return tag("span", tag("svg", marks, viewBox="0 0 26 14", width=26, height=14, aria_hidden="true"), text)
-
-
-def _line(color: str, width: int) -> Html:
-    return tag("line", x1=1, x2=25, y1=7, y2=7, stroke=color, stroke_width=width)
-
-
-def _dot(color: str) -> Html:
-    return tag("circle", cx=13, cy=7, r=3.4, fill=color)
-
-
-def _whisker(color: str) -> Html:
-    line = tag("line", x1=13, x2=13, y1=0, y2=14, stroke=color, stroke_width=1.6)
-    return join(line, tag("rect", x=9.8, y=3.8, width=6.4, height=6.4, fill="#fff", stroke=color, stroke_width=1.6))
-
-
-def _gallery(source: ReportInput) -> Html:
+def _examples(source: ReportInput) -> Iterator[tuple[Example, list[tuple[str, str | None]]]]:
+    """Yield example frames with (caption, data URL) of their pictures; the URL is None where a picture is gone."""
     if source.picture is None:
-        return Html("")
-    examples = choose_examples(source.table)
-    if not examples:
-        return Html("")
-    functions = [function for function, _ in settings(source.table)]
-    shown = sections.gallery(examples, list(dict.fromkeys(functions)), source.picture)
-    return _section("Examples", "examples", shown)
+        return
+    for example in choose_examples(source.table):
+        picture = partial(source.picture, example.frame_id, sensor=example.sensor)
+        shots = [
+            ("picture", picture(PictureKind.PICTURE, function=None)),
+            ("truth", picture(PictureKind.TRUTH, function=None)),
+        ]
+        for function, pacc in sorted(example.pacc.items()):
+            caption = f"{function}: pACC {wording.percent(pacc)} %"
+            shots.append((caption, picture(PictureKind.PREDICTION, function=function)))
+        yield example, [(caption, None if data is None else data_url(data)) for caption, data in shots]
 
 
-def _reading() -> Html:
-    return tag("dl", [join(tag("dt", term), tag("dd", text)) for term, text in READING], class_="facts")
+def _class_rows(classes: Sequence[AllClasses]) -> list[_ClassRow]:
+    """Return IoU per class and function from pooled counts, then the two means."""
+    pixels = {scores.name: scores.pixels for one in classes for scores in one.classes}
+    ious = [{scores.name: scores.iou for scores in one.classes} for one in classes]
+    rows = [
+        _ClassRow(label.name, pixels[label.name] / sum(pixels.values()), tuple(own.get(label.name) for own in ious))
+        for label in TRAIN_LABELS
+        if label.name in pixels
+    ]
+    rows.append(_ClassRow("mean of these", None, tuple(one.miou_pooled for one in classes)))
+    rows.append(_ClassRow("mean of the frames' means", None, tuple(one.miou_mean for one in classes)))
+    return rows
 
 
-def _section(title: str, anchor: str, content: Html) -> Html:
-    return tag("section", tag("h2", title), content, id=anchor)
+def _undefined(summary: Summary) -> list[tuple[str, dict[str, int]]]:
+    """Return (function and sensor, reason to number) over all pedestrians together."""
+    labels = wording.setting_labels((row.function, row.sensor) for row in summary.rows)
+    together = any(row.character == ALL for row in summary.rows)
+    rows: Iterable[Any] = (row for row in summary.rows if row.character == ALL or not together)
+    return [(labels[row.function, row.sensor], row.undefined) for row in rows]
 
 
 def _own(name: str) -> str:
-    return (files("valerie.analysis") / name).read_text("utf-8")
+    return (files("valerie.analysis") / "templates" / name).read_text("utf-8")
 
 
 def _plotly_source() -> str:
-    """plotly.js as the installed package carries it; the package itself is not imported."""
+    """Return plotly.js as the installed package carries it; the package itself is not imported."""
     spec = find_spec("plotly")
     if spec is None or spec.origin is None:
         raise MissingDependency("the report needs plotly: install valerie[report]")

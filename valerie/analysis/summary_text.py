@@ -12,13 +12,11 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
-from valerie.analysis.all_classes import classes_text
 from valerie.analysis.findings import Findings
-from valerie.analysis.frame_counts import ALL, setting_labels
 from valerie.analysis.intervals import Interval
-from valerie.analysis.summary import OCCLUDED, Summary, SummaryRow
+from valerie.analysis.summary import Summary, SummaryRow
+from valerie.analysis.wording import classes_text, occlusion_sentence, pedestrian, percent, reasons_text, setting_labels
 
-_DASH = "–"
 #: What stands in a column, as `_cells` calls it → its title; {} is the threshold.
 _COLUMNS: Final = {
     "frames": "frames",
@@ -90,38 +88,29 @@ class _Rows:
                     table.add_section()
                 table.add_row(Text(who, style="bold"))
             cells = _cells(row)
-            table.add_row(_pedestrian(row), *(Text(cells[name]) for name in columns))
+            table.add_row(Text(f"  {pedestrian(row.character)}"), *(Text(cells[name]) for name in columns))
             previous = who
         return table
-
-
-def _pedestrian(row: SummaryRow) -> Text:
-    return Text("  " + ("all together" if row.character == ALL else row.character))
 
 
 def _cells(row: SummaryRow) -> dict[str, str]:
     """Column → what stands there."""
     return {
         "frames": f"{row.frames:,}",
-        "mean pACC": _percent(row.pacc_mean) + _within(row.pacc_mean_interval),
-        "min": _percent(row.pacc_min),
-        "max": _percent(row.pacc_max),
-        "pooled": _percent(row.pacc_pooled),
-        "detected": _percent(row.detection_rate) + _within(row.detection_interval),
-        "precision": f"{_percent(row.precision_mean)} / {_percent(row.precision_pooled)}",
-        "IoU": f"{_percent(row.iou_mean)} / {_percent(row.iou_pooled)}",
-        "undefined": ", ".join(f"{count} {reason}" for reason, count in row.undefined.items()) or "none",
+        "mean pACC": percent(row.pacc_mean) + _within(row.pacc_mean_interval),
+        "min": percent(row.pacc_min),
+        "max": percent(row.pacc_max),
+        "pooled": percent(row.pacc_pooled),
+        "detected": percent(row.detection_rate) + _within(row.detection_interval),
+        "precision": f"{percent(row.precision_mean)} / {percent(row.precision_pooled)}",
+        "IoU": f"{percent(row.iou_mean)} / {percent(row.iou_pooled)}",
+        "undefined": reasons_text(row.undefined),
     }
 
 
 def _notes(summary: Summary) -> list[str]:
     lines = ["In per cent; [95 % interval]; precision and IoU are of the frame: mean / from pooled counts."]
-    shares = [
-        f"{'all' if share.character == ALL else share.character} {_percent(share.share)} % of {share.persons:,}"
-        for share in summary.occlusion
-    ]
-    if shares:
-        lines.append(f"More than {100 * OCCLUDED:g} % occluded: {', '.join(shares)}.")
+    lines += [sentence] if (sentence := occlusion_sentence(summary.occlusion)) else []
     lines += [
         f"{e.function}: {e.with_false_positives:,} of {e.frames:,} frames without a person have person pixels."
         for e in summary.empty
@@ -129,17 +118,13 @@ def _notes(summary: Summary) -> list[str]:
     labels = setting_labels((one.function, one.sensor) for one in summary.classes)
     mious: dict[tuple[str, ...], list[str]] = defaultdict(list)
     for one in summary.classes:
-        text = f"{labels[one.function, one.sensor]} {_percent(one.miou_mean)} / {_percent(one.miou_pooled)}"
+        text = f"{labels[one.function, one.sensor]} {percent(one.miou_mean)} / {percent(one.miou_pooled)}"
         mious[one.judged_by].append(text)
     lines += [
         f"Mean IoU of {classes_text(judged_by)}, frame mean / pooled: {', '.join(texts)}."
         for judged_by, texts in mious.items()
     ]
     return lines
-
-
-def _percent(value: float | None) -> str:
-    return _DASH if value is None else f"{100 * value:.1f}"
 
 
 def _within(interval: Interval | None) -> str:

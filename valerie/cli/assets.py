@@ -94,7 +94,7 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
 
     Exits with 2 when a run with the asset would be refused or fail.
     """
-    from valerie.scene.assets.asset_files import MANIFEST_FILE
+    from valerie.scene.assets.asset_folder import MANIFEST_FILE
     from valerie.scene.checks import Severity, asset_findings, scene_findings
 
     folder = Path(asset) if "/" in asset else settings_of().asset_dir / asset
@@ -144,7 +144,7 @@ def convert(
     Needs Blender's environment (`make cycles`).
     """
     from valerie.rendering.cycles.conversion import convert_blend
-    from valerie.scene.assets.asset_files import MANIFEST_FILE
+    from valerie.scene.assets.asset_folder import MANIFEST_FILE
     from valerie.scene.checks.manifest_draft import draft_manifest
 
     try:

@@ -57,7 +57,8 @@ def export(
 
     The folder appears when it is complete; an interrupted export goes on when it is asked for again.
     """
-    from valerie.pipeline.export.datasets import FORMATS, ExportSettings, export_run
+    from valerie.pipeline.export.datasets import export_run
+    from valerie.pipeline.export.plan import FORMATS, ExportSettings
 
     for name in formats or ():
         if name not in FORMATS:

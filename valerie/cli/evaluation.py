@@ -48,7 +48,7 @@ def evaluate(
     from valerie.cli.datasets import Lines
     from valerie.cli.deployment import deployment_or_empty
     from valerie.datasets.cityscapes import CityscapesFolder
-    from valerie.pipeline.functions.opening import open_pinned, open_reference
+    from valerie.pipeline.functions.references import open_pinned, open_reference
     from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side
 
     folder = CityscapesFolder(dataset, split or _split(dataset))
@@ -99,7 +99,7 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     from rich.table import Table
     from rich.text import Text
 
-    from valerie.analysis.all_classes import classes_text
+    from valerie.analysis.wording import classes_text
     from valerie.labels import TRAIN_LABELS
 
     here = f"{result.root.name}/{result.split}"

@@ -75,7 +75,7 @@ def export(
     if missing:
         say("the same command fetches the rest when it is there")
     if run.reason is not None and run.reason.startswith(AWAITING):
-        say(f"bring label maps of the same names with: {command_name()} predictions put {run_id} LABELS")
+        say(f"upload label maps of the same names with: {command_name()} predictions put {run_id} LABELS")
 
 
 def annotation_names(text: str | None) -> tuple[str, ...] | None:

@@ -53,7 +53,7 @@ def import_(
     """Convert, check and register a function under test.
 
     Nothing in the file is run. Works here, or in the server that runs on the data
-    folder. Functions behind HTTP and brought predictions need only a document.
+    folder. Functions behind HTTP and uploaded predictions need only a document.
     """
     if file is None and document is None:
         raise InvalidInput("nothing to import", field="FILE", limit="a file, or --document SIDE.yaml, or both")
@@ -87,7 +87,7 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
     for one in found:
         offered = one["problem"] or ("yes" if one["numeric_classes"] else "no living worker")
         if one["kind"] == "predictions":
-            offered = "by whoever brings them"
+            offered = "by whoever uploads them"
         version = "installed" if one["version"] is None else str(one["version"])
         engine = "" if one["engine"] in ("", "none") else f"{one['engine']} {one['precision']}"
         digest = one["digest"][:_SHORT]

@@ -1,4 +1,4 @@
-"""Commands for predictions that people bring; `valerie.cli.frames` writes the frames that they are of."""
+"""Commands that upload predictions; `valerie.cli.frames` writes the frames that they are of."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def put(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Bring predictions for frames of a run; exits with 3 when some were refused."""
+    """Upload predictions for frames of a run; exits with 3 when some were refused."""
     from valerie.cli.connecting import client_of
     from valerie.client import ServerProblemError
 
@@ -51,6 +51,6 @@ def put(
                 refused += 1
                 if refused <= 10:
                     show_error(f"{path.name}: {error}")
-    typer.echo(f"{new:,} predictions brought, {there:,} were there, {refused:,} refused")
+    typer.echo(f"{new:,} predictions uploaded, {there:,} were there, {refused:,} refused")
     if refused:
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)

@@ -15,6 +15,7 @@ from valerie.errors import InvalidInput, NotFound
 if TYPE_CHECKING:
     from valerie.client import Client
     from valerie.pipeline.base.context import Context
+    from valerie.pipeline.functions.catalog import FunctionEntry
     from valerie.settings import Settings
 
 #: Of the document that lies beside a file and has its name.
@@ -62,12 +63,12 @@ class _Local:
     def functions(self) -> list[dict[str, Any]]:
         from valerie.pipeline.functions.catalog import functions
 
-        return functions(self._context)
+        return [_as_server_shows(entry) for entry in functions(self._context)]
 
     def function(self, reference: str) -> dict[str, Any]:
         from valerie.pipeline.functions.catalog import function
 
-        return function(self._context, reference)
+        return _as_server_shows(function(self._context, reference))
 
     def function_payload(self, reference: str) -> bytes:
         from valerie.db.engine import reading
@@ -86,17 +87,27 @@ class _Local:
         self, texts: dict[str, str], payload: Path | None, folder: Path
     ) -> tuple[dict[str, Any], bool]:
         from valerie.pipeline.functions.catalog import registered_function
-        from valerie.pipeline.functions.importing import Brought, import_function
+        from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
         from valerie.pipeline.functions.registry import register
 
         name = "" if payload is None else payload.name
         imported = import_function(
-            Brought(path=payload, filename=name, **texts),
+            ImportRequest(path=payload, filename=name, **texts),
             folder,
             self._context.settings,
         )
         registered, new = register(self._context, imported.document, imported.payload)
-        return {**registered_function(self._context, registered), "check": imported.check}, new
+        return _as_server_shows(registered_function(self._context, registered, imported.trial)), new
+
+
+def _as_server_shows(entry: FunctionEntry) -> dict[str, Any]:
+    """Return an entry of the catalog as the server answers it."""
+    from pydantic import TypeAdapter
+
+    from valerie.pipeline.functions.catalog import FunctionEntry
+
+    shown: dict[str, Any] = TypeAdapter(FunctionEntry).dump_python(entry, mode="json", exclude={"trial"})
+    return {**shown, "check": entry.check}
 
 
 @contextmanager
@@ -179,7 +190,7 @@ def functions_named(given: str, opening: Opening) -> list[str]:
         NotFound: no such file.
         ValerieError: what is wrong with a file.
     """
-    from valerie.pipeline.functions.importing import SUFFIXES
+    from valerie.pipeline.functions.guarded_import import SUFFIXES
 
     references = []
     for item in filter(None, (part.strip() for part in given.split(","))):

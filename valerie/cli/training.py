@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from valerie.cli import training_sets
 from valerie.cli.deployment import context_of
 from valerie.cli.shell import DataDir, InferenceThreads, Json, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from valerie.pipeline.retraining.weakness import Weakness
 
 app = typer.Typer(help="Train functions under test: on frames drawn anywhere, or where a run found them weak.")
-
-_PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+app.command()(training_sets.frames)
+app.command()(training_sets.fit)
 
 Threads = Annotated[int, typer.Option("--threads", min=1, help="torch's CPU threads.")]
 
@@ -125,22 +126,6 @@ def train(
     _show(comparison, as_json=as_json)
 
 
-@app.command(context_settings=_PASSED_ON, options_metavar="DIR [OPTIONS]")
-def frames(context: typer.Context) -> None:
-    """Render a training set: `valerie train frames DIR --streets 100`."""
-    from valerie.perception.training.__main__ import execute
-
-    execute(["frames", *context.args], program="valerie train")
-
-
-@app.command(context_settings=_PASSED_ON, options_metavar="ARCHITECTURE --frames DIR --held-out DIR --out FILE")
-def fit(context: typer.Context) -> None:
-    """Train one network from a folder of frames."""
-    from valerie.perception.training.__main__ import execute
-
-    execute(["fit", *context.args], program="valerie train")
-
-
 @app.command()
 def compare(
     run: Annotated[str, typer.Argument(metavar="RUN", help="The validation: its frames are looked at again.")],
@@ -197,7 +182,7 @@ def _compare(
     mixed: bool = False,
 ) -> Comparison:
     from valerie.cli.datasets import Lines
-    from valerie.pipeline.functions.opening import open_reference
+    from valerie.pipeline.functions.references import open_reference
     from valerie.pipeline.retraining.comparison import compare_versions
     from valerie.pipeline.retraining.weakness import selected_region
 

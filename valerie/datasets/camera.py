@@ -9,14 +9,42 @@ from 0, so the principal point of a centred camera is ((W − 1) / 2, (H − 1) 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TypedDict
 
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_angles
 
 
-def camera_document(camera: Camera, width: int, height: int) -> dict[str, Any]:
-    """``extrinsic`` (baseline, x, y, z in metres; yaw, pitch, roll in radians) and ``intrinsic`` (fx, fy, u0, v0 in pixels).
+class Extrinsic(TypedDict):
+    """Where a camera stands and looks: baseline, x, y, z in metres; yaw, pitch, roll in radians."""
+
+    baseline: float
+    x: float
+    y: float
+    z: float
+    yaw: float
+    pitch: float
+    roll: float
+
+
+class Intrinsic(TypedDict):
+    """The pinhole camera: focal lengths and principal point in pixels."""
+
+    fx: float
+    fy: float
+    u0: float
+    v0: float
+
+
+class CameraDocument(TypedDict):
+    """One ``camera`` file."""
+
+    extrinsic: Extrinsic
+    intrinsic: Intrinsic
+
+
+def camera_document(camera: Camera, width: int, height: int) -> CameraDocument:
+    """Return the document of a camera.
 
     Args:
         camera: in the world: z up, y along the street.

@@ -66,8 +66,8 @@ def write_labels(root: Path, split: str, frame: LabelledFrame, *, polygons: bool
     save_png(root / labels_path(split, frame.name, "color.png"), colorize(frame.class_map))
     if polygons:
         _write_json(root / labels_path(split, frame.name, "polygons.json"), polygons_document(frame.segment_ids))
-    if frame.camera:
-        _write_json(root / camera_path(split, frame.name), dict(frame.camera))
+    if frame.camera is not None:
+        _write_json(root / camera_path(split, frame.name), frame.camera)
 
 
 def write_prediction(root: Path, split: str, name: FrameName, function: str, train_ids: NDArray[np.uint8]) -> Path:

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from valerie.datasets.camera import CameraDocument
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, VOID
 from valerie.spelling import plain_name
@@ -71,7 +72,7 @@ class LabelledFrame:
         picture: (H, W, 3) uint8 sRGB.
         class_map: (H, W) uint8 Cityscapes label ids.
         instance_map: (H, W) uint16, label id × 1000 + n; 0 where there is no instance.
-        camera: Cityscapes' camera document (`valerie.datasets.camera`); empty where unknown.
+        camera: Cityscapes' camera document; None where unknown.
         amodal: instance id to (H, W) bool: all pixels that the person would cover alone, within the image.
         persons: instance id to what is known of the person (occlusion, distance …), for formats that carry it.
 
@@ -83,7 +84,7 @@ class LabelledFrame:
     picture: NDArray[np.uint8]
     class_map: NDArray[np.uint8]
     instance_map: NDArray[np.uint16]
-    camera: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    camera: CameraDocument | None = None
     amodal: Mapping[int, NDArray[np.bool_]] = field(default_factory=lambda: MappingProxyType({}))
     persons: Mapping[int, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
 

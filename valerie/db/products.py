@@ -30,7 +30,7 @@ from valerie.db.models import (
 from valerie.db.statements import UNFINISHED, WAITING, among, insert_ignoring, insert_rows
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.products import FailedInput, ProductError, Ready
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind, ProductState, RunState
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState, RunState
 
 READY_COLUMNS: Final = (Product.digest, Product.kind, Product.route, Product.cache_group)
 _INPUTS: Final = (Product.input_a, Product.input_b, Product.input_c)
@@ -74,7 +74,7 @@ def want(connection: Connection, wanted: Collection[Wanted], now: float) -> list
             continue
         if a in done and b in done and c in done:
             rows.append((digest, kind.value, route, group, a, b, c, "ready", 0, now))
-            if route != BROUGHT_ROUTE:
+            if route != UPLOADED_ROUTE:
                 ready.append(Ready(digest, kind, route, group))
         else:
             rows.append((digest, kind.value, route, group, a, b, c, "waiting", 0, None))
@@ -136,8 +136,8 @@ def _promote(connection: Connection, condition: ColumnElement[bool], now: float)
 
 
 def to_send(rows: Iterable[Row[str, ProductKind, str, str]]) -> list[Ready]:
-    """Return rows of `READY_COLUMNS` without the predictions that people bring: no worker serves them."""
-    return [ready for row in rows if (ready := Ready(*row)).route != BROUGHT_ROUTE]
+    """Return rows of `READY_COLUMNS` without predictions that are to be uploaded: no worker serves them."""
+    return [ready for row in rows if (ready := Ready(*row)).route != UPLOADED_ROUTE]
 
 
 @dataclass(frozen=True, slots=True)

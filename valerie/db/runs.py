@@ -16,7 +16,7 @@ from valerie.errors import Conflict, NotFound
 from valerie.runs.pins import Pins
 from valerie.runs.progress import Progress
 from valerie.runs.spec import RunSpec
-from valerie.runs.states import BROUGHT_ROUTE, ProductState, RunState
+from valerie.runs.states import UPLOADED_ROUTE, ProductState, RunState
 
 #: States of runs that have not ended.
 ACTIVE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED, RunState.FINISHING)
@@ -259,7 +259,7 @@ def linked_digests(connection: Connection, run_id: str, states: Collection[Produ
 
 
 def awaited(connection: Connection, run_id: str, function_index: int) -> list[str]:
-    """Return the digests of a function's predictions that can be brought: their frames are rendered."""
+    """Return the digests of a function's predictions that can be uploaded: their frames are rendered."""
     return list(
         connection.scalars(
             select(Product.digest)
@@ -271,7 +271,7 @@ def awaited(connection: Connection, run_id: str, function_index: int) -> list[st
 
 
 def awaited_count(connection: Connection, run_id: str) -> int:
-    """Return how many predictions of a run people have still to bring."""
+    """Return how many predictions of a run are still to be uploaded."""
     statement = (
         select(func.count(Product.digest.distinct()))
         .join(Evaluation, Evaluation.prediction == Product.digest)
@@ -280,7 +280,7 @@ def awaited_count(connection: Connection, run_id: str) -> int:
     return connection.scalar(statement) or 0
 
 
-_AWAITED: Final = (Product.state == ProductState.READY, Product.route == BROUGHT_ROUTE)
+_AWAITED: Final = (Product.state == ProductState.READY, Product.route == UPLOADED_ROUTE)
 
 
 def rejections(connection: Connection, run_id: str) -> dict[str, int]:

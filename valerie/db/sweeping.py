@@ -11,7 +11,7 @@ from valerie.db.models import Product
 from valerie.db.products import READY_COLUMNS, fail, fail_dependents, to_send
 from valerie.db.statements import UNFINISHED, among
 from valerie.runs.products import Fault, Ready
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind, ProductState
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
 
 
 class Unlinked(NamedTuple):
@@ -48,7 +48,7 @@ def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Re
             UNFINISHED,
             Product.state == ProductState.READY,
             Product.sent_at < before,
-            Product.route != BROUGHT_ROUTE,
+            Product.route != UPLOADED_ROUTE,
         )
         .limit(limit)
     )

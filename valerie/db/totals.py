@@ -10,10 +10,10 @@ from sqlalchemy import Connection, func, literal, select
 
 from valerie.db.models import Product
 from valerie.db.statements import ENDED, UNFINISHED, among
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind, ProductState
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
 
-#: Cache group of the evaluations of predictions that people bring.
-BROUGHT_GROUP: Final = "brought"
+#: Cache group of the evaluations of uploaded predictions.
+UPLOADED_GROUP: Final = "uploaded"
 
 
 class Backlog(NamedTuple):
@@ -59,11 +59,11 @@ class RecordedCost:
 def unfinished_count(connection: Connection) -> int:
     """Return how many products wait, are ready or run: what the feeding window bounds.
 
-    Predictions that people bring and their evaluations are left out: otherwise nobody could see all frames of a large run
-    before the first label maps came.
+    Uploaded predictions and their evaluations are left out: otherwise nobody could see all frames of a large run before the
+    first label maps came.
     """
-    brought = (Product.route == BROUGHT_ROUTE) | (Product.cache_group == BROUGHT_GROUP)
-    return connection.scalar(select(func.count()).select_from(Product).where(UNFINISHED, ~brought)) or 0
+    uploaded = (Product.route == UPLOADED_ROUTE) | (Product.cache_group == UPLOADED_GROUP)
+    return connection.scalar(select(func.count()).select_from(Product).where(UNFINISHED, ~uploaded)) or 0
 
 
 def backlog(connection: Connection) -> list[Backlog]:

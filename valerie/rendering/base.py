@@ -7,7 +7,7 @@ Engines return *only* the scene-referred linear image. Ground truth is one produ
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,9 +101,8 @@ class Renderer(Protocol):
     depend on anything movable; a black or constant image raises `RenderingError`. A path tracer, in which light reaches
     everywhere, keeps the second only up to its noise, and its contract test says so (`RendererContract.noisy`).
 
-    An engine may have settings (``renderer: {name: …, samples: 64}``): a class with the methods of `EngineSettings`, which
-    the plugin table names, and which the engine is then made with. One that computes in another process has a property
-    ``cpu_seconds_elsewhere``: CPU seconds used there so far.
+    An engine declares its settings and abilities in a `valerie.rendering.engine.Engine`, and is made with the settings where it
+    has any. One that computes in another process has a property ``cpu_seconds_elsewhere``: CPU seconds used there so far.
     """
 
     #: Name in specs and URLs.
@@ -130,18 +129,6 @@ class Renderer(Protocol):
 
     def close(self) -> None:
         """Free the context; the instance is unusable afterwards."""
-        ...
-
-
-class EngineSettings(Protocol):
-    """What a spec may say of an engine: a pydantic model, importable without the engine's libraries."""
-
-    def inputs(self) -> dict[str, Any]:
-        """All that the pixels depend on, with nothing left to defaults: part of every digest of the engine's products."""
-        ...
-
-    def cost(self) -> float:
-        """CPU seconds of a picture relative to the default settings, roughly."""
         ...
 
 

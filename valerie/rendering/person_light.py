@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +67,9 @@ class Received:
     sunny: bool
 
 
+@runtime_checkable
 class LightPass(Protocol):
-    """Who knows what light arrives where."""
+    """Knows what light arrives where."""
 
     def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
         """Light on what is seen in each of ``rectangles``, which lie in the image and are not empty."""

@@ -32,7 +32,7 @@ from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.sensors import Response, response, sensor_values
 from valerie.runs.states import ProductKind
-from valerie.scene.variation.applying import split
+from valerie.scene.variation.variant import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
 
 #: Raised by hand whenever equal predictions and truths give other counts.

@@ -51,8 +51,8 @@ class FunctionPin(FunctionOffer):
 
     Attributes:
         kind: kind of a registered function (see `valerie.perception.documents.function`); None for an installed one.
-        deadline_hours: time that the function's document gives people to bring its predictions; None: the deployment's.
-        deadline: Unix seconds until when predictions may be brought; None before the run starts, and for other kinds.
+        deadline_hours: time that the function's document gives for uploading its predictions; None: the deployment's.
+        deadline: Unix seconds until when predictions may be uploaded; None before the run starts, and for other kinds.
     """
 
     kind: str | None = None

@@ -108,7 +108,7 @@ class Progress(Document):
         reason: why it waits, is paused or failed.
         variants, frames: how much of the run has rows.
         stages: render counts frames; infer and eval count evaluations. Empty before the first count.
-        awaiting: predictions that people have still to bring.
+        awaiting: predictions that are still to be uploaded.
         updated_at: Unix seconds of the count; None before the first.
     """
 

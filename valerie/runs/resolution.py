@@ -15,15 +15,15 @@ from valerie.parameters.distributions import Distribution, Homogeneous, check_ra
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.parameters.space import ParameterSpace
 from valerie.parameters.units import is_quantity, to_unit
-from valerie.plugins import BY_DAY_ONLY, RENDERERS, WHOLE_CARDS, WITHOUT
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.engine import Ability, Engine
 from valerie.runs.documents import BlockDocument, DeclaredParameter, RunSpec
 from valerie.runs.motion import Times, resolve_times
 from valerie.runs.sensors import focal_length_path, needed_by
 from valerie.runs.varied import Varied
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.light.solar import ELEVATION, require_one_notation
 from valerie.scene.motion.trajectory import TIME_PATH
 
@@ -181,6 +181,7 @@ class _Resolver:
     problems: list[InvalidInput] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     times: Times = field(init=False)
+    _engine: Engine | None = field(init=False)
     _needs_velocity: bool = False
     _by_path: dict[str, ParameterDefinition] = field(default_factory=dict)
     #: Every name, of the asset and of the spec, and every path to its path.
@@ -190,13 +191,14 @@ class _Resolver:
 
     def __post_init__(self) -> None:
         self.times = resolve_times(self.spec, self.manifest, self.problems)
+        self._engine = plugins.known_engine(self.spec.engine)
 
     def definitions(self) -> tuple[ParameterDefinition, ...]:
         """The asset's declarations and those of time and trajectories, with the spec's own names and ranges in force."""
         of_time = () if self.times.motion is None else self.times.motion.parameters
         self._by_path = {definition.path: definition for definition in (*self.manifest.parameters, *of_time)}
         risen = self._by_path.get(ELEVATION)
-        if self.spec.engine in BY_DAY_ONLY and risen is not None and risen.minimum is not None:
+        if not self._shows(Ability.NIGHT) and risen is not None and risen.minimum is not None:
             self._by_path[ELEVATION] = risen.model_copy(update={"minimum": max(risen.minimum, 0.0)})
         self._paths = {definition.name: path for path, definition in self._by_path.items()}
         self._paths |= {path: path for path in self._by_path}
@@ -271,11 +273,22 @@ class _Resolver:
                 f"it follows the trajectory of {trajectory.name}; vary what the trajectory says",
                 field=place, value=name, limit=f"as {other.removeprefix(f'{ROOT}.')}",
             )  # fmt: skip
-        engine = self.spec.engine
-        if path.startswith(f"{ENVIRONMENT_PATH}.") and path.rpartition(".")[2] in WITHOUT.get(engine, ()):
-            others = ", ".join(other for other in RENDERERS if other not in WITHOUT)
-            raise InvalidInput(f"the engine {engine!r} shows no such weather", field=place, value=path, limit=others)
+        attribute = path.rpartition(".")[2]
+        if (
+            path.startswith(f"{ENVIRONMENT_PATH}.")
+            and attribute in set(Ability)
+            and not self._shows(Ability(attribute))
+        ):
+            engine, ability = self.spec.engine, Ability(attribute)
+            others = (name for name in plugins.RENDERERS if ability in plugins.declared_engine(name).shows)
+            raise InvalidInput(
+                f"the engine {engine!r} cannot show it", field=place, value=path, limit=", ".join(others)
+            )
         return path
+
+    def _shows(self, ability: Ability) -> bool:
+        """Return whether the run's engine can show something; one that is gone is not asked."""
+        return self._engine is None or ability in self._engine.shows
 
     def _number(self, written: Any, definition: ParameterDefinition, place: str) -> float:
         number, unit_given = to_unit(written, definition.unit, field=place)
@@ -481,7 +494,7 @@ class _Resolver:
                 f"{definition.name} is declared and not varied; it stays at {_shown(definition.default, definition)}"
             )
         self._look_at_times(used | constant)
-        if self.spec.engine in WHOLE_CARDS and (self.manifest.files or self.manifest.placed_files):
+        if not self._shows(Ability.CUT_OUTS) and (self.manifest.files or self.manifest.placed_files):
             self.warnings.append(
                 f"renderer {self.spec.engine}: it draws cut-out textures whole; where the asset's files have them (leaves, "
                 "fences), its images are out of step with the ground truth"

@@ -108,8 +108,11 @@ def _renderers() -> list[dict[str, Any]]:
     forms: list[dict[str, Any]] = [
         {"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}
     ]
-    for name, model in plugins.engine_settings_models().items():
-        schema = model.model_json_schema()
+    for name in plugins.RENDERERS:
+        engine = plugins.declared_engine(name)
+        if not engine.has_settings:
+            continue
+        schema = engine.settings.model_json_schema()
         _describe(schema)
         forms.append(
             {

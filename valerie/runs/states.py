@@ -89,8 +89,8 @@ class Stage(StrEnum):
     EVAL = "eval"
 
 
-#: Route of predictions that people bring (functions of kind ``predictions``): no worker serves it.
-BROUGHT_ROUTE: Final = "infer.brought"
+#: Route of uploaded predictions (functions of kind ``predictions``): no worker serves it, and no message is sent.
+UPLOADED_ROUTE: Final = "infer.uploaded"
 #: Queue of evaluation and finishing: integer counting gives the same result on every machine, so it has no numeric class.
 EVAL_QUEUE: Final = "eval"
 

@@ -16,8 +16,8 @@ from valerie.scene.assets.asset import AssetPack, SceneAsset, asset_manifest, as
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Mesh, Scene
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 from valerie.testing.scenes import assert_same_scene
 
 #: How many of a scene's textures are compared to the texel.

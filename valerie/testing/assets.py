@@ -1,4 +1,4 @@
-"""A tiny asset of boxes, built by hand, that tests of every stage can understand and calculate with.
+"""A tiny asset of boxes, simple enough for tests of every stage to calculate with.
 
 Everything is axis-aligned and of round numbers: a ground plane of 40 × 60 m at z = 0 (``road-1``), a building of
 4 × 6 × 8 m, a car of 1.8 × 4.2 × 1.4 m, two persons of 0.5 × 0.4 × 1.8 m, two cameras and the sun.
@@ -29,7 +29,7 @@ _COATS: Final = {"red-coat": (0.6, 0.05, 0.05), "blue-coat": (0.05, 0.05, 0.6)}
 
 
 def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float], material: str) -> Mesh:
-    """A box between two corners: 24 vertices with face normals, 12 triangles, each face with the whole texture."""
+    """Build a box between two corners: 24 vertices with face normals, 12 triangles, each face with the whole texture."""
     corners: list[list[float]] = []
     normals: list[list[float]] = []
     for axis in range(3):
@@ -54,7 +54,7 @@ def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float], 
 
 
 def _paving() -> NDArray[np.uint8]:
-    """(64, 64, 3) uint8: a grid of joints on grey, so that pictures of the ground are not constant."""
+    """Return (64, 64, 3) uint8: a grid of joints on grey, so that pictures of the ground are not constant."""
     image = np.full((64, 64, 3), 128, np.uint8)
     image[::8] = image[:, ::8] = (90, 88, 85)
     return image
@@ -76,9 +76,9 @@ def _person(path: str, *, shown: bool) -> list[Node]:
 
 
 def _parameters() -> tuple[ParameterDefinition, ...]:
-    found: list[ParameterDefinition] = []
+    parameters: list[ParameterDefinition] = []
     for path, (x, y, heading) in PERSON_PLACES.items():
-        found += [
+        parameters += [
             number(f"{path}.pos.x", -15, 15, x, Affects.GEOMETRY, "m"),
             number(f"{path}.pos.y", 0, 50, y, Affects.GEOMETRY, "m"),
             angle(f"{path}.heading", heading, Affects.GEOMETRY),
@@ -91,7 +91,7 @@ def _parameters() -> tuple[ParameterDefinition, ...]:
             number(f"{path}.cloth.metallic", 0, 1, 0.0, Affects.MATERIAL),
             number(f"{path}.cloth.roughness", 0, 1, 0.8, Affects.MATERIAL),
         ]
-    found += [
+    parameters += [
         angle("scene.sun-1.azimuth", 140.0, Affects.LIGHT),
         number("scene.sun-1.elevation", 5, 85, 45.0, Affects.LIGHT, "deg"),
         number("scene.sun-1.irradiance", 0, 2, 1.0, Affects.LIGHT),
@@ -100,11 +100,11 @@ def _parameters() -> tuple[ParameterDefinition, ...]:
         number("sensor.exposure_ev", -4, 4, 0.0, Affects.SENSOR_RADIOMETRY, "EV"),
         number("sensor.gamma", 0.5, 3, 1.0, Affects.SENSOR_RADIOMETRY),
     ]
-    return tuple(found)
+    return tuple(parameters)
 
 
 def simple_manifest() -> Manifest:
-    """The manifest of `simple_asset`."""
+    """Return the manifest of `simple_asset`."""
     return Manifest(
         name="simple",
         title="Boxes on a plane",
@@ -163,7 +163,7 @@ def simple_scene(manifest: Manifest) -> Scene:
 
 @lru_cache(maxsize=1)
 def simple_asset() -> SceneAsset:
-    """Ground, building, car, two persons (``red-coat``, ``blue-coat`` or ``absent``), two cameras and a sun.
+    """Return an asset with ground, building, car, two persons (``red-coat``, ``blue-coat`` or ``absent``), two cameras and a sun.
 
     ``person-1`` wears ``red-coat`` at (0, 10) and faces ``camera-1``, which stands at (0, −2, 1.5) and looks along +y;
     ``person-2`` is absent. From ``camera-1`` the car at (2, 8) hides places behind it.

@@ -18,10 +18,12 @@ from valerie.perception.base import FunctionCard
 from valerie.rendering.annotations.flow import FlowMap
 from valerie.rendering.annotations.normals import Normals
 from valerie.rendering.base import GroundTruth, Layer, LinearImage, PersonTruth, Rectangle, TruthLayer, View
+from valerie.rendering.engine import Engine
 from valerie.rendering.person_light import Received
 from valerie.scene.graph.model import Scene
 
 NAME: Final = "blank"
+ENGINE: Final = Engine("valerie.testing.blank:BlankRenderer")
 NUMERIC_CLASS: Final = "blank"
 #: Metres to everything.
 DEPTH: Final = 10.0
@@ -69,12 +71,12 @@ class BlankTruthPass:
     numeric_class = NUMERIC_CLASS
 
     def truth(self, scene: Scene, view: View) -> GroundTruth:
-        """See `valerie.rendering.ground_truth.TruthPass`."""
+        """See `valerie.rendering.truth.TruthMaker`."""
         statics, layer = self.parts(scene, view)
         return layer.over(statics)
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:  # noqa: ARG002
-        """See `valerie.rendering.ground_truth.TruthPass`."""
+        """See `valerie.rendering.truth.TruthMaker`."""
         square, size, number = _square(view), (view.height, view.width), instance_id(PERSON, 1)
         count = square.width * square.height
         mask = np.ones((square.height, square.width), np.bool_)
@@ -93,16 +95,19 @@ class BlankTruthPass:
         return statics, layer
 
     def normals(self, scene: Scene, view: View) -> Normals:  # noqa: ARG002
-        """See `valerie.rendering.ground_truth.TruthPass`: everything faces up."""
+        """See `valerie.rendering.truth.TruthMaker`: everything faces up."""
         return Normals.of(np.broadcast_to(np.array([0.0, 0.0, 1.0]), (view.height, view.width, 3)))
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
-        """See `valerie.rendering.ground_truth.TruthPass`: the square moves to the right by the metres that the person does."""
+        """See `valerie.rendering.truth.TruthMaker`: the square moves to the right by the metres that the person does."""
         return FlowMap(_sideways(truth, _first_x(then) - _first_x(now), view))
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
-        """See `valerie.rendering.ground_truth.TruthPass`: the same per second."""
+        """See `valerie.rendering.truth.TruthMaker`: the same per second."""
         return FlowMap(_sideways(truth, (_first_x(after) - _first_x(now)) / seconds, view))
+
+    def close(self) -> None:
+        """Nothing is held."""
 
 
 class BlankFunction:

@@ -18,7 +18,7 @@ from valerie.rendering.base import GroundTruth, LinearImage, Rectangle, Renderer
 from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.graph.model import Camera, Environment, Scene, Sun, Texture
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 #: Assignments of `simple_asset` in which movables stand free, hide, overlap, are cut by the border, are many, or are away.

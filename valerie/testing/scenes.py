@@ -1,4 +1,4 @@
-"""Comparing scenes to the bit."""
+"""Comparison of scenes to the bit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from valerie.scene.graph.model import Scene
 
 
 def assert_same_scene(one: Scene, other: Scene) -> None:
-    """Fail, naming the place, unless two scenes hold the same values in the same order, bit for bit."""
+    """Fail, and name the place, unless two scenes hold the same values in the same order, bit for bit."""
     assert list(one.nodes) == list(other.nodes), "other nodes, or another order"
     for path, node in one.nodes.items():
         twin = other.nodes[path]

@@ -50,7 +50,7 @@ function card(name, versions, open) {
 
 function offered(one) {
   if (one.problem) return h("span", { class: "chip bad" }, "cannot be used");
-  if (one.kind === "predictions") return h("span", { class: "chip" }, "brought by people");
+  if (one.kind === "predictions") return h("span", { class: "chip" }, "uploaded by people");
   return one.numeric_classes.length ? h("span", { class: "chip good" }, "offered") : h("span", { class: "chip wait" }, "no living worker");
 }
 

@@ -1,4 +1,4 @@
-"""Functions under test: register, list, read, remove; and predictions that people bring."""
+"""Functions under test: register, list, read, remove; and upload predictions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from services.api.upload import FormDependency
 from valerie.db.engine import reading
 from valerie.errors import NotFound, UnknownName
 from valerie.pipeline.functions import catalog, registry
-from valerie.pipeline.functions.importing import Brought, import_function
+from valerie.pipeline.functions.guarded_import import ImportRequest, import_function
 from valerie.pipeline.work.uploaded_predictions import put_prediction
 
 router = APIRouter(prefix="/v1", tags=["functions"])
@@ -81,7 +81,7 @@ async def _body(request: Request) -> bytes:
     response_description="registered; Location names this version",
 )
 def register(form: FormDependency, request: Request, response: Response, context: ContextDependency) -> FunctionDetail:
-    brought = Brought(
+    asked = ImportRequest(
         path=form.payload,
         filename="" if form.payload is None else form.payload.name,
         document=form.texts.get("document", ""),
@@ -90,13 +90,13 @@ def register(form: FormDependency, request: Request, response: Response, context
         precision=form.texts.get("precision"),
     )
     with _IMPORTS:
-        imported = import_function(brought, form.folder, context.settings)
+        imported = import_function(asked, form.folder, context.settings)
     registered, new = registry.register(context, imported.document, imported.payload)
     wake_control(request)
     response.headers["Location"] = f"/v1/functions/{registered.reference}"
     if not new:
         response.status_code = status.HTTP_200_OK
-    return FunctionDetail.model_validate({**catalog.registered_function(context, registered), "check": imported.check})
+    return FunctionDetail.model_validate(catalog.registered_function(context, registered, imported.trial))
 
 
 @router.get(
@@ -162,9 +162,9 @@ def remove(reference: Reference, context: ContextDependency) -> None:
         **problems(404, 409, 413, 422, 507),
         200: {"model": PredictionRead, "description": "the same label map was there already"},
     },
-    summary="Bring the prediction of a frame, for functions of kind predictions",
+    summary="Upload the prediction of a frame, for functions of kind predictions",
 )
-def bring(
+def upload(
     key: FrameDependency,
     request: Request,
     response: Response,

@@ -3,12 +3,11 @@ import json
 import numpy as np
 import pytest
 
-from valerie.analysis.all_classes import AllClasses, all_classes, classes_text
-from valerie.analysis.html import Html
-from valerie.analysis.sections import classes_table
+from valerie.analysis.all_classes import AllClasses, all_classes
 from valerie.analysis.summary import Summary, summarize
 from valerie.analysis.summary_text import summary_text
 from valerie.analysis.table import EvaluationTable
+from valerie.analysis.wording import classes_text
 from valerie.labels import PERSON
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import collection_scores
@@ -59,14 +58,6 @@ def test_the_text_names_both_averages(found: AllClasses) -> None:
     assert "Mean IoU of all classes, frame mean / pooled: net 60.0 / 59.1." in text
 
 
-def test_the_report_has_a_line_per_class(found: AllClasses) -> None:
-    markup = classes_table([found])
-    for part in ("All classes", "road", "71.43", "78.3", "person", "28.57", "40.0", "59.1", "60.0"):
-        assert part in markup
-    assert "sky" not in markup
-    assert classes_table([]) == Html("")
-
-
 def test_a_summary_keeps_them_through_json_and_older_ones_have_none(found: AllClasses) -> None:
     summary = summarize(EvaluationTable.from_rows([], {}), classes=[found])
     document = json.loads(json.dumps(summary.to_json()))
@@ -95,16 +86,6 @@ def test_the_text_keeps_means_of_unequal_classes_apart(found: AllClasses, person
     text = summary_text(summarize(EvaluationTable.from_rows([], {}), classes=[found, person_only]))
     assert "Mean IoU of all classes, frame mean / pooled: net 60.0 / 59.1." in text
     assert "Mean IoU of person alone, frame mean / pooled: person-or-not 80.0 / 80.0." in text
-
-
-def test_the_report_has_a_dash_for_a_class_that_a_function_is_not_judged_by(
-    found: AllClasses, person_only: AllClasses
-) -> None:
-    markup = classes_table([found, person_only])
-    assert "person-or-not is judged by person alone." in markup
-    row = markup[markup.index("road") :]
-    assert "–" in row[: row.index("</tr>")]
-    assert "judged by" not in classes_table([found])
 
 
 def test_judged_classes_survive_json(person_only: AllClasses) -> None:

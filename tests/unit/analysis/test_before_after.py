@@ -9,6 +9,7 @@ from rich.console import Console
 from valerie.analysis.before_after import Comparison, aligned, compare
 from valerie.analysis.before_after_drawing import comparison_renderable, draw_comparison
 from valerie.analysis.table import EvaluationTable
+from valerie.analysis.wording import change_sentence
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
 from valerie.measures import MEASURES
@@ -89,13 +90,15 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: Comparison) -> N
 
 
 def test_what_got_worse_is_said_as_plainly_as_what_got_better(comparison: Comparison) -> None:
-    better, worse = comparison.changes(1)
+    changes = comparison.changes(1)
+    better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
     assert any("distance 10–20 m: mean pACC 60.0 → 40.0 % (-20.0 points" in line for line in worse)
     assert any("class road: pooled IoU" in line for line in worse)
     assert any("person precision, pooled: 85.7 → " in line for line in worse)
-    document = comparison.as_document()
-    assert document["changes"]["new"]["worse"] == worse
+    assert [abs(one.step) for one in changes] == sorted((abs(one.step) for one in changes), reverse=True)
+    (document,) = comparison.as_document()["changes"].values()
+    assert [one["step"] for one in document] == [one.step for one in changes]
 
 
 def test_rows_are_matched_by_frame_and_person() -> None:

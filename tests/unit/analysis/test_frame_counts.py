@@ -1,4 +1,4 @@
-from valerie.analysis.frame_counts import setting_labels
+from valerie.analysis.wording import setting_labels
 
 
 def test_with_one_sensor_a_function_is_called_by_its_name_alone() -> None:

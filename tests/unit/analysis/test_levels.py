@@ -29,16 +29,19 @@ def of(synthetic):
 
 def test_few_values_are_levels_of_their_own(of):
     table = of(on=[True, False, True], heading=[90.0, 0.0, 90.0], colour=["red", "blue", "red"])
-    assert [level.text for level in levels_of(table, "scene.lamp.on")] == ["false", "true"]
-    assert [level.text for level in levels_of(table, "scene.a.heading")] == ["0°", "90°"]
-    assert [level.text for level in levels_of(table, "scene.a.colour")] == ["blue", "red"]
+    assert [level.name for level in levels_of(table, "scene.lamp.on")] == ["false", "true"]
+    assert [(level.low, level.high, level.unit) for level in levels_of(table, "scene.a.heading")] == [
+        (0.0, 0.0, "°"),
+        (90.0, 90.0, "°"),
+    ]
+    assert [level.name for level in levels_of(table, "scene.a.colour")] == ["blue", "red"]
     assert levels_of(table, "scene.a.heading")[1].rows.tolist() == [True, False, True]
 
 
 def test_many_numbers_are_put_into_a_few_round_ranges_that_hold_each_row_once(of):
     x = np.linspace(-2.0, 7.0, 50).tolist()
     levels = levels_of(of(x=x), "scene.a.pos.x")
-    assert [level.text for level in levels] == ["-2–0", "0–2", "2–4", "4–6", "6–8"]
+    assert [(level.low, level.high) for level in levels] == [(-2, 0), (0, 2), (2, 4), (4, 6), (6, 8)]
     assert len(levels) <= MAX_LEVELS
     assert np.sum([level.rows for level in levels], axis=0).tolist() == [1] * 50
 

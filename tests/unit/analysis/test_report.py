@@ -9,11 +9,12 @@ from html.parser import HTMLParser
 import pytest
 import yaml
 
+from valerie.analysis.all_classes import AllClasses, PooledClass
 from valerie.analysis.analyze import analyze
-from valerie.analysis.reading import STATEMENT
-from valerie.analysis.report import build_report
+from valerie.analysis.report import build_report, data_url
 from valerie.analysis.report_model import Failure, PictureKind, Provenance, ReportInput
 from valerie.analysis.table import EvaluationTable
+from valerie.measures import measure_of
 from valerie.perception.base import FunctionCard
 
 DOCUMENT = {"name": "First run", "asset": "urban-street", "seed": 7, "blocks": [{"design": "grid", "vary": ["ä: b"]}]}
@@ -98,7 +99,7 @@ def page(html):
 def test_the_page_is_well_formed_and_says_where_it_comes_from(page):
     facts = ("First run", "5b1e9f2e0d5c4b7a", "urban-street", "aa12bb34", "raster, revision 3", "llvmpipe-mesa-22.3.6")
 
-    for fact in (*facts, "ab" * 32, "2026-01-02 03:04 UTC", STATEMENT):
+    for fact in (*facts, "ab" * 32, "2026-01-02 03:04 UTC", "evidence to support a safety argument"):
         assert fact in page.words
 
 
@@ -222,3 +223,55 @@ def test_a_run_without_any_evaluation_still_has_a_report(source):
     assert "No person was evaluated in this run." in words
     assert "without any evaluation 902" in words
     assert "Too few persons or situations" in words
+
+
+def classes_of(function, iou, judged_by=()):
+    """Classes of a function: road on 100 pixels with the given IoU, person on 40 pixels with IoU 0.4."""
+    road = PooledClass("road", 100, iou, iou, iou)
+    return AllClasses(
+        function, "default", 3, 0.6, 0.5909, 0.9, (road, PooledClass("person", 40, 0.5, 0.5, 0.4)), judged_by
+    )
+
+
+def with_classes(source, *classes):
+    return Page(build_report(dataclasses.replace(source, summary=dataclasses.replace(source.summary, classes=classes))))
+
+
+def test_the_table_of_classes_has_a_line_per_class_and_both_means(source):
+    words = with_classes(source, classes_of("net", 0.783)).words
+
+    assert "road 71.43 78.3 person 28.57 40.0 mean of these 59.1 mean of the frames' means 60.0" in words
+    assert "judged by" not in words
+    assert "All classes" not in with_classes(source).words
+
+
+def test_a_class_that_a_function_is_not_judged_by_has_a_dash(source):
+    words = with_classes(source, classes_of("net", 0.783), classes_of("persons", None, ("person",))).words
+
+    assert "road 71.43 78.3 – person 28.57 40.0 40.0" in words
+    assert "persons is judged by person alone." in words
+
+
+def test_functions_that_were_not_compared_are_named_with_the_reason(source):
+    findings = dataclasses.replace(source.findings, unpaired=("a-net and b-net ran in different precisions.",))
+    page = Page(build_report(dataclasses.replace(source, findings=findings)))
+
+    assert "a-net and b-net ran in different precisions." in page.words
+
+
+def test_the_axes_that_are_plotted_are_defined(page):
+    for name in ("distance_m", "occlusion_rate", "pixel_area_percent"):
+        assert measure_of(name).description[1:] in page.words
+
+
+def test_a_per_cent_sign_stays_with_its_number(html):
+    body = html[html.index("<body>") : html.index("<script")]
+    assert "\u00a0%" in body
+    assert not re.search(r"\d %", body)
+
+
+@pytest.mark.parametrize(
+    ("start", "kind"), [(b"\x89PNG\r\n", "png"), (b"\xff\xd8\xff\xe0", "jpeg"), (b"RIFF0000WEBPVP8 ", "webp")]
+)
+def test_a_picture_states_its_type(start, kind):
+    assert data_url(start).startswith(f"data:image/{kind};base64,")

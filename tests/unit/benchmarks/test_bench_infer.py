@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from benchmarks.bench_infer import LARGE, MODES, eager, table
-from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.networks.architectures import ARCHITECTURES
 from valerie.perception.running.opening import open_function
+from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
-from valerie.scene.assets.asset_files import MANIFEST_FILE
+from valerie.scene.assets.asset_folder import MANIFEST_FILE
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import camera_transform

@@ -16,7 +16,7 @@ from valerie.db.products import Finished, Part, Wanted
 from valerie.db.statements import insert_ignoring
 from valerie.runs.frames import FrameKey, FrameProducts
 from valerie.runs.products import FailedInput, Fault
-from valerie.runs.states import BROUGHT_ROUTE, ProductKind
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rows import digest, product, write_run
@@ -152,8 +152,8 @@ class TestWant:
         assert [attempts_of(engine, name) for name in "blp"] == [0, 0, 0]
 
     def test_nobody_is_rung_for_what_people_bring(self, engine: Engine) -> None:
-        brought = Wanted(digest("p"), ProductKind.PREDICTION, BROUGHT_ROUTE, "g")
-        assert want(engine, [brought]) == []
+        uploaded = Wanted(digest("p"), ProductKind.PREDICTION, UPLOADED_ROUTE, "g")
+        assert want(engine, [uploaded]) == []
         assert state_of(engine, "p") == "ready"
 
 

@@ -20,7 +20,8 @@ from valerie.errors import Conflict, RenderingError, UnknownName
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
-from valerie.pipeline.export.datasets import ExportSettings, export_run
+from valerie.pipeline.export.datasets import export_run
+from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.annotation_files import key_points
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader

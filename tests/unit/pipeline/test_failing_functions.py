@@ -23,7 +23,7 @@ from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.functions import registry
-from valerie.pipeline.functions.source import FunctionSource
+from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.runs.pins import Offer
 from valerie.runs.states import Stage
 from valerie.storage.keys import run_key
@@ -112,13 +112,13 @@ def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
     book: list[str] = []
     opened: list[weakref.ref[Noted]] = []
 
-    def open_one(_: FunctionSource, name: str, pin: Mapping[str, Any]) -> Noted:
+    def open_one(_: FunctionLoader, name: str, pin: Mapping[str, Any]) -> Noted:
         assert all(one() is None for one in opened), "the one before still takes memory"
         function = Noted(name, book)
         opened.append(weakref.ref(function))
         return function
 
-    monkeypatch.setattr(FunctionSource, "open", open_one)
+    monkeypatch.setattr(FunctionLoader, "open", open_one)
     for number, name in enumerate(("one", "two")):
         text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
         registry.register(pipeline.context, parse_function(text), None)

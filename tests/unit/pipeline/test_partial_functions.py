@@ -90,7 +90,7 @@ def test_it_is_compared_with_others_by_what_it_knows(finished: tuple[Pipeline, s
         raise AssertionError(f"{reference} is stored")
 
     versions = ["blank", "person-or-not"]
-    with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as brought"):
+    with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as uploaded"):
         compare_versions(pipeline.context, run, versions, open_function=nothing)
     made = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
     assert made.judged_by == tuple(made.classes) == ("person",)

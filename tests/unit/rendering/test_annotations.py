@@ -16,7 +16,7 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.assets.asset import load_asset
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 320, 180)

@@ -13,7 +13,7 @@ from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl

@@ -15,7 +15,7 @@ from valerie.rendering.raster import renderer
 from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import AZIMUTHS, ELEVATIONS, EXPOSURE, sky_of
 from valerie.scene.graph.model import Node, Scene
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import box_mesh, simple_asset
 
 VIEW = View("camera-1", 320, 180)

@@ -13,7 +13,7 @@ from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.scene.assets.asset import SceneAsset, load_asset
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.rendering import assert_same
 
 pytestmark = pytest.mark.gl

@@ -9,7 +9,7 @@ from valerie.rendering.base import GroundTruth, PersonTruth, View
 from valerie.rendering.visibility import ABSENT, HIDDEN, OUTSIDE, measure, person_roots
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.transforms import place
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 VIEW = View("camera-1", 20, 10)

@@ -12,7 +12,7 @@ from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.runs.states import ProductKind
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 
 FUNCTIONS = ["deeplabv3plus-small", "semantic-fpn-small"]
 PLACES = {

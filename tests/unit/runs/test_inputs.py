@@ -8,7 +8,7 @@ from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.pins import Pins
 from valerie.runs.spec import parse, resolve
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.variation.applying import split
+from valerie.scene.variation.variant import split
 
 X = "scene.person-1.pos.x"
 FUNCTIONS = ["deeplabv3plus-small", "semantic-fpn-small"]

@@ -8,7 +8,7 @@ from valerie.labels import TRAIN_LABELS, VOID
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.class_maps import VOID_NAME
 from valerie.perception.documents.function import FunctionDocument, InputDocument, OutputDocument
-from valerie.perception.documents.options import OPTIONS, HttpOptions, PredictionsOptions
+from valerie.perception.documents.options import HttpOptions, PredictionsOptions
 
 Row = tuple[str, str]
 
@@ -87,7 +87,7 @@ def _normalisation(part: InputDocument) -> str:
 
 
 def _elsewhere(document: FunctionDocument) -> list[Row]:
-    options = OPTIONS[document.kind].model_validate(document.options)
+    options = document.options
     if isinstance(options, HttpOptions):
         limit = f"{options.timeout_s:g} s for a picture"
         return [("address", options.url), ("time limit", limit), ("version there", options.version)]

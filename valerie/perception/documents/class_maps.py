@@ -14,12 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.labels import BY_NAME, CITYSCAPES, TRAIN_LABELS, VOID
+from valerie.labels import BY_NAME, CITYSCAPES, PERSON, TRAIN_LABELS, VOID
 
 #: What a class is mapped to that shall count as no class at all.
 VOID_NAME: Final = "void"
 #: Ids of a function's classes are 0…254; 255 in its label map is void, as in Cityscapes.
 MAX_CLASSES: Final = 255
+
+#: Words in the class names of other data sets: of classes that are persons, and of riders, who are none.
+_PERSON_WORDS: Final = ("person", "pedestrian", "people", "human", "walker")
+_RIDER_WORDS: Final = ("rider", "cyclist")
 
 #: Lists of classes that need not be written out.
 CLASS_LISTS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -74,3 +78,29 @@ def class_lookup(classes: Sequence[str], class_map: Mapping[str, str], *, field:
         )
     table.setflags(write=False)
     return table
+
+
+def require_person(classes: Sequence[str], class_map: Mapping[str, str], *, field: str = "output") -> None:
+    """Refuse a function that can never predict a person: every run would score it 0 %.
+
+    Args:
+        classes, class_map, field: see `class_lookup`.
+
+    Raises:
+        InvalidInput: no class leads to ``person``; the limit shows the class map that would be right.
+    """
+    if PERSON.train_id in class_lookup(classes, class_map, field=field)[: len(classes)]:
+        return
+    persons = [
+        name
+        for name in classes
+        if any(word in name.lower() for word in _PERSON_WORDS)
+        and not any(word in name.lower() for word in _RIDER_WORDS)
+    ]
+    entries = ", ".join(f"{name}: person" for name in persons)
+    raise InvalidInput(
+        "no class of the function is a person, and persons are what runs measure",
+        field=f"{field}.class_map",
+        value=", ".join(classes[:8]),
+        limit=f"class_map: {{{entries}}}" if persons else "class_map: {NAME: person}, NAME being the class of persons",
+    )

@@ -17,6 +17,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    SerializeAsAny,
     StringConstraints,
     ValidationError,
     ValidationInfo,
@@ -225,7 +226,7 @@ class FunctionDocument(_Part):
     kind: Kind
     payload: Payload | None = None
     architecture: Annotated[str, StringConstraints(max_length=200)] = ""
-    options: dict[str, Any] = Field(default_factory=dict, validate_default=True)
+    options: SerializeAsAny[Options] = Field(default_factory=Options, validate_default=True)
     input: InputDocument = InputDocument()
     output: OutputDocument = OutputDocument()
     engine: Engine
@@ -255,13 +256,13 @@ class FunctionDocument(_Part):
             raise ValueError(f"kind {self.kind} needs an architecture")
         return self
 
-    @field_validator("options")
+    @field_validator("options", mode="before")
     @classmethod
-    def _known_options(cls, options: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+    def _options_of_kind(cls, options: object, info: ValidationInfo) -> object:
         kind = info.data.get("kind")
-        if kind is not None:
-            OPTIONS[kind].model_validate(options)
-        return options
+        if kind is None:  # which is an error of its own
+            return Options()
+        return OPTIONS[kind].model_validate(options.model_dump() if isinstance(options, Options) else options)
 
     @property
     def digest(self) -> str:
@@ -269,7 +270,9 @@ class FunctionDocument(_Part):
 
         Entries that have their default are left out, so that an entry which a later version adds changes no digest.
         """
-        return digest("function", _SCHEME, self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True))
+        entries = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
+        # Options that all have their defaults are an empty mapping here.
+        return digest("function", _SCHEME, {name: entry for name, entry in entries.items() if entry != {}})
 
     def card(self, *, digest: str | None = None, precision: str | None = None) -> FunctionCard:
         """The card of this function; ``precision`` is what an engine really runs in, once that is known."""

@@ -1,24 +1,24 @@
-"""What a kind of function has to say beyond what all kinds say."""
+"""The options of each kind of function, beyond the entries that all kinds have."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_validator
 
 from valerie.perception.documents.addresses import parse_url
 
 
 class Options(BaseModel):
-    """Of a kind that has none."""
+    """Options of a kind that has none of its own."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class OnnxOptions(Options):
-    """Of kind ``onnx``.
+    """Options of kind ``onnx``.
 
     Attributes:
         output: name of the network's output that holds the result; empty: the first.
@@ -28,23 +28,23 @@ class OnnxOptions(Options):
 
 
 class HuggingFaceOptions(Options):
-    """Of kind ``huggingface``.
+    """Options of kind ``huggingface``.
 
     Attributes:
         config: the folder's config.json.
     """
 
-    config: dict[str, Any]
+    config: dict[str, JsonValue]
 
 
 class HttpOptions(Options):
-    """Of kind ``http``.
+    """Options of kind ``http``.
 
     Attributes:
-        url: where to POST.
-        timeout_s: for the whole exchange, connection to last byte.
-        version: what the endpoint's ``Function-Version`` must say; empty: not looked at. It is part of the digest: a new
-            network behind the same address is a new function only if it says so.
+        url: address to POST pictures to.
+        timeout_s: seconds for the whole exchange, from the connection to the last byte.
+        version: required value of the endpoint's header ``Function-Version``; empty: any. It is part of the digest: a new
+            network behind the same address is a new function only if this changes.
     """
 
     url: Annotated[str, Field(min_length=1, max_length=2000)]
@@ -59,16 +59,16 @@ class HttpOptions(Options):
 
 
 class PredictionsOptions(Options):
-    """Of kind ``predictions``.
+    """Options of kind ``predictions``.
 
     Attributes:
-        deadline_hours: how long a run waits for its label maps; None: as long as the deployment says.
+        deadline_hours: time that a run waits for its label maps; None: the deployment's setting.
     """
 
     deadline_hours: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-#: Kinds to their options.
+#: Kind to the class of its options.
 OPTIONS: Final[Mapping[str, type[Options]]] = MappingProxyType(
     {
         "network": Options,

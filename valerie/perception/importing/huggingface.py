@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.documents.options import HuggingFaceOptions
 
 if TYPE_CHECKING:
     from torch import nn
@@ -84,6 +85,8 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
     import transformers
     from torch import nn
 
+    assert isinstance(document.options, HuggingFaceOptions), "the document's kind is huggingface"
+
     class Logits(nn.Module):
         def __init__(self, model: Any) -> None:
             super().__init__()
@@ -98,7 +101,7 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
     # from_pretrained reads folders alone; the names of the two files are fixed.
     with TemporaryDirectory(prefix="valerie-huggingface-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecations within the library
-        (Path(folder) / _CONFIG).write_text(json.dumps(document.options["config"]), "utf-8")
+        (Path(folder) / _CONFIG).write_text(json.dumps(document.options.config), "utf-8")
         (Path(folder) / _WEIGHTS).symlink_to(payload.absolute())
         try:
             model, report = transformers.AutoModelForSemanticSegmentation.from_pretrained(

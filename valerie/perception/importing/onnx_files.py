@@ -1,26 +1,26 @@
-"""Looks at an ONNX file from outside before any library opens it: one file, standard operators, nothing that loops.
+"""ONNX files from outside: one file, standard operators, nothing that loops, no tensor larger than its data.
 
-An ONNX file is data, but it can name other files, operators of other libraries, endless loops, and tensors far larger than
-itself. All of this is refused here, without the onnx package and without building the model in memory, so that the server
-that takes uploads needs neither. What remains, work and memory of a network that is merely large, is bounded where it runs.
-Field numbers: onnx/onnx.proto of ONNX (IR version 13).
+An ONNX file is data, but it can name other files, operators of other libraries and endless loops. An inference engine would
+follow all of these. `valerie.pipeline.functions.import_child` bounds memory and time while a file is parsed; the bounds of
+`valerie.pipeline.functions.bounded` hold while the network runs.
 """
 
 from __future__ import annotations
 
 import math
-import mmap
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import onnx
+from google.protobuf.message import DecodeError, Message
+
 from valerie.errors import InvalidInput, NotFound
-from valerie.perception.importing.wire import MalformedError, fields, varints
 
 #: Protobuf itself ends at 2 GB, and a network is held more than once while it is compiled.
 MAX_BYTES: Final = 1 << 30
 MAX_NODES: Final = 20_000
-#: Graphs within graphs (the branches of If).
+#: Depth of graphs within graphs (the branches of If).
 MAX_DEPTH: Final = 4
 
 _STANDARD: Final = ("", "ai.onnx")
@@ -28,201 +28,88 @@ _ENDLESS: Final = frozenset({"Loop", "Scan"})
 _RANDOM: Final = frozenset(
     {"RandomNormal", "RandomNormalLike", "RandomUniform", "RandomUniformLike", "Multinomial", "Bernoulli"}
 )
-_EXTERNAL: Final = 1
+#: The smallest elements have two bits: four of them share a byte.
+_ELEMENTS_PER_BYTE: Final = 4
 
 
-@dataclass(frozen=True, slots=True)
-class OnnxSummary:
-    """What a file says of itself.
+def read_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> onnx.ModelProto:
+    """Read an ONNX file and refuse what no function under test needs.
 
-    Attributes:
-        opset: version of the standard operators.
-        producer: what wrote it, e.g. ``pytorch 2.13.0``.
-        nodes: operators, those of inner graphs included.
-        inputs, outputs: name and lengths of the axes, None where free; inputs that have a value in the file are left out.
-    """
-
-    opset: int
-    producer: str
-    nodes: int
-    inputs: tuple[tuple[str, tuple[int | None, ...]], ...]
-    outputs: tuple[tuple[str, tuple[int | None, ...]], ...]
-
-
-def check_onnx(path: Path, *, max_bytes: int = MAX_BYTES) -> OnnxSummary:
-    """Refuse what no function under test needs.
+    Args:
+        path: the file.
+        max_bytes: larger files are refused unread.
 
     Raises:
-        NotFound: no such file.
-        InvalidInput: too large, not ONNX, data in other files, operators that are not standard or not reproducible, loops,
-            local functions, tensors whose stated size is not there, too many nodes.
+        NotFound: there is no such file.
+        InvalidInput: the file is too large or not ONNX, or it holds external data, local functions, a graph for training,
+            operators that are not standard, not reproducible or may never end, too many operators, or a tensor whose
+            stated size exceeds its data.
     """
+    field = path.name
     try:
         size = path.stat().st_size
         if size > max_bytes:
-            raise InvalidInput(
-                "the file is too large", field=path.name, value=f"{size} bytes", limit=f"{max_bytes} bytes"
-            )
+            raise InvalidInput("the file is too large", field=field, value=f"{size} bytes", limit=f"{max_bytes} bytes")
         if size == 0:
-            raise InvalidInput("the file is empty", field=path.name)
-        with path.open("rb") as stream:
-            # Closed when the last view of it is gone, which an error's traceback may hold.
-            mapped = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        return _Check(path.name).model(memoryview(mapped))
+            raise InvalidInput("the file is empty", field=field)
+        model = onnx.load_model_from_string(path.read_bytes(), format="protobuf")
     except FileNotFoundError:
-        raise NotFound("ONNX file", path.name) from None
+        raise NotFound("ONNX file", field) from None
+    except DecodeError as error:
+        raise InvalidInput(f"not an ONNX file ({error})", field=field) from None
+    if not model.HasField("graph") or operator_set(model) == 0:
+        raise InvalidInput("not an ONNX file (it holds no graph, or no version of operators)", field=field)
+    if model.training_info:
+        raise InvalidInput("the file holds a graph for training", field=field)
+    if model.functions:
+        hint = "inline them first: onnx.inliner.inline_local_functions"
+        raise InvalidInput(f"the file holds local functions; {hint}", field=field)
+    nodes = 0
+    for message in _messages(model.graph, field):
+        if isinstance(message, onnx.NodeProto):
+            nodes += 1
+            if nodes > MAX_NODES:
+                raise InvalidInput("too many operators", field=field, value=f"more than {MAX_NODES}", limit=MAX_NODES)
+            _require_plain_operator(message, field)
+        elif isinstance(message, onnx.TensorProto):
+            _require_own_data(message, field)
+    return model
 
 
-class _Check:
-    def __init__(self, field: str) -> None:
-        self._field = field
-        self._nodes = 0
-
-    def model(self, message: memoryview) -> OnnxSummary:
-        """ModelProto."""
-        try:
-            return self._model(message)
-        except (MalformedError, UnicodeDecodeError) as error:
-            raise InvalidInput(f"not an ONNX file ({error})", field=self._field) from None
-
-    def _model(self, message: memoryview) -> OnnxSummary:
-        opset, producer, version = 0, "", ""
-        graph: memoryview | None = None
-        for number, _, data in fields(message):
-            match number:
-                case 2:
-                    producer = _text(data)
-                case 3:
-                    version = _text(data)
-                case 7:
-                    graph = data
-                case 8:
-                    opset = max(opset, self._opset(data))
-                case 20:
-                    raise self._refused("holds a graph for training")
-                case 25:
-                    raise self._refused("holds local functions; inline them first: onnx.inliner.inline_local_functions")
-        if graph is None or not opset:
-            raise MalformedError("it holds no graph, or no version of operators")
-        inputs, outputs = self._graph(graph, 1)
-        return OnnxSummary(opset, f"{producer} {version}".strip()[:200], self._nodes, inputs, outputs)
-
-    def _opset(self, message: memoryview) -> int:
-        domain, version = "", 0
-        for number, value, data in fields(message):
-            if number == 1:
-                domain = _text(data)
-            elif number == 2:
-                version = value
-        # A foreign domain that no node uses does no harm; nodes are looked at one by one.
-        return version if domain in _STANDARD else 0
-
-    def _graph(
-        self, message: memoryview, depth: int
-    ) -> tuple[tuple[tuple[str, tuple[int | None, ...]], ...], tuple[tuple[str, tuple[int | None, ...]], ...]]:
-        """GraphProto."""
-        if depth > MAX_DEPTH:
-            raise self._refused("graphs within graphs", value=depth, limit=MAX_DEPTH)
-        inputs, outputs = [], []
-        held: set[str] = set()
-        for number, _, data in fields(message):
-            match number:
-                case 1:
-                    self._node(data, depth)
-                case 5:
-                    held.add(self._tensor(data))
-                case 11:
-                    inputs.append(_value(data))
-                case 12:
-                    outputs.append(_value(data))
-                case 15:
-                    self._sparse(data)
-        return tuple(one for one in inputs if one[0] not in held), tuple(outputs)
-
-    def _node(self, message: memoryview, depth: int) -> None:
-        self._nodes += 1
-        if self._nodes > MAX_NODES:
-            raise self._refused("too many operators", value=f"more than {MAX_NODES}", limit=MAX_NODES)
-        kind, domain = "", ""
-        for number, _, data in fields(message):
-            match number:
-                case 4:
-                    kind = _text(data)
-                case 5:
-                    self._attribute(data, depth)
-                case 7:
-                    domain = _text(data)
-        if domain not in _STANDARD:
-            raise self._refused("an operator that is not of standard ONNX", value=f"{domain}.{kind}", limit="ai.onnx")
-        if kind in _ENDLESS:
-            raise self._refused("an operator that may never end", value=kind)
-        if kind in _RANDOM:
-            raise self._refused("an operator that draws random numbers; results could not be reproduced", value=kind)
-
-    def _attribute(self, message: memoryview, depth: int) -> None:
-        for number, _, data in fields(message):
-            match number:
-                case 5 | 10:
-                    self._tensor(data)
-                case 6 | 11:
-                    self._graph(data, depth + 1)
-                case 22 | 23:
-                    self._sparse(data)
-
-    def _sparse(self, message: memoryview) -> None:
-        for number, _, data in fields(message):
-            if number in (1, 2):
-                self._tensor(data)
-
-    def _tensor(self, message: memoryview) -> str:
-        """TensorProto; returns its name."""
-        name = ""
-        lengths: list[int] = []
-        held = 0
-        for number, value, data in fields(message):
-            match number:
-                case 1:
-                    lengths += list(varints(data)) if data else [value]
-                case 4 | 5 | 6 | 7 | 9 | 10 | 11:
-                    # A number that is not packed has no bytes of its own here.
-                    held += len(data) or 1
-                case 8:
-                    name = _text(data)
-                case 13:
-                    raise self._refused("data in another file; save the network as one file", value=name)
-                case 14 if value == _EXTERNAL:
-                    raise self._refused("data in another file; save the network as one file", value=name)
-        # The smallest elements are of four bits.
-        if math.prod(lengths) > 2 * held:
-            shape = " × ".join(map(str, lengths))
-            raise self._refused(
-                "a tensor that states more than it holds", value=f"{name}: {shape}", limit=f"{held} bytes"
-            )
-        return name
-
-    def _refused(self, message: str, *, value: object = None, limit: object = None) -> InvalidInput:
-        return InvalidInput(message, field=self._field, value=value, limit=limit)
+def operator_set(model: onnx.ModelProto) -> int:
+    """Return the version of the standard operators; 0 if the model states none."""
+    return max((entry.version for entry in model.opset_import if entry.domain in _STANDARD), default=0)
 
 
-def _value(message: memoryview) -> tuple[str, tuple[int | None, ...]]:
-    """ValueInfoProto: name and lengths of the axes."""
-    name = ""
-    axes: list[int | None] = []
-    for number, _, data in fields(message):
-        if number == 1:
-            name = _text(data)
-        elif number == 2:
-            axes = [_length(axis) for kind in _inner(data, 1) for shape in _inner(kind, 2) for axis in _inner(shape, 1)]
-    return name, tuple(axes)
+def _messages(message: Message, field: str, depth: int = 1) -> Iterator[Message]:
+    """Yield every message inside a graph, also those of inner graphs; tensors are not entered."""
+    if depth > MAX_DEPTH:
+        raise InvalidInput("graphs within graphs", field=field, value=depth, limit=MAX_DEPTH)
+    for descriptor, value in message.ListFields():
+        if descriptor.message_type is None:
+            continue
+        for inner in (value,) if isinstance(value, Message) else value:
+            yield inner
+            if not isinstance(inner, onnx.TensorProto):
+                yield from _messages(inner, field, depth + isinstance(inner, onnx.GraphProto))
 
 
-def _inner(message: memoryview, wanted: int) -> list[memoryview]:
-    return [data for number, _, data in fields(message) if number == wanted]
+def _require_plain_operator(node: onnx.NodeProto, field: str) -> None:
+    if node.domain not in _STANDARD:
+        value = f"{node.domain}.{node.op_type}"
+        raise InvalidInput("an operator that is not of standard ONNX", field=field, value=value, limit="ai.onnx")
+    if node.op_type in _ENDLESS:
+        raise InvalidInput("an operator that may never end", field=field, value=node.op_type)
+    if node.op_type in _RANDOM:
+        message = "an operator that draws random numbers; results could not be reproduced"
+        raise InvalidInput(message, field=field, value=node.op_type)
 
 
-def _length(message: memoryview) -> int | None:
-    return next((value for number, value, _ in fields(message) if number == 1), None)
-
-
-def _text(data: memoryview) -> str:
-    return str(data, "utf-8")
+def _require_own_data(tensor: onnx.TensorProto, field: str) -> None:
+    if tensor.external_data or tensor.data_location == onnx.TensorProto.EXTERNAL:
+        raise InvalidInput("data in another file; save the network as one file", field=field, value=tensor.name)
+    held = tensor.ByteSize()
+    if min(tensor.dims, default=0) < 0 or math.prod(tensor.dims) > _ELEMENTS_PER_BYTE * held:
+        shape = " × ".join(map(str, tensor.dims))
+        message = "a tensor that states more than it holds"
+        raise InvalidInput(message, field=field, value=f"{tensor.name}: {shape}", limit=f"{held} bytes")

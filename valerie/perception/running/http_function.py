@@ -48,7 +48,8 @@ class HttpFunction:
     numeric_class: Final = "http"
 
     def __init__(self, document: FunctionDocument, *, allowed: Sequence[str], digest: str) -> None:
-        self._options = HttpOptions.model_validate(document.options)
+        assert isinstance(document.options, HttpOptions), "the document's kind is http"
+        self._options = document.options
         self._allowed = parse_allowed(allowed)
         allowed_target(self._options.url, self._allowed)
         self._train_ids = document.output.lookup

@@ -55,7 +55,7 @@ def open_function(
             return HttpFunction(document, allowed=addresses, digest=identity)
         if payload is None:
             raise InvalidInput(
-                "predictions of this function are brought by its user", field="kind", value=document.kind
+                "predictions of this function are uploaded by its user", field="kind", value=document.kind
             )
         from valerie.perception.running.adapted import AdaptedFunction
 

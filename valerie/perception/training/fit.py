@@ -15,9 +15,9 @@ from torch.nn import functional
 from valerie.errors import InvalidInput
 from valerie.labels import PERSON
 from valerie.perception.importing.function_file import compact, function_file_bytes
-from valerie.perception.importing.loaders import load_network
+from valerie.perception.importing.network_weights import load_network
 from valerie.perception.networks.architectures import Network, build_network
-from valerie.perception.running.labelling import in_channels_last, normalised
+from valerie.perception.running.engines.labelling import in_channels_last, normalised
 from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
 from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.loss import pixel_loss

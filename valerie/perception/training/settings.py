@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from valerie.perception.running.labelling import ALIGNMENT
+from valerie.perception.running.engines.labelling import ALIGNMENT
 
 _Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 _Positive = Annotated[float, Field(gt=0.0)]

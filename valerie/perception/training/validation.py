@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from valerie.labels import NUM_TRAIN_CLASSES, PERSON
 from valerie.perception.documents.function import InputDocument
 from valerie.perception.running.adaptation import plan
-from valerie.perception.running.labelling import ALIGNMENT, label_maps
+from valerie.perception.running.engines.labelling import ALIGNMENT, label_maps
 from valerie.perception.training.frame_folder import TrainingFrame
 
 

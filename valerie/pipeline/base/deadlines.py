@@ -1,4 +1,4 @@
-"""Until when a run waits for predictions that people bring (see `valerie.pipeline.work.uploaded_predictions`)."""
+"""Deadlines of runs that wait for uploaded predictions (see `valerie.pipeline.work.uploaded_predictions`)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def with_deadlines(pins: Pins, settings: Settings, now: float) -> Pins:
 
 
 def deadlines(pins: Pins | None) -> dict[str, float]:
-    """Return the deadline, Unix seconds, of each function whose predictions are brought, by its name."""
+    """Return the deadline, Unix seconds, of each function whose predictions are uploaded, by its name."""
     functions = {} if pins is None else pins.functions
     return {name: pin.deadline for name, pin in functions.items() if pin.deadline is not None}
 
@@ -40,4 +40,4 @@ def awaiting_reason(count: int, pins: Pins | None) -> str | None:
     ends = deadlines(pins).values()
     if not count or not ends:
         return None
-    return f"{AWAITING}: {count} predictions are to be brought by {until(min(ends))}"
+    return f"{AWAITING}: {count} predictions are to be uploaded by {until(min(ends))}"

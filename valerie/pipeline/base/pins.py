@@ -8,17 +8,16 @@ from typing import Final, NamedTuple
 
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
-from valerie.plugins import ENGINE_HINTS
+from valerie.perception.documents.options import PredictionsOptions
+from valerie.plugins import known_engine
 from valerie.runs.pins import FunctionOffer, FunctionPin, Offer, Pins
 from valerie.runs.spec import RunSpec
-from valerie.runs.states import BROUGHT_ROUTE, Stage
+from valerie.runs.states import UPLOADED_ROUTE, Stage
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
-_BROUGHT: Final = Offer(
-    # Nothing of ours can change a bit of a prediction that people bring.
-    stage=Stage.INFER, name="brought", numeric_class="brought", revision=1, route=BROUGHT_ROUTE
-)  # fmt: skip
+#: Uploaded predictions are made elsewhere: nothing here could change a bit of them.
+_UPLOADED: Final = Offer(stage=Stage.INFER, name="uploaded", numeric_class="uploaded", revision=1, route=UPLOADED_ROUTE)
 
 
 class Choice(NamedTuple):
@@ -41,8 +40,9 @@ def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str,
     functions: dict[str, FunctionPin] = {}
     missing = []
     if engine is None:
-        hint = ENGINE_HINTS.get(spec.engine)
-        missing.append(f"a render worker with the engine {spec.engine!r}" + (f" ({hint})" if hint else ""))
+        declared = known_engine(spec.engine)
+        hint = f" ({declared.install_hint})" if declared is not None and declared.install_hint else ""
+        missing.append(f"a render worker with the engine {spec.engine!r}{hint}")
     if truth is None:
         missing.append("a render worker with the truth pass")
     for name in spec.functions:
@@ -75,8 +75,8 @@ def _installed(name: str, offers: Sequence[Offer]) -> FunctionPin | None:
 
 
 def _registered(name: str, offers: Sequence[Offer], document: FunctionDocument) -> FunctionPin | None:
-    brought = document.kind == "predictions"
-    offer = _BROUGHT if brought else _first(offers, Stage.INFER, inference_name(document))
+    options = document.options if isinstance(document.options, PredictionsOptions) else None
+    offer = _first(offers, Stage.INFER, inference_name(document)) if options is None else _UPLOADED
     if offer is None:
         return None
     return FunctionPin(
@@ -88,7 +88,7 @@ def _registered(name: str, offers: Sequence[Offer], document: FunctionDocument) 
         digest=document.digest,
         card=replace(document.card(), name=name),
         kind=document.kind,
-        deadline_hours=document.options.get("deadline_hours") if brought else None,
+        deadline_hours=None if options is None else options.deadline_hours,
     )
 
 

@@ -15,12 +15,12 @@ from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
 from valerie.db.products import Wanted
 from valerie.db.runs import RunRow
 from valerie.db.statements import insert_rows
-from valerie.db.totals import BROUGHT_GROUP
+from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.runs.inputs import ProductInputs
 from valerie.runs.pins import FunctionPin
 from valerie.runs.products import Ready
-from valerie.runs.states import BROUGHT_ROUTE, EVAL_QUEUE, ProductKind, RunState
+from valerie.runs.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
 from valerie.settings import Settings
 
 #: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to
@@ -51,7 +51,7 @@ class _Target(NamedTuple):
 
     @classmethod
     def of(cls, pin: FunctionPin) -> _Target:
-        return cls(pin.route, pin.digest[:32], BROUGHT_GROUP if pin.route == BROUGHT_ROUTE else "")
+        return cls(pin.route, pin.digest[:32], UPLOADED_GROUP if pin.route == UPLOADED_ROUTE else "")
 
 
 class Feeder:

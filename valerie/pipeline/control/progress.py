@@ -20,7 +20,7 @@ from valerie.db.runs import RunRow
 from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
 from valerie.runs.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
-from valerie.runs.states import BROUGHT_ROUTE, ProductState, Stage, stage_of
+from valerie.runs.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
 
 #: A rate is measured over this long, or until this many have finished: a slow stage's would jump with each one.
 _RATE_SECONDS: Final = 20.0
@@ -38,7 +38,7 @@ class _Look:
         total: counts of all its blocks.
         backlog: unfinished products of all runs.
         served: queues that living workers serve.
-        awaited: predictions that people have still to bring for this run.
+        awaited: predictions of this run that are still to be uploaded.
     """
 
     now: float
@@ -74,7 +74,7 @@ class ProgressBook:
             if run_id not in self._closed:
                 self._closed[run_id] = blocks.closed_counts(connection, run_id)
             backlog = totals.backlog(connection)
-            served = frozenset({offer.route for offer in processes.offers(connection, now=now)} | {BROUGHT_ROUTE})
+            served = frozenset({offer.route for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE})
             awaited = runs.awaited_count(connection, run_id) if deadlines(run.pins) else 0
         closed = self._closed[run_id]
         for number in counted:  # a retry opened it again

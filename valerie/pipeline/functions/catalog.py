@@ -1,47 +1,106 @@
-"""What a user can ask for: assets, engines, functions; with what living workers offer."""
+"""The catalog of a deployment: assets, render engines and functions that a spec may name, with the offers of living workers."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
-from typing import Any, Final
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from typing import Any
+
+from pydantic import JsonValue
 
 from valerie import plugins
 from valerie.db import processes
 from valerie.db.engine import reading
 from valerie.errors import ValerieError
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import FUNCTIONS, function_card, function_document
-from valerie.perception.documents.cards import card_rows
+from valerie.perception.documents.cards import Row, card_rows
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.shipped import FUNCTIONS, function_card, function_document
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import inference_name
 from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.import_job import Trial
 from valerie.runs.pins import FunctionOffer, Offer
 from valerie.runs.states import Stage
 from valerie.scene.assets.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
-#: What only registered functions have.
-_NOT_REGISTERED: Final = dict.fromkeys(("reference", "version", "created_at"))
+
+@dataclass(frozen=True, slots=True)
+class AssetEntry:
+    """An asset; if it cannot be read, ``problem`` is the reason and only the name is filled in."""
+
+    name: str
+    title: str = ""
+    digest: str = ""
+    cameras: tuple[str, ...] = ()
+    problem: str | None = None
 
 
-def assets(settings: Settings) -> list[dict[str, Any]]:
-    """Name, title, digest and cameras of every asset; one that cannot be read says why in ``problem``."""
-    found: list[dict[str, Any]] = []
+@dataclass(frozen=True, slots=True)
+class RendererEntry:
+    """A render engine, and the numeric classes in which living workers offer it."""
+
+    name: str
+    numeric_classes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionEntry:
+    """A function under test.
+
+    Attributes:
+        name, digest, architecture, precision, engine, provenance, judged_by: see `FunctionCard`.
+        card: title and text of each row of its card.
+        numeric_classes: in which living workers offer it.
+        kind, classes, unmapped: its kind, the Cityscapes classes that it can predict, and its own classes that count as
+            void; None for a class of an installed package, which has no document.
+        reference, version, created_at, document: of a registered version.
+        trial: of a version that was registered just now.
+        problem: the reason if its file is missing or damaged.
+    """
+
+    name: str
+    digest: str
+    architecture: str
+    precision: str
+    engine: str
+    provenance: dict[str, str]
+    judged_by: tuple[str, ...]
+    card: list[Row]
+    numeric_classes: tuple[str, ...]
+    kind: str | None = None
+    classes: tuple[str, ...] | None = None
+    unmapped: tuple[str, ...] | None = None
+    reference: str | None = None
+    version: int | None = None
+    created_at: datetime | None = None
+    document: dict[str, JsonValue] | None = None
+    trial: Trial | None = None
+    problem: str | None = None
+
+    @property
+    def check(self) -> dict[str, JsonValue] | None:
+        """The trial as clients read it."""
+        return None if self.trial is None else self.trial.model_dump(mode="json", exclude_none=True)
+
+
+def assets(settings: Settings) -> list[AssetEntry]:
+    """Return every asset; one that cannot be read does not hide the others."""
+    entries: list[AssetEntry] = []
     for name in asset_names(settings.asset_dir):
         try:
             manifest, digest = asset_manifest(name, asset_dir=settings.asset_dir)
         except ValerieError as error:
-            found.append({"name": name, "title": "", "digest": "", "cameras": [], "problem": str(error)})
-            continue
-        cameras = list(manifest.cameras)
-        found.append({"name": name, "title": manifest.title, "digest": digest, "cameras": cameras, "problem": None})
-    return found
+            entries.append(AssetEntry(name, problem=str(error)))
+        else:
+            entries.append(AssetEntry(name, manifest.title, digest, tuple(manifest.cameras)))
+    return entries
 
 
-def asset(settings: Settings, name: str) -> dict[str, Any]:
-    """The manifest of an asset without its outlines: parameters, cameras, persons, what moves.
+def asset(settings: Settings, name: str) -> dict[str, JsonValue]:
+    """Return the manifest of an asset without its outlines: parameters, cameras, persons, movables.
 
     Raises:
         UnknownName: no such asset.
@@ -51,81 +110,84 @@ def asset(settings: Settings, name: str) -> dict[str, Any]:
     return {"digest": digest, **document}
 
 
-def renderers(context: Context) -> list[dict[str, Any]]:
-    """Engines, and the numeric classes in which living workers offer them."""
+def renderers(context: Context) -> list[RendererEntry]:
+    """Return the render engines."""
     offers = _offers(context, Stage.RENDER)
-    return [
-        {"name": name, "numeric_classes": sorted({o.numeric_class for o in offers if o.name == name})}
-        for name in plugins.renderer_names()
-    ]
+    return [RendererEntry(name, _numeric_classes(offers, name)) for name in plugins.renderer_names()]
 
 
-def functions(context: Context) -> list[dict[str, Any]]:
-    """Functions under test with their cards, and the numeric classes in which living workers offer them.
-
-    First those that are installed, then those that are registered: every version, by name, newest first. One whose file is
-    missing or damaged says so in ``problem``.
-    """
+def functions(context: Context) -> list[FunctionEntry]:
+    """Return the installed functions, then every version of the registered ones, by name and newest first."""
     offers = _offers(context, Stage.INFER)
-    found = []
-    for name in plugins.function_names():
-        offered = next((o.card for o in offers if isinstance(o, FunctionOffer) and o.name == name), None)
-        card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
-        if name in FUNCTIONS:
-            try:
-                card, document = function_card(name), function_document(name)
-            except ValerieError as error:
-                problem = str(error)
-        classes = sorted({o.numeric_class for o in offers if o.name == name})
-        told = _told(card, document)
-        found.append({**told, **_NOT_REGISTERED, "numeric_classes": classes, "problem": problem})
+    entries = [_installed(name, offers) for name in plugins.function_names()]
     with reading(context.engine) as connection:
-        found += [_registered(one, offers) for one in registry.listed(connection)]
-    return found
+        return entries + [_registered(version, offers) for version in registry.listed(connection)]
 
 
-def function(context: Context, reference: str) -> dict[str, Any]:
-    """One function: an installed one by its name, or a version of a registered one with its document.
+def function(context: Context, reference: str) -> FunctionEntry:
+    """Return one function: an installed one by its name, or a version of a registered one with its document.
 
     Raises:
-        UnknownName, NotFound, InvalidInput: as `valerie.pipeline.functions.registry.find`.
+        UnknownName, NotFound, InvalidInput: see `valerie.pipeline.functions.registry.find`.
     """
     if reference in plugins.function_names():
-        return next(one for one in functions(context) if one["name"] == reference)
+        return _installed(reference, _offers(context, Stage.INFER))
     with reading(context.engine) as connection:
-        found = registry.find(connection, reference)
-    return registered_function(context, found)
+        version = registry.find(connection, reference)
+    return registered_function(context, version)
 
 
-def registered_function(context: Context, found: registry.Registered) -> dict[str, Any]:
-    """A version with its card, its document, and the numeric classes in which living workers offer its engine."""
-    document = found.document.model_dump(mode="json")
-    return {**_registered(found, _offers(context, Stage.INFER)), "document": document}
+def registered_function(context: Context, version: registry.Registered, trial: Trial | None = None) -> FunctionEntry:
+    """Return a registered version with its document.
+
+    Args:
+        context: of the deployment.
+        version: what is registered.
+        trial: its outcome, right after the registration.
+    """
+    document = version.document.model_dump(mode="json")
+    return replace(_registered(version, _offers(context, Stage.INFER)), document=document, trial=trial)
 
 
-def _registered(found: registry.Registered, offers: list[Offer]) -> dict[str, Any]:
-    document = found.document
-    return {
-        **_told(document.card(), document),
-        "reference": found.reference,
-        "version": found.version,
-        "created_at": found.created_at.isoformat(),
-        "numeric_classes": sorted({o.numeric_class for o in offers if o.name == inference_name(document)}),
-        "problem": None,
-    }
+def _installed(name: str, offers: list[Offer]) -> FunctionEntry:
+    offered = next((o.card for o in offers if isinstance(o, FunctionOffer) and o.name == name), None)
+    card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
+    if name in FUNCTIONS:
+        try:
+            card, document = function_card(name), function_document(name)
+        except ValerieError as error:
+            problem = str(error)
+    return _entry(card, document, numeric_classes=_numeric_classes(offers, name), problem=problem)
 
 
-def _told(card: FunctionCard, document: FunctionDocument | None) -> dict[str, Any]:
-    """What a function says of itself: a class of an installed package has no document, and says less."""
-    return {
+def _registered(version: registry.Registered, offers: list[Offer]) -> FunctionEntry:
+    document = version.document
+    return _entry(
+        document.card(),
+        document,
+        numeric_classes=_numeric_classes(offers, inference_name(document)),
+        reference=version.reference,
+        version=version.version,
+        created_at=version.created_at,
+    )
+
+
+def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -> FunctionEntry:
+    output = None if document is None else document.output
+    return FunctionEntry(
         **asdict(card),
-        "kind": document and document.kind,
-        "classes": document and list(document.output.reached),
-        "unmapped": document and list(document.output.unmapped),
-        "card": card_rows(card, document),
-    }
+        card=card_rows(card, document),
+        kind=None if document is None else document.kind,
+        classes=None if output is None else output.reached,
+        unmapped=None if output is None else output.unmapped,
+        **more,
+    )
 
 
 def _offers(context: Context, stage: Stage) -> list[Offer]:
     with reading(context.engine) as connection:
         return [offer for offer in processes.offers(connection, now=time.time()) if offer.stage is stage]
+
+
+def _numeric_classes(offers: list[Offer], name: str) -> tuple[str, ...]:
+    return tuple(sorted({offer.numeric_class for offer in offers if offer.name == name}))

@@ -1,12 +1,12 @@
-"""``python -m valerie.pipeline.functions.import_child RESULT < JOB``: opens one file that somebody brought, within bounds.
+"""``python -m valerie.pipeline.functions.import_child ANSWER < JOB``: open one file from outside, within bounds.
 
-Started by `valerie.pipeline.functions.importing`. The job says what to do as JSON; what came of it is written to RESULT.
+`valerie.pipeline.functions.guarded_import` starts this process. See `valerie.pipeline.functions.import_job` for job and answer.
 """
 
 from __future__ import annotations
 
-import json
 import resource
+import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -17,86 +17,107 @@ from typing import Any, Final
 import numpy as np
 
 from valerie.errors import InvalidInput, MissingDependency, ValerieError
-from valerie.perception.documents.function import FunctionDocument, InputDocument, parse_function
-from valerie.perception.importing.onnx_files import check_onnx
-from valerie.perception.running.limits import limit_memory, time_limit
+from valerie.perception.documents.function import FunctionDocument, parse_function
+from valerie.perception.running.limits import limit_memory
 from valerie.perception.running.opening import open_function
-from valerie.pipeline.functions.importing import payload_of
+from valerie.pipeline.functions.import_job import (
+    ImportAnswer,
+    ImportedFile,
+    ImportFailure,
+    ImportJob,
+    Trial,
+    payload_of,
+)
 
-_PAYLOAD: Final = "payload.safetensors"
-#: Of the picture that a function is tried out on.
-_HEIGHT, _WIDTH = 128, 256
+#: Height and width of the picture of a trial.
+_SIZE: Final = (128, 256)
 
 
 def main(arguments: list[str]) -> int:
-    """Do the job of standard input."""
-    job = json.load(sys.stdin)
+    """Do the job on standard input and write the answer to the file that is named."""
+    job = ImportJob.model_validate_json(sys.stdin.read())
     _bound(job)
-    with time_limit(job["seconds"], what="the import"):
-        answer = _answer(job)
-    Path(arguments[0]).write_text(json.dumps(answer))
+    answer = ImportAnswer(outcome=_outcome(job))
+    Path(arguments[0]).write_text(answer.model_dump_json())
     return 0
 
 
-def _bound(job: Mapping[str, Any]) -> None:
-    limit_memory(job["memory_mb"])
+def _bound(job: ImportJob) -> None:
+    limit_memory(job.memory_mb)
+    signal.setitimer(signal.ITIMER_REAL, job.seconds)  # the kernel ends this process, also within compiled code
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # What is written is a payload (fp32 of an fp16 file at most) and the result.
-    largest = 4 * job["max_bytes"] + (1 << 20)
+    # This process writes a payload (at most fp32 of an fp16 file) and the answer.
+    largest = 4 * job.max_bytes + (1 << 20)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
 
 
-def _answer(job: Mapping[str, Any]) -> dict[str, Any]:
+def _outcome(job: ImportJob) -> ImportedFile | ImportFailure:
     try:
-        if job["convert"] == "checkpoint":
-            document, path = _convert(job)
-        elif job["convert"] == "program":
-            document, path = _export(job)
-        else:
-            document, path = FunctionDocument.model_validate(job["entries"]), Path(job["path"])
-        check = _try_out(document, path, device=job["device"])
+        document, path = _function(job)
+        trial = _try_out(document, path, device=job.device)
     except ValerieError as error:
-        return {"error": str(error), "kind": type(error).__name__}
+        return ImportFailure(message=str(error), missing_dependency=isinstance(error, MissingDependency))
     except MemoryError:
-        limit = f"{job['memory_mb']} MB (VALERIE_IMPORT_MEMORY_MB)"
-        return {"error": f"payload: it needs too much memory; limit: {limit}", "kind": "InvalidInput"}
-    # What the layout of a checkpoint was checked by says more, and a document that was exported has its own.
-    provenance = {"checked": "not opened" if "skipped" in check else "opened and run", **document.provenance}
-    return {
-        "document": document.model_copy(update={"provenance": provenance}).model_dump(mode="json"),
-        "payload": path.name,
-        "check": check,
-    }
+        limit = f"{job.memory_mb} MB (VALERIE_IMPORT_MEMORY_MB)"
+        return ImportFailure(message=f"payload: it needs too much memory; limit: {limit}")
+    # The document's own entry wins: the layout of a checkpoint says more, and an exported document keeps what it has.
+    provenance = {"checked": "opened and run" if trial.skipped is None else "not opened", **document.provenance}
+    return ImportedFile(document=document.model_copy(update={"provenance": provenance}), payload=path.name, trial=trial)
 
 
-def _convert(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
+def _function(job: ImportJob) -> tuple[FunctionDocument, Path]:
+    match job.conversion:
+        case "checkpoint":
+            return _from_checkpoint(job)
+        case "program":
+            return _from_program(job)
+        case "onnx":
+            return _from_onnx(job), job.path
+        case "none":
+            return FunctionDocument.model_validate(job.entries), job.path
+
+
+def _from_onnx(job: ImportJob) -> FunctionDocument:
+    """Check the file; return the document with what the file says of its making."""
     with _required():
-        from valerie.perception.importing.checkpoints.importing import import_checkpoint
-    entries = dict(job["entries"])
-    output = entries.get("output") or {}
+        from valerie.perception.importing.onnx_files import operator_set, read_onnx
+    model = read_onnx(job.path, max_bytes=job.max_bytes)
+    producer = f"{model.producer_name} {model.producer_version}".strip()[:200]
+    document = FunctionDocument.model_validate(job.entries)
+    provenance = {"producer": producer, "opset": str(operator_set(model)), **document.provenance}
+    return document.model_copy(update={"provenance": provenance})
+
+
+def _from_checkpoint(job: ImportJob) -> tuple[FunctionDocument, Path]:
+    """Convert a checkpoint of another program to a file of VALERIE's own format."""
+    with _required():
+        from valerie.perception.importing.checkpoints.conversion import import_checkpoint
+    output, architecture = job.entries.get("output"), job.entries.get("architecture")
     classes = output.get("classes") if isinstance(output, dict) else None
     imported = import_checkpoint(
-        Path(job["path"]),
-        architecture=entries.get("architecture"),
-        classes=classes if isinstance(classes, list) else None,
-        max_bytes=job["max_bytes"],
+        job.path,
+        architecture=None if architecture is None else str(architecture),
+        classes=[str(name) for name in classes] if isinstance(classes, list) else None,
+        max_bytes=job.max_bytes,
     )
-    path = Path(job["folder"]) / _PAYLOAD
+    path = job.folder / "payload.safetensors"
     path.write_bytes(imported.payload())
     payload = payload_of(path, "safetensors")
-    return parse_function(_merged(imported.document_fields(), entries), payload=payload.model_dump()), path
+    return parse_function(_merged(imported.document_fields(), job.entries), payload=payload.model_dump()), path
 
 
-def _export(job: Mapping[str, Any]) -> tuple[FunctionDocument, Path]:
-    """A program of torch, which runs here, as ONNX."""
+def _from_program(job: ImportJob) -> tuple[FunctionDocument, Path]:
+    """Convert a program of torch to ONNX; this runs the program."""
     with _required():
-        from valerie.perception.importing.programs import program_to_onnx
-    part = job["entries"].get("input") or {}
-    size = InputDocument.model_validate({"size": part.get("size")}).size if isinstance(part, dict) else None
-    path = Path(job["folder"]) / "payload.onnx"
-    path.write_bytes(program_to_onnx(Path(job["path"]), size))
-    check_onnx(path, max_bytes=job["max_bytes"])
-    return parse_function(job["entries"], payload=payload_of(path, "onnx").model_dump()), path
+        from valerie.perception.importing.onnx_files import read_onnx
+        from valerie.perception.importing.torch_programs import program_to_onnx
+    entries = dict(job.entries)
+    # The payload is not there yet, but a document with problems must not start the program.
+    expected = parse_function(entries, payload={"sha256": "0" * 64, "bytes": 1, "format": "onnx"})
+    path = job.folder / "payload.onnx"
+    path.write_bytes(program_to_onnx(job.path, expected.input.size))
+    read_onnx(path, max_bytes=job.max_bytes)
+    return parse_function(entries, payload=payload_of(path, "onnx").model_dump()), path
 
 
 @contextmanager
@@ -110,38 +131,38 @@ def _required() -> Iterator[None]:
         ) from error
 
 
-def _merged(found: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
-    """What the file says, with what its owner says on top; parts are merged entry by entry."""
-    merged = {**found, **told}
+def _merged(stated: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a file states, overridden by its owner's entries; parts are merged entry by entry."""
+    merged = {**stated, **entries}
     for part in ("input", "output", "provenance"):
-        if isinstance(told.get(part), dict) and isinstance(found.get(part), dict):
-            merged[part] = {**found[part], **told[part]}
+        if isinstance(entries.get(part), dict) and isinstance(stated.get(part), dict):
+            merged[part] = {**stated[part], **entries[part]}
     return merged
 
 
-def _try_out(document: FunctionDocument, path: Path, *, device: str) -> dict[str, Any]:
-    """Two predictions of one picture: the right size, and equal."""
+def _try_out(document: FunctionDocument, path: Path, *, device: str) -> Trial:
+    """Predict one picture twice: the answers must have its size and be equal."""
     try:
         function = open_function(document, path, threads=1, device=device)
     except MissingDependency as error:
-        return {"skipped": str(error)}
-    picture = np.random.default_rng(0).integers(0, 256, (_HEIGHT, _WIDTH, 3), np.uint8)
+        return Trial(skipped=str(error))
+    picture = np.random.default_rng(0).integers(0, 256, (*_SIZE, 3), np.uint8)
     started = time.process_time()
     try:
         first, second = function.predict(picture), function.predict(picture)
     except ValerieError as error:
         raise InvalidInput(f"it does not run: {error}", field="payload") from error
     seconds = (time.process_time() - started) / 2
-    if first.shape != (_HEIGHT, _WIDTH):
-        raise InvalidInput(f"it answers {first.shape} for a picture of {(_HEIGHT, _WIDTH)}", field="payload")
+    if first.shape != _SIZE:
+        raise InvalidInput(f"it answers {first.shape} for a picture of {_SIZE}", field="payload")
     if not np.array_equal(first, second):
         raise InvalidInput("two predictions of one picture differ", field="payload")
-    return {
-        "numeric_class": function.numeric_class,
-        "precision": function.card.precision,
-        "picture": [_WIDTH, _HEIGHT],
-        "cpu_seconds": round(seconds, 4),
-    }
+    return Trial(
+        numeric_class=function.numeric_class,
+        precision=function.card.precision,
+        picture=(_SIZE[1], _SIZE[0]),
+        cpu_seconds=round(seconds, 4),
+    )
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ from typing import Final
 
 from valerie import plugins
 from valerie.errors import ValerieError
-from valerie.perception.catalog import FUNCTIONS, file_document, function_path
 from valerie.perception.documents.addresses import parse_allowed
 from valerie.perception.documents.function import PRECISIONS, FunctionDocument
+from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH
-from valerie.pipeline.functions.source import open_document
+from valerie.pipeline.functions.loader import open_document
 from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer, Offer
 from valerie.runs.states import Stage, route_of
 from valerie.settings import load_settings

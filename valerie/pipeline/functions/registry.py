@@ -20,6 +20,7 @@ from valerie import plugins
 from valerie.db import functions, runs
 from valerie.db.engine import writing
 from valerie.errors import Conflict, CorruptArtifact, InvalidInput, NotFound, UnknownName
+from valerie.perception.documents.class_maps import require_person
 from valerie.perception.documents.function import FunctionDocument
 from valerie.pipeline.base.context import Context
 from valerie.runs.moments import in_utc
@@ -62,10 +63,11 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
 
     Raises:
         Conflict: the name belongs to a function that ships with VALERIE or with an installed package.
-        InvalidInput: the file is not the one that the document names.
+        InvalidInput: the file is not the one that the document names, or no class of the function is a person.
         StorageFull: no space left.
     """
     require_free(document.name)
+    require_person(document.output.classes, document.output.class_map)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.links import StoredFrame
+from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
@@ -17,7 +18,7 @@ from valerie.pipeline.reading.tables import TableRow, character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 
-_LIGHT = ("irradiance", "shadow_share", "contrast")
+_LIGHT: Final = names_from(Source.LIGHT)
 
 
 class Address(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from valerie.analysis.frame_counts import ABSENT
@@ -47,7 +48,7 @@ _NUMERIC: Final = ("FLOAT", "ANGLE", "INT")
 
 
 def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
-    """What a run's pACC can be plotted over: columns that it fills, and numbers that differ between its frames."""
+    """Return what a run's pACC can be plotted over: columns that it fills, and numbers that differ between its frames."""
     varied = set(resolved.space.varied)
     light = (Source.LIGHT,) if AnnotationKind.LIGHT in resolved.annotations else ()
     person = (one for one in measures_from(Source.PLACE, Source.PIXELS, *light) if one.is_number)
@@ -66,19 +67,62 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     )
 
 
-def read_points(context: Context, run_id: str, column: str, *, limit: int) -> dict[str, Any]:
-    """Every evaluated person of a run; of a large run an even sample of the variants, always the same.
+@dataclass(frozen=True, slots=True)
+class ScatterPoints:
+    """Points of a scatter plot, as columns of equal length.
+
+    Attributes:
+        column: what is plotted over.
+        functions, sensors, cameras, characters: names that codes are positions in.
+        x, pacc: the point.
+        variant, camera, time, sensor, function, instance: the person in an evaluation that it stands for.
+        character: code; -1 where the asset names none.
+        undefined: number of persons without a pACC, by reason.
+        share: of the variants, those that are shown.
+        axes: what else can be plotted over.
+    """
+
+    column: str
+    functions: tuple[str, ...]
+    sensors: tuple[str, ...]
+    cameras: tuple[str, ...]
+    axes: tuple[PlotAxis, ...]
+    share: float
+    characters: list[str] = field(default_factory=list)
+    x: list[float] = field(default_factory=list)
+    pacc: list[float] = field(default_factory=list)
+    variant: list[int] = field(default_factory=list)
+    camera: list[int] = field(default_factory=list)
+    time: list[int] = field(default_factory=list)
+    sensor: list[int] = field(default_factory=list)
+    function: list[int] = field(default_factory=list)
+    character: list[int] = field(default_factory=list)
+    instance: list[int] = field(default_factory=list)
+    undefined: Counter[str] = field(default_factory=Counter)
+
+    def add(self, row: Any, x: float, character: str | None) -> None:
+        """Add the point of a row of `valerie.db.results.points`."""
+        if character is not None and character not in self.characters:
+            self.characters.append(character)
+        self.x.append(x)
+        self.pacc.append(row.pacc)
+        self.variant.append(row.variant_index)
+        self.camera.append(row.camera_index)
+        self.time.append(row.time_index)
+        self.sensor.append(row.sensor_index)
+        self.function.append(row.function_index)
+        self.character.append(-1 if character is None else self.characters.index(character))
+        self.instance.append(row.instance_id)
+
+
+def read_points(context: Context, run_id: str, column: str, *, limit: int) -> ScatterPoints:
+    """Read every evaluated person of a run; of a large run an even sample of the variants, always the same.
 
     Args:
         context: of the process.
         run_id: the run.
         column: of one of its `plot_axes`.
         limit: about so many points at most.
-
-    Returns:
-        names (``functions``, ``sensors``, ``cameras``, ``characters``), lists of equal length (``x``, ``pacc``, ``variant``,
-        ``camera`` …) whose codes are positions in the names, ``undefined`` by reason, the ``share`` of the variants shown, and
-        the run's ``axes``.
 
     Raises:
         NotFound, Conflict, UnknownName: no such run, its asset changed, it has no such axis.
@@ -94,37 +138,27 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> di
         stored = column if column in results.COLUMNS else None
         rows = results.points(connection, run_id, stored, share=share)
         assignments = results.assignments(connection, run_id, {row.variant_index for row in rows})
+    spec = resolved.spec
+    points = ScatterPoints(
+        column=column,
+        functions=tuple(spec.functions),
+        sensors=tuple(setting.name for setting in spec.sensors),
+        cameras=tuple(resolved.cameras),
+        axes=axes,
+        share=share,
+    )
     value_of = _from_row if stored else _from_assignment(column, resolved)
-    names = ("x", "pacc", "variant", "camera", "time", "sensor", "function", "character", "instance")
-    columns: dict[str, list[Any]] = {name: [] for name in names}
-    characters: dict[str, int] = {}
-    undefined: Counter[str] = Counter()
     for row in rows:
         if row.undefined_reason == ABSENT:  # no spec put that person there; a summary does not count it either
             continue
         if row.pacc is None:
-            undefined[row.undefined_reason or "no value"] += 1
+            points.undefined[row.undefined_reason or "no value"] += 1
             continue
         assignment = assignments[row.variant_index]
         x = value_of(row, assignment)
-        if x is None:
-            continue
-        character = character_of(row.instance_id, assignment, resolved)
-        code = -1 if character is None else characters.setdefault(character, len(characters))
-        point = (x, row.pacc, row.variant_index, row.camera_index, row.time_index, row.sensor_index)
-        for name, value in zip(names, (*point, row.function_index, code, row.instance_id), strict=True):
-            columns[name].append(value)
-    return {
-        "column": column,
-        "functions": list(resolved.spec.functions),
-        "sensors": [setting.name for setting in resolved.spec.sensors],
-        "cameras": list(resolved.cameras),
-        "characters": list(characters),
-        **columns,
-        "undefined": dict(undefined),
-        "share": share,
-        "axes": [axis._asdict() for axis in axes],
-    }
+        if x is not None:
+            points.add(row, x, character_of(row.instance_id, assignment, resolved))
+    return points
 
 
 def _from_row(row: Any, _: Mapping[str, Any]) -> float | None:
@@ -133,7 +167,7 @@ def _from_row(row: Any, _: Mapping[str, Any]) -> float | None:
 
 
 def _from_assignment(column: str, resolved: ResolvedRun) -> Callable[[Any, Mapping[str, Any]], float | None]:
-    """What the long table has in a column that follows from the assignment of the row's variant."""
+    """Return the function that reads a column which follows from the assignment of a row's variant."""
     if column == "time_s":
         return lambda row, assignment: resolved.seconds(assignment, row.time_index)
     if column in Conditions._fields:

@@ -24,7 +24,7 @@ from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.pipeline.functions.opening import display_name
+from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader

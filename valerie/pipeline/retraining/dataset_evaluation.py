@@ -36,7 +36,7 @@ from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
 from valerie.pipeline.base.resolved_runs import read_run
-from valerie.pipeline.functions.opening import display_name
+from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.selection import as_called, function_index
 from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
@@ -269,7 +269,7 @@ class RunSide:
 
     Attributes:
         called: what the run's spec calls it.
-        pin: digest and numeric class that the run pinned; `valerie.pipeline.functions.opening.open_pinned` opens it again.
+        pin: digest and numeric class that the run pinned; `valerie.pipeline.functions.references.open_pinned` opens it again.
         scores: of the run's evaluated frames (first sensor setting).
     """
 

@@ -18,13 +18,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from valerie.analysis.region import Region
 from valerie.errors import InvalidInput
 from valerie.parameters.assignment import digest
-from valerie.perception.catalog import file_document
 from valerie.perception.documents.function import FunctionDocument, parse_function
 from valerie.perception.importing.function_file import read_header
-from valerie.perception.training.beginning import beginning
+from valerie.perception.shipped import file_document
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
+from valerie.perception.training.start_weights import beginning
 from valerie.perception.training.training_set import TrainingSet
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register

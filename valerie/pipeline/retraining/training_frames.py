@@ -32,8 +32,9 @@ from valerie.perception.training.frame_folder import (
     write_shard,
 )
 from valerie.pipeline.retraining import training_scenes
+from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target
-from valerie.pipeline.retraining.training_scenes import AS_MADE, crowd_asset, draw_arguments, draw_scene
+from valerie.pipeline.retraining.training_scenes import AS_MADE, draw_arguments, draw_scene
 from valerie.rendering.base import View
 from valerie.scene.assets.asset import SceneAsset, asset_manifest, load_asset
 from valerie.sensing import sensor

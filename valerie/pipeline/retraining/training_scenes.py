@@ -1,43 +1,38 @@
-"""Random scenes to train on: more people than the asset has, in random clothes, seen and lit at random.
+"""Random scenes to train on: people in random clothes, seen and lit at random.
 
-Whatever a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and skin,
-traffic, day and night, light, weather, camera and its errors; and some frames show nobody. Half of the frames are *plain*:
-what a run shows that varies people and sun only. `draw_arguments` varies the street itself. What an asset calls its poses,
-its clothes and its traffic is the manifest's to say (`valerie.scene.assets.manifest.TrainingRules`).
+Everything that a network could learn instead of "person" is varied: places, headings, stances, sizes, colours of cloth and
+skin, traffic, day and night, light, weather, camera and its errors. Some frames show nobody. Half of the frames are *plain*:
+they look like those of a run that varies people and sun only. `draw_arguments` varies the street itself. The manifest says
+what an asset calls its poses, clothes and traffic (`valerie.scene.assets.manifest.TrainingRules`).
 """
 
 from __future__ import annotations
 
-import colorsys
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
-from valerie.labels import PERSON, instance_id
-from valerie.parameters.assignment import digest
-from valerie.parameters.definitions import ParameterDefinition, Value
+from valerie.parameters.definitions import Value
+from valerie.pipeline.retraining.crowds import recoloured, resized
 from valerie.scene.assets.asset import SceneAsset, load_pack
 from valerie.scene.assets.attributes import ABSENT
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.graph.deferred import DeferredTexture
-from valerie.scene.graph.model import Camera, Material, Node, Scene, Texture
-from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, is_cloth
-from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.graph.model import Camera, Scene
+from valerie.scene.graph.naming import ENVIRONMENT_PATH
+from valerie.scene.graph.transforms import camera_angles, camera_transform
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 from valerie.sensing.settings import SensorSetting
 
 #: Raised by hand whenever the same seed gives another scene.
 REVISION: Final = 5
 
-#: How many people a frame shows: probabilities of 0 … 5.
+#: Probabilities that a frame shows 0 … `MOST_PERSONS` people.
 _CROWD: Final = (0.12, 0.22, 0.24, 0.2, 0.13, 0.09)
 #: Instants of the walk: few, so that bodies made for one frame serve others.
 _GAIT_PHASES: Final = (0.0, 0.25, 0.5, 0.75)
@@ -53,7 +48,6 @@ _FOG: Final = 0.1
 _RAIN: Final = 0.1
 _NIGHT: Final = 0.16
 _CURVES: Final = {"filmic": 0.6, "aces": 0.2, "srgb": 0.2}
-_NEUTRAL: Final = "neutral/"
 #: Share of worn things that keep the character's own colour, in plain frames and in others.
 _AS_MADE_PLAIN: Final = 0.5
 AS_MADE: Final = 1 / 6
@@ -86,47 +80,6 @@ def draw_arguments(asset: str, seed: int) -> dict[str, Any]:
         UnknownName, InvalidInput, MissingDependency: as `valerie.scene.assets.asset.load_pack`.
     """
     return load_pack(asset).draw_arguments(np.random.default_rng([REVISION, seed]))
-
-
-def crowd_asset(asset: SceneAsset, persons: int = len(_CROWD) - 1) -> SceneAsset:
-    """The asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
-
-    Copies have materials of their own, so that each can be recoloured alone.
-
-    Raises:
-        InvalidInput: the asset has no person.
-    """
-    manifest, scene = asset.manifest, asset.base
-    if not manifest.persons:
-        raise InvalidInput("has no person to train on", field="asset", value=asset.name)
-    source = manifest.persons[0]
-    numbers = [n for n in range(1, 1000) if f"{ROOT}.{PERSON.node_class}-{n}" not in scene.nodes]
-    added = [f"{ROOT}.{PERSON.node_class}-{n}" for n in numbers[: max(0, persons - len(manifest.persons))]]
-    nodes, materials = dict(scene.nodes), dict(scene.materials)
-    parameters = list(manifest.parameters)
-    for path, number in zip(added, numbers, strict=False):
-        _copy_person(scene, source, path, number, nodes, materials)
-        parameters += [
-            ParameterDefinition.model_validate(
-                {**definition.model_dump(), "path": path + definition.path.removeprefix(source), "name": ""}
-            )
-            for definition in manifest.parameters
-            if definition.path.startswith(f"{source}.")
-        ]
-    textures = dict(scene.textures)
-    for material in scene.materials.values():
-        if _is_worn(material.name, manifest) and material.base_color_texture is not None:
-            name = f"{_NEUTRAL}{material.base_color_texture}"
-            textures[name] = DeferredTexture(name, partial(_grey, scene.textures[material.base_color_texture]))
-    fields = {name: getattr(manifest, name) for name in Manifest.model_fields}
-    for name in ("persons", "movable", "grounded"):
-        fields[name] = (*fields[name], *added)
-    fields["parameters"] = tuple(parameters)
-    return SceneAsset(
-        Manifest.model_validate(fields),
-        digest("training-crowd", asset.digest, persons, REVISION),
-        replace(scene, nodes=nodes, materials=materials, textures=textures),
-    )
 
 
 def draw_scene(
@@ -172,12 +125,12 @@ def draw_scene(
     for person in rng.permutation(manifest.persons)[:count]:
         _draw_person(str(person), camera, assignment, manifest, rng, far=plain)
     if eventful:
-        _draw_traffic(camera, assignment, manifest, rng)
+        draw_traffic(camera, assignment, manifest, rng)
     scene = apply(assignment | outdoors, asset)
     scene = replace(
         scene,
-        nodes=_resized(scene, manifest, rng),
-        materials=_recoloured(scene, manifest, rng, max(as_made, _AS_MADE_PLAIN) if plain else as_made),
+        nodes=resized(scene, manifest, rng),
+        materials=recoloured(scene, manifest, rng, max(as_made, _AS_MADE_PLAIN) if plain else as_made),
         cameras={**scene.cameras, camera.name: camera},
         environment=replace(scene.environment, turbidity=turbidity),
     )
@@ -186,7 +139,7 @@ def draw_scene(
 
 
 def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
-    """Every frame has an exposure and a curve of its own; about every third each noise, a colour cast and JPEG."""
+    """Draw a sensor: always an exposure and a curve; noise, a colour cast and JPEG each in about every third frame."""
     setting: dict[str, Any] = {
         "name": "training",
         "auto_exposure": night,
@@ -206,7 +159,7 @@ def _draw_sensor(rng: np.random.Generator, *, night: bool) -> SensorSetting:
 
 
 def _draw_camera(asset: SceneAsset, rng: np.random.Generator, *, stays: bool) -> Camera:
-    """One of the asset's cameras: near its own place, or moved along the street and turned."""
+    """Draw one of the asset's cameras: near its own place, or moved along the street and turned."""
     manifest = asset.manifest
     x0, y0, x1, y1 = manifest.extent
     for _ in range(_TRIES):
@@ -239,8 +192,9 @@ def _draw_person(
     *,
     far: bool,
 ) -> None:
-    """Put a person somewhere legal, four times in five where the camera looks: mostly near, or ``far`` as often as near; absent
-    if nothing was found.
+    """Put a person at a legal place; it stays absent if none was found.
+
+    Four times in five the place is where the camera looks: mostly near, or, with ``far``, as often far as near.
     """
     characters = [c for c in manifest.definition(f"{person}.character").choices if c != ABSENT]
     x0, y0, x1, y1 = manifest.extent
@@ -273,8 +227,8 @@ def _draw_person(
             return
 
 
-def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Movable vehicles that are hidden by default: each on the road before the camera, in some of the frames."""
+def draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
+    """Put each movable vehicle that is hidden by default on the road before the camera, in some of the frames."""
     for path in (path for path in manifest.movable if path not in (*manifest.persons, *manifest.training.left_out)):
         wanted, colour, back = rng.random() < _TRAFFIC, rng.random(), rng.random() < 0.5
         kinds, seen = manifest.by_path.get(f"{path}.kind"), manifest.by_path.get(f"{path}.visible")
@@ -306,7 +260,7 @@ def _draw_traffic(camera: Camera, assignment: dict[str, Value], manifest: Manife
 
 
 def _draw_weather(assignment: dict[str, Value], manifest: Manifest, rng: np.random.Generator) -> None:
-    """Mostly fine; what the asset does not declare stays as it is."""
+    """Draw weather that is mostly fine; what the asset does not declare stays as it is."""
     clouds, fog, rain = rng.random(3) < (_CLOUDS, _FOG, _RAIN)
     cover, thickness, rate = rng.random(3)
     for wanted, name, value in (
@@ -322,83 +276,8 @@ def _pick(rng: np.random.Generator, shares: Mapping[str, float]) -> str:
     return str(rng.choice(list(shares), p=list(shares.values())))
 
 
-def _resized(scene: Scene, manifest: Manifest, rng: np.random.Generator) -> dict[str, Node]:
-    """All persons a little taller or smaller."""
-    nodes = dict(scene.nodes)
-    for person in manifest.persons:
-        pose = Pose.of(nodes[person].transform)
-        factor = float(rng.uniform(0.88, 1.06))
-        nodes[person] = replace(nodes[person], transform=replace(pose, scale=(factor, factor, factor)).matrix())
-    return nodes
-
-
-def _recoloured(scene: Scene, manifest: Manifest, rng: np.random.Generator, as_made: float) -> dict[str, Material]:
-    """Every worn thing in a colour of its own (a share stays as made); skin darker by a factor per person."""
-    materials = dict(scene.materials)
-    for person in manifest.persons:
-        skin = float(rng.uniform(0.3, 1.1))
-        names = {
-            mesh.material
-            for node in scene.nodes.values()
-            if node.path == person or node.path.startswith(f"{person}.")
-            for mesh in node.meshes
-        }
-        for name in sorted(names):
-            material = materials[name]
-            if _is_worn(name, manifest):
-                if rng.random() < as_made:
-                    continue
-                texture = material.base_color_texture
-                neutral = None if texture is None else f"{_NEUTRAL}{texture}"
-                materials[name] = replace(material, base_color=_cloth_color(rng), base_color_texture=neutral)
-            elif _has_part(name, manifest.training.skin):
-                red, green, blue = material.base_color
-                materials[name] = replace(material, base_color=(red * skin, green * skin, blue * skin))
-    return materials
-
-
-def _cloth_color(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Linear RGB; half of all cloth is nearly grey, as in a street, the rest is any hue; dark is as likely as light."""
-    saturation = rng.uniform(0.0, 0.2) if rng.random() < 0.5 else rng.uniform(0.3, 1.0)
-    red, green, blue = colorsys.hsv_to_rgb(rng.random(), saturation, rng.uniform(0.08, 1.0))
-    return red**2.2, green**2.2, blue**2.2
-
-
-def _grey(texture: Texture) -> NDArray[np.uint8]:
-    """A texture's weave without its colour, scaled to a mean of 190 so that a tint keeps its brightness."""
-    image = texture.image
-    luminance = image[..., :3].astype(np.float64) @ np.array([0.2126, 0.7152, 0.0722])
-    level = (luminance * (190.0 / max(luminance.mean(), 1.0))).clip(0, 255).astype(np.uint8)
-    grey = np.repeat(level[..., None], 3, axis=2)
-    return np.concatenate([grey, image[..., 3:]], axis=2)
-
-
-def _copy_person(
-    scene: Scene, source: str, path: str, number: int, nodes: dict[str, Node], materials: dict[str, Material]
-) -> None:
-    """Add a copy of the nodes at and below ``source`` under ``path``; vertex arrays are shared, materials are not."""
-    old, new = (f"{person.removeprefix(f'{ROOT}.')}/" for person in (source, path))
-
-    def renamed(name: str) -> str:
-        return new + name.removeprefix(old)
-
-    for node in [n for n in scene.nodes.values() if n.path == source or n.path.startswith(f"{source}.")]:
-        figure = None if node.figure is None else node.figure.renamed(renamed)
-        meshes = node.meshes if figure is None else figure.meshes
-        copy = path + node.path.removeprefix(source)
-        nodes[copy] = replace(
-            node,
-            path=copy,
-            meshes=tuple(mesh.with_material(renamed(mesh.material)) for mesh in meshes) if figure is None else meshes,
-            instance_id=instance_id(PERSON, number),
-            figure=figure,
-        )
-        names = {mesh.material for mesh in node.meshes} | {name for name in scene.materials if name.startswith(old)}
-        materials.update((renamed(name), replace(scene.materials[name], name=renamed(name))) for name in sorted(names))
-
-
 def _assign(assignment: dict[str, Value], manifest: Manifest, path: str, value: float) -> None:
-    """The value within the declared range; nothing if the asset does not declare the path."""
+    """Set a value within the declared range; nothing if the asset does not declare the path."""
     definition = manifest.by_path.get(path)
     if definition is not None:
         lowest = -math.inf if definition.minimum is None else definition.minimum
@@ -413,7 +292,7 @@ def _allows(manifest: Manifest, path: str, value: float) -> bool:
 
 
 def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> bool:
-    """Whether a camera has room and a view: nothing within a metre of its first 3 m, no house within 12 m ahead."""
+    """Return whether a camera has room and a view: nothing within a metre of its first 3 m, no house within 12 m ahead."""
     x, y, height = place
     ahead = (-math.sin(math.radians(yaw)), math.cos(math.radians(yaw)))
     room, view = (shapely.LineString([(x, y), (x + ahead[0] * far, y + ahead[1] * far)]) for far in (3.0, 12.0))
@@ -430,16 +309,8 @@ def _free(manifest: Manifest, place: tuple[float, float, float], yaw: float) -> 
 
 
 def _pose_shares(manifest: Manifest, person: str) -> Mapping[str, float]:
-    """How often a person takes which pose; the shares add up to 1."""
+    """Return pose to how often a person takes it; the shares add up to 1."""
     poses = manifest.definition(f"{person}.pose").choices
     weights = manifest.training.poses or dict.fromkeys(poses, 1.0)
     whole = sum(weights.values())
     return {pose: weight / whole for pose, weight in weights.items()}
-
-
-def _is_worn(material: str, manifest: Manifest) -> bool:
-    return is_cloth(material) or _has_part(material, manifest.training.worn)
-
-
-def _has_part(material: str, beginnings: tuple[str, ...]) -> bool:
-    return any(part.startswith(beginnings) for part in material.split("/"))

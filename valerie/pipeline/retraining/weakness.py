@@ -10,13 +10,13 @@ from valerie.analysis.frame_counts import ABSENT
 from valerie.analysis.region import Region, region_of
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput
-from valerie.perception.catalog import FUNCTIONS
 from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.shipped import FUNCTIONS
 from valerie.perception.training.frame_folder import SEEDS
 from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import StoredRun, read_run
-from valerie.pipeline.functions.opening import pinned_network
+from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
 from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values

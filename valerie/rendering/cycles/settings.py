@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from valerie.rendering.engine import EngineSettings
 
 Sky = Literal["nishita", "scene"]
 Quality = Literal["draft", "standard", "high", "paper"]
@@ -27,7 +29,7 @@ PRESETS: Final[Mapping[Quality, Preset]] = {
 }
 
 
-class CyclesSettings(BaseModel):
+class CyclesSettings(EngineSettings):
     """Settings of Blender's Cycles.
 
     Attributes:
@@ -41,8 +43,6 @@ class CyclesSettings(BaseModel):
             as always under clouds and in fog.
         seed: of the noise.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     quality: Quality = "standard"
     samples: Annotated[int, Field(ge=1, le=65_536)] | None = None

@@ -32,9 +32,9 @@ class SceneAsset:
     """A scene that variants are made from.
 
     Attributes:
-        manifest: what may vary, what moves, where one can stand.
-        digest: stands for everything that the base scene depends on; 32 hexadecimal characters.
-        base: the scene as it was built or read, before any parameter (`valerie.scene.variation.applying.apply`).
+        manifest: declares what may vary, what moves, and where people can stand.
+        digest: 32 hexadecimal characters that stand for everything that the base scene depends on.
+        base: the scene as it was built or read, before any parameter is applied (`valerie.scene.variation.variant.apply`).
     """
 
     manifest: Manifest
@@ -87,7 +87,7 @@ PACKS: Final = PluginKind("asset", "valerie.assets")
 
 def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
     """Return the names that `load_asset` knows: the packs, then the folders of ``asset_dir`` with a manifest, sorted."""
-    from valerie.scene.assets.asset_files import MANIFEST_FILE
+    from valerie.scene.assets.asset_folder import MANIFEST_FILE
 
     packs, folders = PACKS.names(), list[str]()
     if asset_dir is not None and asset_dir.is_dir():
@@ -96,7 +96,7 @@ def asset_names(asset_dir: Path | None = None) -> tuple[str, ...]:
 
 
 def is_generated(name: str) -> bool:
-    """Whether an asset of this name comes from a pack, which makes a new one from every seed."""
+    """Return whether an asset of this name comes from a pack, which makes a new one from every seed."""
     return name in PACKS.names()
 
 
@@ -114,7 +114,7 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
 
     Args:
         reference: a name, a mapping of name and arguments of a pack, or (without ``asset_dir``) a folder's path.
-        asset_dir: where users' assets lie; names then never lead outside of it.
+        asset_dir: folder of users' assets; names then never lead outside of it.
 
     Raises:
         UnknownName: no such asset, or an argument that its pack does not take.
@@ -123,23 +123,23 @@ def asset_manifest(reference: AssetReference, *, asset_dir: Path | None = None) 
     name, arguments = _parse_reference(reference)
     if is_generated(name):
         return _generated_manifest(name, canonical_json(_settings(name, arguments).model_dump(mode="json")))
-    from valerie.scene.assets.asset_files import read_manifest
+    from valerie.scene.assets.asset_folder import read_manifest
 
     manifest, files_digest, _ = read_manifest(_asset_folder(name, arguments, asset_dir))
     return manifest, files_digest
 
 
 def load_asset(reference: AssetReference, *, asset_dir: Path | None = None) -> SceneAsset:
-    """Build or read a whole asset; takes seconds, so callers keep what they load (by digest).
+    """Build or read a whole asset; this takes seconds, so callers keep assets by digest.
 
-    Args and errors: as `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
+    Arguments and errors are those of `asset_manifest`; also InvalidInput when scene and manifest do not fit together.
     """
     name, arguments = _parse_reference(reference)
     if is_generated(name):
         manifest, asset_digest = asset_manifest(reference)
         scene = load_pack(name).make_scene(_settings(name, arguments), manifest)
     else:
-        from valerie.scene.assets.asset_files import read_manifest, read_scene
+        from valerie.scene.assets.asset_folder import read_manifest, read_scene
 
         folder = _asset_folder(name, arguments, asset_dir)
         manifest, asset_digest, files = read_manifest(folder)

@@ -1,4 +1,4 @@
-"""What can be varied of each kind of thing, and what it does: one table that `variation` and `traverse` read.
+"""The attributes that can vary, of each kind of thing, and their effects: the one table that `valerie.scene.variation` reads.
 
 A new attribute is a new row: its name, the kind of thing that has it, type, unit and range, the stage that it is an
 input of, how to read its current value from a scene and how to write it into a draft.
@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any, Final, cast
 
 from valerie.errors import InvalidInput, UnknownName
@@ -21,7 +22,7 @@ from valerie.scene.graph.naming import ENVIRONMENT_PATH, ROOT, SUN_PATH, parse_o
 from valerie.scene.graph.transforms import Pose
 from valerie.scene.light.solar import CLOCK
 
-#: The choice of a character, or of a kind of vehicle, that hides it.
+#: The choice that hides a person or a vehicle, instead of a character or kind.
 ABSENT: Final = "absent"
 #: Classes whose objects face somewhere: their rotation about z is called heading.
 FACING_CLASSES: Final = frozenset(
@@ -32,10 +33,15 @@ _PEOPLE: Final = frozenset({"person", "rider"})
 
 Read = Callable[[Scene, str], Value | None]
 Write = Callable[[Draft, str, Value], None]
+Choices = Callable[[Scene, str], tuple[str, ...]]
+
+
+def _no_choices(_scene: Scene, _path: str) -> tuple[str, ...]:
+    return ()
 
 
 class Target(StrEnum):
-    """Kinds of things that have attributes."""
+    """The kinds of things that have attributes."""
 
     NODE = "node"
     CAMERA = "camera"
@@ -49,11 +55,12 @@ class Attribute:
     """One attribute of one kind of thing.
 
     Attributes:
-        name: as it stands at the end of a path, e.g. ``pos.x``.
+        name: at the end of a path, e.g. ``pos.x``.
         minimum, maximum: widest range that makes sense; an asset declares its own.
         affects: the stage that it is an input of.
-        read: the current value at a path (degrees for angles); None where the thing does not have it.
-        write: put a value into a draft; grounded nodes get their z afterwards.
+        read: returns the value at a path (degrees for angles); None where the thing does not have the attribute.
+        write: puts a value into a draft; grounded nodes get their z afterwards.
+        choices: returns the values of a CATEGORICAL attribute at a path, as far as the scene tells them.
     """
 
     name: str
@@ -65,10 +72,11 @@ class Attribute:
     affects: Affects
     read: Read
     write: Write
+    choices: Choices = _no_choices
 
 
 def target_of(path: str, cameras: Iterable[str]) -> Target:
-    """The kind of thing at a path (without attribute).
+    """Return the kind of thing at a path (without attribute).
 
     Args:
         path: e.g. ``scene.person-1`` or ``sensor``.
@@ -84,7 +92,7 @@ def target_of(path: str, cameras: Iterable[str]) -> Target:
 
 
 def resolve(path: str, cameras: Iterable[str], *, field: str = "") -> tuple[str, Attribute]:
-    """Split a parameter path into the thing and its attribute: the longest end that is an attribute's name.
+    """Split a parameter path into the path of the thing and its attribute, the longest end that is the name of one.
 
     Raises:
         UnknownName: the thing has no such attribute; the message lists near matches.
@@ -157,12 +165,12 @@ def _write_visible(draft: Draft, path: str, value: Value) -> None:
 
 
 def characters(scene: Scene, path: str) -> tuple[str, ...]:
-    """What a node can look like: its direct children that are no objects by name, if the node is a person."""
+    """Return the characters of a person: the direct children of its node whose names state no class."""
     return _looks(scene, path, _PEOPLE)
 
 
 def kinds(scene: Scene, path: str) -> tuple[str, ...]:
-    """Which vehicle a node can be: its direct children that are no objects by name, if the node is a vehicle."""
+    """Return the kinds of a vehicle: the direct children of its node whose names state no class."""
     return _looks(scene, path, FACING_CLASSES - _PEOPLE)
 
 
@@ -174,23 +182,25 @@ def _looks(scene: Scene, path: str, classes: frozenset[str]) -> tuple[str, ...]:
     return tuple(name for name in children if parse_object_name(name) is None)
 
 
-def _chosen(looks: Callable[[Scene, str], tuple[str, ...]]) -> Read:
+def _chosen(looks: Choices) -> tuple[Read, Write, Choices]:
     def read(scene: Scene, path: str) -> Value | None:
         names = looks(scene, path)
         shown = [name for name in names if scene.nodes[f"{path}.{name}"].visible]
         return (shown[0] if shown else ABSENT) if names else None
 
-    return read
+    def write(draft: Draft, path: str, value: Value) -> None:
+        draft.choose(path, None if value == ABSENT else str(value))
 
+    def choices(scene: Scene, path: str) -> tuple[str, ...]:
+        return (*looks(scene, path), ABSENT)
 
-def _write_choice(draft: Draft, path: str, value: Value) -> None:
-    draft.choose(path, None if value == ABSENT else str(value))
+    return read, write, choices
 
 
 def _stance(field: str) -> tuple[Read, Write]:
     def read(scene: Scene, path: str) -> Value | None:
-        found = figures(scene, path)
-        return cast("Value", getattr(found[0].stance, field)) if found else None
+        bodies = figures(scene, path)
+        return cast("Value", getattr(bodies[0].stance, field)) if bodies else None
 
     def write(draft: Draft, path: str, value: Value) -> None:
         draft.stance(path, **{field: value})
@@ -200,8 +210,8 @@ def _stance(field: str) -> tuple[Read, Write]:
 
 def _cloth(field: str) -> tuple[Read, Write]:
     def read(scene: Scene, path: str) -> Value | None:
-        found = cloth_materials(scene, path)
-        return float(getattr(scene.materials[found[0]], field)) if found else None
+        materials = cloth_materials(scene, path)
+        return float(getattr(scene.materials[materials[0]], field)) if materials else None
 
     def write(draft: Draft, path: str, value: Value) -> None:
         draft.cloth(path, **{field: _number(value, path)})
@@ -210,10 +220,10 @@ def _cloth(field: str) -> tuple[Read, Write]:
 
 
 def _read_colour(scene: Scene, path: str) -> Value | None:
-    found = paint_materials(scene, path)
-    if not found:
+    materials = paint_materials(scene, path)
+    if not materials:
         return None
-    material = scene.materials[found[0]]
+    material = scene.materials[materials[0]]
     return next((name for name, paint in scene.paints.items() if paint.base_color == material.base_color), None)
 
 
@@ -312,7 +322,7 @@ def _environment(field: str) -> tuple[Read, Write]:
 
 
 def _not_in_the_scene(neutral: Value) -> tuple[Read, Write]:
-    """The scene does not hold these: the sensor stage takes its own from the assignment, and the sun has become two angles."""
+    """Return functions for attributes that no scene holds: those of the sensor, and the sun's time and place."""
 
     def read(_scene: Scene, _path: str) -> Value:
         return neutral
@@ -321,6 +331,10 @@ def _not_in_the_scene(neutral: Value) -> tuple[Read, Write]:
         return None
 
     return read, write
+
+
+def _fixed(choices: tuple[str, ...], _scene: Scene, _path: str) -> tuple[str, ...]:
+    return choices
 
 
 def _table() -> Iterable[Attribute]:
@@ -335,13 +349,23 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("heading", node, angle, "deg", 0, 360, geometry, *_rotation(2, heading=True))
     yield Attribute("scale", node, number, "", 1e-3, 1e3, geometry, _read_scale, _write_scale)
     yield Attribute("visible", node, ParameterType.BOOL, "", None, None, geometry, _read_visible, _write_visible)
+    name = ParameterType.CATEGORICAL
+    yield Attribute("character", node, name, "", None, None, geometry, *_chosen(characters))
+    yield Attribute("kind", node, name, "", None, None, geometry, *_chosen(kinds))
     yield Attribute(
-        "character", node, ParameterType.CATEGORICAL, "", None, None, geometry, _chosen(characters), _write_choice
+        "colour",
+        node,
+        name,
+        "",
+        None,
+        None,
+        material,
+        _read_colour,
+        _write_colour,
+        lambda scene, _: tuple(scene.paints),
     )
-    yield Attribute("kind", node, ParameterType.CATEGORICAL, "", None, None, geometry, _chosen(kinds), _write_choice)
-    yield Attribute("colour", node, ParameterType.CATEGORICAL, "", None, None, material, _read_colour, _write_colour)
     for field in ("pose", "carries"):
-        yield Attribute(field, node, ParameterType.CATEGORICAL, "", None, None, geometry, *_stance(field))
+        yield Attribute(field, node, name, "", None, None, geometry, *_stance(field))
     yield Attribute("gait_phase", node, number, "", 0, 1, geometry, *_stance("gait_phase"))
     for field in ("metallic", "roughness", "specular_tint"):
         yield Attribute(f"cloth.{field}", node, number, "", 0, 1, material, *_cloth(field))
@@ -361,7 +385,7 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("visibility", sky, number, "m", 10, CLEAR_VISIBILITY_M, light, *_environment("visibility"))
     yield Attribute("rain", sky, number, "mm/h", 0, 100, light, *_environment("rain"))
     for field in ("street_lamps", "car_lamps"):
-        yield Attribute(field, sky, ParameterType.CATEGORICAL, "", None, None, light, *_lamps(field))
+        yield Attribute(field, sky, name, "", None, None, light, *_lamps(field), lambda *_: POSITIONS)
     yield Attribute("light.intensity_cd", node, number, "cd", 0, 1e6, light, *_light("intensity"))
     for field in _CHANNELS:
         yield Attribute(f"light.{field}", node, number, "", 0, 1, light, *_light(field))
@@ -370,7 +394,9 @@ def _table() -> Iterable[Attribute]:
     yield Attribute("light.radius_m", node, number, "m", 0, 10, light, *_light("radius"))
     for row in SENSOR_PARAMETERS.values():
         ends = (row.minimum, row.maximum)
-        yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, *_not_in_the_scene(row.neutral))
+        read, write = _not_in_the_scene(row.neutral)
+        choices = partial(_fixed, row.choices)
+        yield Attribute(row.name, sensor, row.type, row.unit, *ends, row.affects, read, write, choices)
 
 
 #: (kind of thing, attribute name) to attribute.

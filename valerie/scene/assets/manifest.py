@@ -1,7 +1,7 @@
-"""The manifest of an asset: what it is, what may vary, what moves, where one can stand.
+"""The manifest of an asset: its parameters, what moves, and where people can stand.
 
-The same document is the ``manifest.yaml`` of a user's asset and the value that a generated asset makes. It is cheap:
-the API, the planner and the control loop read it without meshes, trimesh or GL.
+The same document is the ``manifest.yaml`` of a user's asset and the value that an asset pack returns. It is cheap: the API, the
+planner and the control loop read it without meshes, trimesh or GL.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Footprint(_Document):
     """Ground that something occupies.
 
     Attributes:
-        path: node that stands there, e.g. ``scene.car-2``; below one with a ``kind``, that of the kind which it is of.
-        polygon: corners (x, y) in metres, world; simple, either orientation.
-        reason: what is said of a person who would stand in it, e.g. ``inside building-3``; made from the path if empty.
-        height_m: how far it reaches above z = 0; None: farther than any camera.
+        path: node that stands there, e.g. ``scene.car-2``; where a node has a ``kind``, the path of the kind with this outline.
+        polygon: corners (x, y) in metres, world; simple, of either orientation.
+        reason: where a person would stand, e.g. ``inside building-3``; made from the path if empty.
+        height_m: its top above z = 0; None: higher than any camera.
     """
 
     path: str
@@ -52,7 +52,7 @@ class Footprint(_Document):
 
     @property
     def text(self) -> str:
-        """The reason as words: ``inside building-3``."""
+        """Return the reason in words: ``inside building-3``."""
         parts = self.path.split(".")
         return self.reason or f"inside {next((part for part in reversed(parts) if parse_object_name(part)), parts[-1])}"
 
@@ -61,7 +61,7 @@ class GroundRegion(_Document):
     """A part of the ground at one height.
 
     Attributes:
-        polygon: corners (x, y) in metres, world; its border belongs to it.
+        polygon: corners (x, y) in metres, world; the border belongs to it.
         height: z in metres.
     """
 
@@ -70,13 +70,13 @@ class GroundRegion(_Document):
 
 
 class TrainingRules(_Document):
-    """How scenes to train on vary what an asset shows (`valerie.pipeline.retraining.training_scenes`).
+    """Rules by which scenes to train on vary an asset (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
         left_out: movable nodes that these scenes never show.
-        poses: pose of a person to how often it is taken; shares of their sum. Empty: each declared one as often.
-        worn: how parts of the names of materials begin that are dyed in colours of their own, besides ``cloth-``.
-        skin: how parts of the names of materials begin that are made lighter or darker, for a whole person alike.
+        poses: pose of a person to its weight among all; empty: all poses have the same weight.
+        worn: beginnings of ``/``-separated parts of the names of materials that are dyed, besides ``cloth-``.
+        skin: beginnings of parts of the names of materials that are made lighter or darker, for a whole person alike.
     """
 
     left_out: tuple[str, ...] = ()
@@ -86,28 +86,28 @@ class TrainingRules(_Document):
 
 
 class Manifest(_Document):
-    """What an asset declares about itself.
+    """The declarations of an asset.
 
     Attributes:
-        name: how specs call the asset.
-        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; empty for
-            generated assets.
+        name: of the asset in specs.
+        files: glTF files of a user's asset whose nodes are named by the convention, relative to the manifest; an asset pack has
+            none.
         placed_files: glTF files of a user's asset that are named and placed here.
         bearing_deg: compass bearing of +y, clockwise from north.
-        extent: x0, y0, x1, y1 in metres: where a person, or what moves, may be at all.
+        extent: x0, y0, x1, y1 in metres: the ground on which persons and other movable things may be.
         parameters: what may vary, with type, range, unit and default.
-        movable: nodes (with all below them) that belong to the movable layer instead of the background.
-        obstacles: where no person can stand; and the ground that moves with what a parameter moves.
-        ways: ground of carriageways and pavements: no parameter puts there what is neither vehicle nor person, such as a house.
-        ground: heights of the ground; later regions win, elsewhere z = 0.
+        movable: nodes that belong, with everything below them, to the movable layer instead of the background.
+        obstacles: ground on which no person can stand; the outline of a thing that a parameter moves goes with it.
+        ways: ground of carriageways and pavements, which houses and other things that nobody drives keep off.
+        ground: heights of the ground; a later region covers an earlier one, elsewhere z = 0.
         persons: nodes that are pedestrians under test.
         grounded: nodes whose z follows the ground below their (x, y); by default the persons.
-        person_radius_m: the circle that a standing person needs.
-        cameras: camera names, e.g. ``camera-1``; by default those of ``placed_cameras``.
+        person_radius_m: radius of the circle that a standing person needs.
+        cameras: names, e.g. ``camera-1``; by default those of ``placed_cameras``.
         placed_cameras: cameras that are in no file.
-        node_classes: class by path, for nodes whose names do not tell.
+        node_classes: class by path, for nodes whose names state none.
         gaits: poses of persons that ``gait_phase`` acts on; in every other pose it is an input of nothing.
-        paints: by name, what the colour of a vehicle can be.
+        paints: the colours that a vehicle can have, by name.
         training: how scenes to train on vary what the asset shows.
         trajectories: how things move in runs that ask for a sequence or a time.
 
@@ -140,30 +140,30 @@ class Manifest(_Document):
     trajectories: tuple[Trajectory, ...] = ()
 
     def __hash__(self) -> int:
-        # Cheap and consistent with equality: what is derived from a manifest is cached by it, in hot loops.
+        # Cheap and consistent with equality: hot loops cache by manifest.
         return hash((self.name, self.extent, len(self.parameters), len(self.obstacles)))
 
     def __copy__(self) -> Self:
-        copied = super().__copy__()
-        copied.__dict__.pop("by_path", None)  # what was derived belongs to the old parameters
-        return copied
+        copy = super().__copy__()
+        copy.__dict__.pop("by_path", None)  # it belongs to the old parameters
+        return copy
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_in(cls, given: Any) -> Any:
-        """Persons stand on the ground, and what an attribute's row tells need not be declared again."""
-        if not isinstance(given, dict):
-            return given
-        filled = dict(given)
-        if "persons" in filled:
-            filled.setdefault("grounded", filled["persons"])
-        placed = filled.get("placed_cameras")
-        if placed and isinstance(placed, list | tuple) and "cameras" not in filled:
-            filled["cameras"] = [camera.get("name") for camera in placed if isinstance(camera, dict)]
-        cameras, parameters = filled.get("cameras"), filled.get("parameters")
+    def _fill_in(cls, document: Any) -> Any:
+        """Fill in what need not be declared: grounded persons; type, unit and stage of parameters, which their paths give."""
+        if not isinstance(document, dict):
+            return document
+        fields = dict(document)
+        if "persons" in fields:
+            fields.setdefault("grounded", fields["persons"])
+        placements = fields.get("placed_cameras")
+        if placements and isinstance(placements, list | tuple) and "cameras" not in fields:
+            fields["cameras"] = [camera.get("name") for camera in placements if isinstance(camera, dict)]
+        cameras, parameters = fields.get("cameras"), fields.get("parameters")
         if isinstance(cameras, list | tuple) and isinstance(parameters, list | tuple):
-            filled["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
-        return filled
+            fields["parameters"] = tuple(_fill_in_parameter(parameter, cameras) for parameter in parameters)
+        return fields
 
     @field_validator("files")
     @classmethod
@@ -201,7 +201,7 @@ class Manifest(_Document):
         paths = {definition.path for definition in self.parameters}
         for path in self.persons:
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
-                # Whether a variant is legal follows from the manifest alone, so both coordinates must be in it.
+                # The manifest alone decides which variants are legal, so it needs both coordinates.
                 raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
         for obstacle in self.obstacles:
             changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
@@ -234,16 +234,16 @@ class Manifest(_Document):
 
     @property
     def all_files(self) -> tuple[str, ...]:
-        """Every file once, in the order in which they are named."""
+        """Return every file once, in the order in which they are named."""
         return tuple(dict.fromkeys((*self.files, *(placed.file for placed in self.placed_files))))
 
     @cached_property
     def by_path(self) -> Mapping[str, ParameterDefinition]:
-        """Declared parameters by path."""
+        """Return the declared parameters by path."""
         return {definition.path: definition for definition in self.parameters}
 
     def definition(self, path: str, *, field: str = "") -> ParameterDefinition:
-        """The declaration of a path.
+        """Return the declaration of a path.
 
         Raises:
             UnknownName: nothing of that path is declared; the message lists near matches.
@@ -254,7 +254,7 @@ class Manifest(_Document):
             raise UnknownName("parameter", path, self.by_path, field=field) from None
 
     def require_camera(self, name: str, *, field: str = "") -> str:
-        """``name``, if it is a camera of this asset.
+        """Return ``name``, which has to be a camera of this asset.
 
         Raises:
             UnknownName: it is not.
@@ -277,7 +277,7 @@ class Manifest(_Document):
         check_keyframes(trajectory, self.by_path, field=field)
 
     def is_movable(self, path: str) -> bool:
-        """Whether a node, or an attribute below it, belongs to the movable layer."""
+        """Return whether a node, or an attribute below it, belongs to the movable layer."""
         return any(path == movable or path.startswith(movable + ".") for movable in self.movable)
 
 
@@ -285,7 +285,7 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
     """Validate a manifest read from YAML or JSON.
 
     Args:
-        data: what the document holds.
+        data: of the document.
         source: named in errors, e.g. ``manifest.yaml``.
 
     Raises:
@@ -319,7 +319,7 @@ def _fill_in_parameter(parameter: Any, cameras: Sequence[Any]) -> Any:
 
 
 def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field: str) -> None:
-    """Type, unit, range and stage are those of the attribute's row: a wrong stage would reuse wrong products."""
+    """Check type, unit, range and stage against the attribute's row: a wrong stage would reuse wrong products."""
     _, attribute = resolve(definition.path, manifest.cameras, field=field)
     for name in ("type", "unit", "affects"):
         declared, own = getattr(definition, name), getattr(attribute, name)
@@ -345,7 +345,7 @@ def _check_attribute(definition: ParameterDefinition, manifest: Manifest, field:
 
 
 def _check_poses(manifest: Manifest) -> None:
-    """Poses with a gait, and poses to train on, are among those that persons can take."""
+    """Check that poses with a gait, and poses to train on, are poses that persons can take."""
     poses = {
         choice: None
         for definition in manifest.parameters
@@ -375,6 +375,6 @@ def _check_paths(field: str, paths: tuple[str, ...]) -> None:
 
 
 def _check_distinct(field: str, names: list[str] | tuple[str, ...]) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InvalidInput("named twice", field=field, value=", ".join(twice))
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InvalidInput("named twice", field=field, value=", ".join(repeated))

@@ -1,4 +1,4 @@
-"""From bare nodes to a labelled scene: who is what, what moves, what is shown."""
+"""From bare nodes to a labelled scene, and checks that a scene has everything that its manifest names."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from valerie.scene.graph.naming import ROOT, class_of_name, likely_name, object_
 
 
 def classified(nodes: Iterable[Node], node_classes: Mapping[str, str], movable: Sequence[str]) -> dict[str, Node]:
-    """Give nodes their label, instance, movability and effective visibility, all inherited from above.
+    """Return nodes with label, instance, movability and effective visibility, all inherited from the nodes above.
 
     Args:
         nodes: parents before children; every parent is among them or is ``scene``.
-        node_classes: class by path, where names do not tell.
-        movable: paths that move with all below them.
+        node_classes: class by path, where names state none.
+        movable: paths that move, with everything below them.
 
     Returns:
         The nodes by path, in the same order.
@@ -29,9 +29,9 @@ def classified(nodes: Iterable[Node], node_classes: Mapping[str, str], movable: 
         InvalidInput: a path twice, a node without its parent, or two objects with one instance id.
         UnknownName: ``node_classes`` or ``movable`` name a node that is not there, or a class that does not exist.
     """
-    given = list(nodes)
+    ordered = list(nodes)
     by_path: dict[str, Node] = {}
-    for node in given:
+    for node in ordered:
         if node.path in by_path:
             raise InvalidInput("two nodes have the same path", field=node.path)
         if node.parent != ROOT and node.parent not in by_path:
@@ -55,11 +55,11 @@ def classified(nodes: Iterable[Node], node_classes: Mapping[str, str], movable: 
 
 
 def require_declared(scene: Scene, manifest: Manifest) -> None:
-    """Check that what a manifest speaks of is in the scene, and that everything drawn has a class.
+    """Check that everything that a manifest names is in the scene, and that everything drawn has a class.
 
     Raises:
-        UnknownName: a node or camera that is not there.
-        InvalidInput: a node is drawn, but its name tells no class and the manifest gives none; or as `declared_problems`.
+        UnknownName: a node or camera is missing.
+        InvalidInput: neither name nor manifest states the class of a node that is drawn; or as `declared_problems`.
         InvalidInputs: several of these.
     """
     problems: list[InvalidInput] = [
@@ -82,12 +82,12 @@ def require_declared(scene: Scene, manifest: Manifest) -> None:
 
 
 def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]]:
-    """Paths of nodes that the manifest names and the scene lacks, each with the fields that name it.
+    """Return the paths of nodes that the manifest names and the scene lacks, each with the fields that name it.
 
-    What hangs below a missing node is not listed: it is missing for the same reason.
+    Nodes below a missing one are not listed: they are missing for the same reason.
     """
     attributes = (resolve(parameter.path, manifest.cameras) for parameter in manifest.parameters)
-    named: dict[str, Iterable[str]] = {
+    fields: dict[str, Iterable[str]] = {
         "persons": manifest.persons,
         "movable": manifest.movable,
         "grounded": manifest.grounded,
@@ -95,7 +95,7 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
         "parameters": [path for path, attribute in attributes if attribute.target is Target.NODE],
     }
     missing: dict[str, list[str]] = {}
-    for field, paths in named.items():
+    for field, paths in fields.items():
         for path in dict.fromkeys(paths):
             if path not in scene.nodes:
                 missing.setdefault(path, []).append(field)
@@ -107,7 +107,7 @@ def missing_nodes(scene: Scene, manifest: Manifest) -> dict[str, tuple[str, ...]
 
 
 def alike(path: str, scene: Scene) -> list[str]:
-    """Nodes that a missing one may be: of its name's class, or with a name near that; those without class for one without."""
+    """Return the nodes that a missing one may be: those of its class or with a name near it; else those without class."""
     kind = class_of_name(_last(path))
     if kind is None:
         return [other for other in scene.nodes if class_of_name(_last(other)) is None]
@@ -122,7 +122,7 @@ def alike(path: str, scene: Scene) -> list[str]:
 
 
 def declared_problems(scene: Scene, manifest: Manifest) -> list[InvalidInput]:
-    """Cameras that are not there, and materials that are not a node's alone though its parameters change them."""
+    """Return errors for cameras that are missing, and for materials that a parameter changes but other nodes share."""
     cameras: list[InvalidInput] = [
         UnknownName("camera", camera, scene.cameras, field="cameras")
         for camera in manifest.cameras
@@ -132,7 +132,7 @@ def declared_problems(scene: Scene, manifest: Manifest) -> list[InvalidInput]:
 
 
 def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput]:
-    """What cloth and colour parameters change must be that node's alone: else other nodes, even the background, change."""
+    """Yield errors for materials that a cloth or colour parameter changes and that other nodes, even the background, share."""
     clothed = {path.partition(".cloth.")[0] for path in manifest.by_path if ".cloth." in path}
     painted = {path.removesuffix(".colour") for path in manifest.by_path if path.endswith(".colour")}
     for owner in sorted((clothed | painted) & scene.nodes.keys()):
@@ -140,11 +140,11 @@ def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput
         if owner in clothed:
             own |= set(cloth_materials(scene, owner))
             if not own:
-                yield InvalidInput("nothing worn below it: no material whose name starts with cloth-", field=owner)
+                yield InvalidInput("there is no material below it whose name starts with cloth-", field=owner)
         if owner in painted:
             coats = paint_materials(scene, owner)
             if not coats:
-                yield InvalidInput("nothing painted below it: no material whose name starts with paint-", field=owner)
+                yield InvalidInput("there is no material below it whose name starts with paint-", field=owner)
             own |= set(coats)
         for path, node in scene.nodes.items():
             shared = own.intersection(mesh.material for mesh in node.meshes)
@@ -158,12 +158,12 @@ def _shared_materials(scene: Scene, manifest: Manifest) -> Iterator[InvalidInput
 
 
 def unclassified(scene: Scene) -> list[str]:
-    """Paths of nodes with meshes that no class is known of."""
+    """Return the paths of nodes with meshes and without class."""
     return [path for path, node in scene.nodes.items() if node.meshes and node.label_id == 0]
 
 
 def _inherits(node: Node, scene: Scene) -> bool:
-    """Whether a node has its class from the one above."""
+    """Return whether a node inherits its class from its parent."""
     parent = scene.nodes.get(node.parent)
     return parent is not None and bool(parent.label_id)
 

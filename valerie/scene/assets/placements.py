@@ -1,4 +1,4 @@
-"""What a manifest adds to its files: models of others, named and placed, and cameras that no file has."""
+"""Additions of a manifest to its files: placed models, and cameras that no file has."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
 class PlacedFile(BaseModel):
-    """A model made without the naming convention: all that its file draws hangs below one node of a name that tells.
+    """A model whose file does not follow the naming convention: all of it hangs below one node with a name that states its class.
 
     Attributes:
         file: relative to the manifest; one file may be placed many times.
         node: name of the new node directly below the scene, e.g. ``car-1``.
         position: of the model's origin, metres, world.
         heading_deg: of the node, as every heading: 0 faces +y.
-        turn_deg: turns the model within its node, about its origin; 180 for a model whose front is glTF's +Z.
-        scale: of the model within its node; 0.01 for one in centimetres.
-        offset: moves the turned and scaled model within its node, metres: a person's feet belong at the origin.
+        turn_deg: turn of the model within its node, about its origin; 180 for a model whose front is glTF's +Z.
+        scale: of the model within its node; 0.01 for a model in centimetres.
+        offset: of the turned and scaled model within its node, metres; a person's feet belong at the origin.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -59,11 +59,11 @@ class PlacedFile(BaseModel):
         return f"{ROOT}.{self.node}"
 
     def node_transform(self) -> Matrix:
-        """(4, 4) node to world."""
+        """Return the (4, 4) transform, node to world."""
         return place(*self.position, self.heading_deg)
 
     def model_transform(self) -> Matrix:
-        """(4, 4) the file's world to the node."""
+        """Return the (4, 4) transform, world of the file to node."""
         matrix = np.eye(4)
         matrix[:3, :3] = rotation(0.0, 0.0, self.turn_deg) * self.scale
         matrix[:3, 3] = self.offset
@@ -91,13 +91,13 @@ class PlacedCamera(BaseModel):
     sensor_width_mm: float = Field(default=36.0, ge=1.0, le=100.0, allow_inf_nan=False)
 
     def camera(self) -> Camera:
-        """As a part of a scene."""
+        """Return the camera as a part of a scene."""
         transform = camera_transform(self.position, self.yaw_deg, self.pitch_deg, self.roll_deg)
         return Camera(f"{ROOT}.{self.name}", transform, self.focal_length_mm, self.sensor_width_mm)
 
 
 def require_gltf_name(file: str, *, field: str) -> str:
-    """``file``, if it is named as a glTF file.
+    """Return ``file``, which has to be named as a glTF file.
 
     Raises:
         InvalidInput: it is not.

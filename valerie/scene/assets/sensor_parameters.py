@@ -1,9 +1,9 @@
-"""What of a camera's sensor can vary: the one list of names, units, ranges and neutral values.
+"""The parameters of a camera's sensor: the one list of names, units, ranges and neutral values.
 
-`valerie.scene.assets.attributes` makes parameters below ``sensor`` of it, `valerie.sensing.settings` the fields of a sensor
-setting; what each does to a picture, and its source, is in ``docs/sensor.md``. Each is neutral by default: the
-picture is then the same, bit for bit, as if the effect did not exist. Where nature's neutral value is infinite (bits,
-f-number), 0 is neutral and means "none".
+`valerie.scene.assets.attributes` makes parameters below ``sensor`` from it, and `valerie.sensing.settings` the fields of a sensor
+setting. ``docs/sensor.md`` describes the effect of each on a picture, with its source. Each is neutral by default: the picture is
+then the same, bit for bit, as if the effect did not exist. Where the neutral value in nature is infinite (bits, f-number), 0 is
+neutral and means "none".
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ SENSOR_ROOT: Final = "sensor"
 
 
 class SensorParameter(NamedTuple):
-    """One row.
+    """One parameter.
 
     Attributes:
         name: below ``sensor``, e.g. ``noise.read_electrons``.
         type: of its values.
         unit: of the range.
-        minimum, maximum: what a setting accepts; None for BOOL and CATEGORICAL.
+        minimum, maximum: range that a setting accepts; None for BOOL and CATEGORICAL.
         neutral: the default; the effect is absent, or without consequence as long as its neighbours are neutral.
         description: for people.
         choices: of a CATEGORICAL parameter.
-        usual: the narrower range that the generated street declares, where the widest is of no use.
+        usual: the narrower range that an asset declares, where the widest is of no use.
         affects: geometric parameters move pixels, and the truth with them.
     """
 
@@ -44,7 +44,7 @@ class SensorParameter(NamedTuple):
     affects: Affects = Affects.SENSOR_RADIOMETRY
 
     def definition(self) -> ParameterDefinition:
-        """As an asset declares it."""
+        """Return the declaration of the parameter for an asset."""
         low, high = self.usual or (self.minimum, self.maximum)
         return ParameterDefinition(
             path=f"{SENSOR_ROOT}.{self.name}",
@@ -141,5 +141,5 @@ _ROWS: Final = (
     ),
 )  # fmt: skip
 
-#: Name below ``sensor`` to row, in the order of the light's way.
+#: Name below ``sensor`` to parameter, in the order in which light meets them.
 SENSOR_PARAMETERS: Final[Mapping[str, SensorParameter]] = MappingProxyType({row.name: row for row in _ROWS})

@@ -1,4 +1,4 @@
-"""What is wrong or suspicious with a scene asset, found before a run."""
+"""Checks that find errors and oddities of a scene asset before a run."""
 
 from valerie.scene.checks.asset import asset_findings, scene_findings
 from valerie.scene.checks.findings import Finding, Severity

@@ -1,4 +1,4 @@
-"""A user's asset from its folder to a list of findings: everything at once, nothing raised."""
+"""The check of a whole asset: a list of all findings at once; nothing is raised."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import shapely
 from valerie.errors import InvalidInput, ValerieError
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.assets.asset_files import read_manifest
+from valerie.scene.assets.asset_folder import read_manifest
 from valerie.scene.assets.attributes import resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.objects import declared_problems, missing_nodes
@@ -21,19 +21,19 @@ from valerie.scene.checks.shapes import shape_findings
 from valerie.scene.checks.views import view_findings
 from valerie.scene.graph.draft import Draft
 from valerie.scene.graph.naming import ROOT
-from valerie.scene.legality.judging import rejection_reason
-from valerie.scene.variation.applying import apply
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.scene.variation.variant import apply
 
 
 def asset_findings(folder: Path) -> list[Finding]:
     """Check a user's asset; an empty list means that nothing was found.
 
-    Errors keep runs from using the asset; while there are some in the manifest or in files, the scene is not looked at.
+    Runs cannot use an asset with errors. The scene is checked only where manifest and files have none.
 
     Args:
         folder: with ``manifest.yaml`` and the files that it lists.
     """
-    from valerie.scene.assets.assembling import merge
+    from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.common import FilePart
     from valerie.scene.gltf.reader import read_gltf
 
@@ -70,49 +70,49 @@ def asset_findings(folder: Path) -> list[Finding]:
 
 
 def scene_findings(asset: SceneAsset) -> Iterator[Finding]:
-    """Check what a loaded asset holds and declares, wherever it comes from."""
+    """Check the scene and the declarations of a loaded asset, wherever it comes from."""
     yield from name_findings(asset.base, asset.manifest)
     for problem in declared_problems(asset.base, asset.manifest):
         yield from from_error(problem, "declared")
-    # What is missing was named; everything else is judged as if the manifest did not speak of it.
-    there = _of_what_is_there(asset)
-    yield from _outline_findings(there.manifest)
+    # Missing nodes are reported by now; the rest is checked as if the manifest did not name them.
+    present = _without_missing(asset)
+    yield from _outline_findings(present.manifest)
     unusable: list[Finding] = []
     try:
-        scene = apply({}, there)
+        scene = apply({}, present)
     except InvalidInput:
-        unusable, there = _without_unusable(there)
-        scene = apply({}, there)
+        unusable, present = _without_unusable(present)
+        scene = apply({}, present)
     yield from unusable
-    yield from shape_findings(scene, there.manifest)
-    yield from view_findings(scene, there)
+    yield from shape_findings(scene, present.manifest)
+    yield from view_findings(scene, present)
 
 
-def _of_what_is_there(asset: SceneAsset) -> SceneAsset:
-    """The asset with a manifest that names no node and no camera that its scene lacks."""
+def _without_missing(asset: SceneAsset) -> SceneAsset:
+    """Return the asset with a manifest that names no node and no camera that its scene lacks."""
     manifest, scene = asset.manifest, asset.base
     missing = {*missing_nodes(scene, manifest)}
     missing |= {f"{ROOT}.{camera}" for camera in manifest.cameras if camera not in scene.cameras}
     if not missing:
         return asset
 
-    def there(path: str) -> bool:
+    def is_present(path: str) -> bool:
         return not any(path == other or path.startswith(f"{other}.") for other in missing)
 
-    changed = {
-        "persons": tuple(filter(there, manifest.persons)),
-        "movable": tuple(filter(there, manifest.movable)),
-        "grounded": tuple(filter(there, manifest.grounded)),
-        "node_classes": {path: kind for path, kind in manifest.node_classes.items() if there(path)},
-        "parameters": tuple(parameter for parameter in manifest.parameters if there(parameter.path)),
-        "cameras": tuple(camera for camera in manifest.cameras if there(f"{ROOT}.{camera}")),
-        "trajectories": tuple(trajectory for trajectory in manifest.trajectories if there(trajectory.path)),
+    fields = {
+        "persons": tuple(filter(is_present, manifest.persons)),
+        "movable": tuple(filter(is_present, manifest.movable)),
+        "grounded": tuple(filter(is_present, manifest.grounded)),
+        "node_classes": {path: kind for path, kind in manifest.node_classes.items() if is_present(path)},
+        "parameters": tuple(parameter for parameter in manifest.parameters if is_present(parameter.path)),
+        "cameras": tuple(camera for camera in manifest.cameras if is_present(f"{ROOT}.{camera}")),
+        "trajectories": tuple(trajectory for trajectory in manifest.trajectories if is_present(trajectory.path)),
     }
-    return replace(asset, manifest=manifest.model_copy(update=changed))
+    return replace(asset, manifest=manifest.model_copy(update=fields))
 
 
 def _without_unusable(asset: SceneAsset) -> tuple[list[Finding], SceneAsset]:
-    """What is wrong with parameters whose defaults the scene cannot take, and the asset without them."""
+    """Return findings on parameters whose defaults the scene cannot take, and the asset without them."""
     findings: list[Finding] = []
     usable: list[ParameterDefinition] = []
     for parameter in asset.manifest.parameters:
@@ -142,7 +142,7 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
             Severity.NOTE,
             "no-outline",
             path,
-            "it moves, and no outline under obstacles tells which ground it takes: variants in which it stands in something are "
+            "it moves, and no outline under obstacles says which ground it takes: variants in which it stands in something are "
             "not rejected",
         )
     try:
@@ -160,17 +160,17 @@ def _outline_findings(manifest: Manifest) -> Iterator[Finding]:
 
 
 def _without_outline(manifest: Manifest) -> Iterator[str]:
-    """Things, but for persons, that parameters put elsewhere and whose ground is not known."""
+    """Yield the things, apart from persons, that parameters move and that have no outline."""
     cameras = {f"{ROOT}.{camera}" for camera in manifest.cameras}
     outlined = [obstacle.path for obstacle in manifest.obstacles]
     for path in dict.fromkeys(p.path.rpartition(".pos.")[0] for p in manifest.parameters if ".pos." in p.path):
-        judged = path in cameras or path in manifest.persons or path.count(".") != 1
-        if not judged and not any(one == path or one.startswith(f"{path}.") for one in outlined):
+        is_other = path in cameras or path in manifest.persons or path.count(".") != 1
+        if not is_other and not any(outline == path or outline.startswith(f"{path}.") for outline in outlined):
             yield path
 
 
 def _camera_defaults(manifest: Manifest) -> Mapping[str, float]:
-    """Cameras are judged where all their coordinates are given."""
+    """Return an assignment with all coordinates of the cameras, which are judged only where it gives them."""
     return {
         path: float(manifest.by_path[path].default)
         for camera in manifest.cameras

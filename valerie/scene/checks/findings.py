@@ -1,4 +1,4 @@
-"""One thing that the check of an asset found, in a form for people and for machines."""
+"""Findings of the check of an asset, in a form for people and for machines."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from valerie.errors import InvalidInput, InvalidInputs
 
 
 class Severity(StrEnum):
-    """How bad a finding is."""
+    """The severity of a finding."""
 
     ERROR = "error"  #: runs with the asset are refused or fail
-    WARNING = "warning"  #: runs work, but hardly as their author means
-    NOTE = "note"  #: what was left out or filled in
+    WARNING = "warning"  #: runs work, but probably not as intended
+    NOTE = "note"  #: something was left out or filled in
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was found.
+    """One finding.
 
     Attributes:
-        severity: how bad it is.
-        code: what kind of thing, for machines: ``inside-solid``, ``out-of-view`` ….
-        where: file, node or field; empty where the whole asset is meant.
-        message: what is wrong, and what to do about it.
-        value: what was found.
-        limit: what would have been expected.
+        severity: error, warning or note.
+        code: kind of finding, for machines: ``inside-solid``, ``out-of-view`` ….
+        where: file, node or field; empty for the whole asset.
+        message: the problem and its remedy.
+        value: the offending value.
+        limit: the expected value.
     """
 
     severity: Severity
@@ -42,7 +42,7 @@ class Finding:
         return f"{self.severity}: {InvalidInput(self.message, field=self.where, value=self.value, limit=self.limit)}"
 
     def document(self) -> dict[str, Any]:
-        """Plain data; ``value`` and ``limit`` as text, None where there is none."""
+        """Return the finding as plain data; ``value`` and ``limit`` as text, None where there is none."""
         return {
             "severity": str(self.severity),
             "code": self.code,
@@ -54,12 +54,12 @@ class Finding:
 
 
 def from_error(error: InvalidInput, code: str, *, file: str = "") -> Iterator[Finding]:
-    """The findings that an error stands for: one for each of its problems.
+    """Yield a finding for each problem of an error.
 
     Args:
         error: raised while the asset was read.
         code: of the findings.
-        file: where the error's own field does not tell.
+        file: the place, where the error has no field.
     """
     if isinstance(error, InvalidInputs):
         for problem in error.problems:

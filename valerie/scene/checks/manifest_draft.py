@@ -1,4 +1,4 @@
-"""A first manifest for a folder of glTF files, for its author to correct: what stands where is measured, not guessed."""
+"""Drafting of a first manifest for a folder of glTF files, for its author to correct; places and outlines are measured."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 from valerie.labels import BY_ID, PERSON
-from valerie.scene.assets.asset_files import MANIFEST_FILE
+from valerie.scene.assets.asset_folder import MANIFEST_FILE
 from valerie.scene.assets.manifest import parse_manifest
 from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ROOT, likely_name, object_labels
 from valerie.spelling import plain_name
 
-#: Classes that nobody can stand in.
+#: Classes of things that nobody can stand in.
 _SOLID: Final = frozenset(
     {"building", "wall", "fence", "guard-rail", "car", "truck", "bus", "caravan", "trailer", "train", "motorcycle"}
 )
-#: What of a thing is in a person's way, metres above the ground.
+#: Height up to which a thing is in a person's way, metres above the ground.
 _REACH_M: Final = 2.2
-#: A footprint of more of the extent than this is that of a whole street, and its convex outline means nothing.
+#: Largest share of the extent for a footprint; a larger one is of a whole street, and its convex outline means nothing.
 _LARGEST_SHARE: Final = 0.25
 #: Height of the camera that is added where no file has one, metres.
 _EYES_M: Final = 1.6
 _HEADER: Final = """\
-# Drafted from the files of this folder: correct it, then say `valerie asset check` (docs/assets.md).
+# Drafted from the files of this folder: correct it, then run `valerie asset check` (docs/assets.md).
 """
 
 
 def draft_manifest(folder: Path) -> Path:
     """Write a first ``manifest.yaml`` for the glTF files in and below a folder.
 
-    Files with nodes named by the convention are taken as they are; others are placed below a node that is named after the
-    file, and lie where their author put them.
+    Files with nodes named by the convention are listed as they are. Others are placed below a node that is named after the
+    file, with their own coordinates.
 
     Returns:
         The path of the manifest.
 
     Raises:
-        InvalidInput: there is a manifest already, no file, a file that cannot be read, or two that contradict each other.
+        InvalidInput: there is a manifest already, or no file; a file cannot be read, or two contradict each other.
     """
     path = folder / MANIFEST_FILE
     if path.exists():
@@ -62,8 +62,8 @@ def draft_manifest(folder: Path) -> Path:
 
 
 def manifest_draft(folder: Path) -> dict[str, Any]:
-    """The document that `draft_manifest` writes."""
-    from valerie.scene.assets.assembling import merge
+    """Return the document that `draft_manifest` writes."""
+    from valerie.scene.assets.gltf_scene import merge
     from valerie.scene.gltf.reader import read_gltf
 
     files = sorted(
@@ -123,11 +123,11 @@ def _extent(boxes: Mapping[str, NDArray[np.float64]]) -> list[int]:
 
 
 def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
+    parameters: list[dict[str, Any]] = []
     x0, y0, x1, y1 = extent
     for path in persons:
         x, y = (round(float(v), 3) for v in scene.nodes[path].transform[:2, 3])
-        found += [
+        parameters += [
             {"path": f"{path}.pos.x", "minimum": x0, "maximum": x1, "default": min(max(x, x0), x1)},
             {"path": f"{path}.pos.y", "minimum": y0, "maximum": y1, "default": min(max(y, y0), y1)},
             {"path": f"{path}.heading", "default": 0.0},
@@ -135,23 +135,23 @@ def _parameters(scene: Scene, persons: list[str], extent: list[int]) -> list[dic
     sun = scene.sun
     elevation = round(min(max(math.degrees(sun.elevation), 5.0), 85.0), 1)
     return [
-        *found,
+        *parameters,
         {"path": "scene.sun-1.azimuth", "default": round(math.degrees(sun.azimuth) % 360.0, 1)},
         {"path": "scene.sun-1.elevation", "minimum": 5.0, "maximum": 85.0, "default": elevation},
     ]
 
 
 def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: list[int]) -> list[dict[str, Any]]:
-    """Convex outlines of what stands in a person's way."""
+    """Return convex outlines of the things that are in a person's way."""
     points: dict[str, list[NDArray[np.float64]]] = {}
     for path, node in scene.nodes.items():
         if node.visible and node.meshes and BY_ID[node.label_id].node_class in _SOLID:
             world = scene.world_transform(path)
             points.setdefault(object_of(scene, node), []).extend(world_points(mesh, world) for mesh in node.meshes)
     largest = _LARGEST_SHARE * (extent[2] - extent[0]) * (extent[3] - extent[1])
-    found = []
-    for owner, given in points.items():
-        together = np.concatenate(given)
+    obstacles = []
+    for owner, clouds in points.items():
+        together = np.concatenate(clouds)
         low = together[together[:, 2] < _REACH_M]
         if len(low) < 3:
             continue
@@ -159,5 +159,7 @@ def _obstacles(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], extent: l
         if not isinstance(outline, shapely.Polygon) or not 0.0 < outline.area <= largest:
             continue
         polygon = [[round(float(v), 2) for v in corner] for corner in outline.exterior.coords[:-1]]
-        found.append({"path": owner, "polygon": polygon, "height_m": max(round(float(boxes[owner][1, 2]), 2), 0.01)})
-    return found
+        obstacles.append(
+            {"path": owner, "polygon": polygon, "height_m": max(round(float(boxes[owner][1, 2]), 2), 0.01)}
+        )
+    return obstacles

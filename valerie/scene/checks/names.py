@@ -1,4 +1,4 @@
-"""Names: who is under test, which class everything has, and what a node was probably meant to be called."""
+"""Checks of names: persons under test, classes of nodes, and names that were probably meant."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from valerie.scene.checks.shapes import HEIGHTS_M, object_boxes
 from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import class_of_name, likely_name, parse_object_name
 
-#: Nodes that a missing one may be, of which a finding tells.
+#: Candidates for a missing node that a finding lists.
 _LISTED: Final = 3
 
 
 def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
-    """Nodes that are named and missing, nodes without class, scenes without persons, persons that do not move."""
+    """Yield findings on missing nodes, nodes without class, scenes without persons, and persons that do not move."""
     yield from _missing(scene, manifest)
     people = [path for path, node in scene.nodes.items() if node.label_id == PERSON.id and node.meshes]
     named_above = bool(manifest.persons) and not any(path in scene.nodes for path in manifest.persons)
@@ -63,7 +63,7 @@ def name_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _to_rename(path: str) -> str:
-    """Of a node without class and those above it, the nearest whose name is almost that of an object; else the node itself."""
+    """Return the path to rename for a node without class: the nearest upwards with a name like an object's, else its own."""
     above = path
     while above.count("."):
         if likely_name(above.rpartition(".")[2]):
@@ -73,50 +73,50 @@ def _to_rename(path: str) -> str:
 
 
 def _missing(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
-    """What the manifest names and the scene lacks: once for each node, with those that it may be."""
+    """Yield a finding for each node that the manifest names and the scene lacks, with the nodes that may be meant."""
     missing = missing_nodes(scene, manifest)
-    taken = {*manifest.persons, *manifest.movable, *manifest.grounded}
+    names = {*manifest.persons, *manifest.movable, *manifest.grounded}
     upright = _of_a_persons_size(scene) if missing.keys() & {*manifest.persons} else {}
     for path, fields in missing.items():
         name = path.rpartition(".")[2]
         kind = class_of_name(name)
         what = "person" if path in manifest.persons else kind or "node"
-        found = [other for other in alike(path, scene) if other not in taken]
+        candidates = [other for other in alike(path, scene) if other not in names]
         if kind is None:
-            found = get_close_matches(path, found, n=_LISTED)
+            candidates = get_close_matches(path, candidates, n=_LISTED)
         hints = [
             f"{other} is a {kind}: name that in the manifest, or call it {name}"
             if kind is not None and scene.nodes[other].label_id
             else f"{other} looks like it: call it {name}"
-            for other in found[:_LISTED]
+            for other in candidates[:_LISTED]
         ]
         if what == "person":
             hints += [
                 f"{other} has no class and the height of a person ({height:.2f} m): call it {name} if it is one"
                 for other, height in upright.items()
-                if other not in found
+                if other not in candidates
             ][:_LISTED]
         advice = "; ".join(hints) or f"nothing looks like it: call its node {name}, or take it out of the manifest"
-        # Persons are grounded without their author's word.
-        said = ", ".join(field for field in fields if field != "grounded" or "persons" not in fields)
+        # Persons are grounded by default.
+        places = ", ".join(field for field in fields if field != "grounded" or "persons" not in fields)
         yield Finding(
             Severity.ERROR,
             "no-person" if what == "person" else "declared",
             path,
-            f"no such {what} in the files, and the manifest names it under {said}; {advice}",
+            f"no such {what} in the files, and the manifest names it under {places}; {advice}",
         )
 
 
 def _of_a_persons_size(scene: Scene) -> dict[str, float]:
-    """Upright nodes without class, and with no name of another one, that are as high as a person; their heights in metres."""
+    """Return the heights in metres of upright nodes as high as a person, without class and without the name of another one."""
     low, high = HEIGHTS_M["person"]
-    found: dict[str, float] = {}
+    heights: dict[str, float] = {}
     for path, box in object_boxes(scene, labelled=False).items():
         width, depth, height = (float(side) for side in box[1] - box[0])
         likely = class_of_name(likely_name(path.rpartition(".")[2]) or "")
         if low <= height <= high and height > max(width, depth) and likely in (None, "person"):
-            found[path] = height
-    return found
+            heights[path] = height
+    return heights
 
 
 def _class_of(label_id: int) -> str:

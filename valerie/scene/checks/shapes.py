@@ -1,4 +1,4 @@
-"""Shapes: sizes that hint at a wrong unit, origins that are not on the ground, too many triangles, textures nobody sees."""
+"""Checks of shapes: sizes that hint at a wrong unit, origins off the ground, too many triangles, textures without coordinates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.scene.graph.model import Mesh, Node, Scene
 MAX_TRIANGLES: Final = 1_000_000
 #: Objects that the finding of a heavy scene names.
 _HEAVIEST: Final = 3
-#: Objects of these classes have about this height; others hint at a wrong unit (centimetres, inches).
+#: Heights of objects by class; others hint at a wrong unit (centimetres, inches).
 HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
     "person": (0.4, 2.6),
     "rider": (0.4, 2.6),
@@ -27,7 +27,7 @@ HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
     "motorcycle": (0.6, 2.6),
     "bicycle": (0.5, 2.6),
 }
-#: Classes that people and cars stand on.
+#: Classes of ground that people and cars stand on.
 GROUND_CLASSES: Final = frozenset({"road", "sidewalk", "parking", "terrain", "ground", "rail-track", "bridge"})
 #: How far the top of the ground may be from where persons are put, metres.
 _GROUND_M: Final = 1.0
@@ -38,7 +38,7 @@ _ASIDE_M: Final = 0.5
 
 
 def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
-    """What the geometry of a scene, every parameter at its default, suggests."""
+    """Yield findings on the geometry of a scene with every parameter at its default."""
     for path, node in scene.nodes.items():
         if node.visible:
             for mesh in node.meshes:
@@ -62,13 +62,13 @@ def shape_findings(scene: Scene, manifest: Manifest) -> Iterator[Finding]:
 
 
 def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np.float64]]:
-    """Path of each shown object to its box in the world, metres: (2, 3), lowest and highest corner.
+    """Return the path of each visible object and its box in the world: (2, 3) metres, lowest and highest corner.
 
-    The object is the topmost node of its instance, or of its class where there are no instances.
+    The path is that of the topmost node of the instance, or of the class where there are no instances.
 
     Args:
-        scene: to be measured.
-        labelled: the objects that have a class; else those that have none.
+        scene: to measure.
+        labelled: whether objects with a class are measured, or those without.
     """
     boxes: dict[str, NDArray[np.float64]] = {}
     for path, node in scene.nodes.items():
@@ -88,7 +88,7 @@ def object_boxes(scene: Scene, *, labelled: bool = True) -> dict[str, NDArray[np
 
 
 def object_of(scene: Scene, node: Node) -> str:
-    """Path of the topmost node of the same object."""
+    """Return the path of the topmost node of the same object."""
     owner = node
     while True:
         parent = scene.nodes.get(owner.parent)
@@ -98,13 +98,13 @@ def object_of(scene: Scene, node: Node) -> str:
 
 
 def world_points(mesh: Mesh, world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V, 3) positions in the world, metres."""
-    moved: NDArray[np.float64] = mesh.positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
-    return moved
+    """Return positions in the world: (V, 3) metres."""
+    points: NDArray[np.float64] = mesh.positions.astype(np.float64) @ world[:3, :3].T + world[:3, 3]
+    return points
 
 
 def _triangles(scene: Scene) -> Iterator[Finding]:
-    """Objects of very many triangles; and the scene, where there are too many without them."""
+    """Yield findings on objects with very many triangles, and on the scene if it has too many without them."""
     shown: dict[str, int] = {}
     for node in scene.nodes.values():
         if node.visible and node.meshes:

@@ -1,4 +1,4 @@
-"""Cameras: inside something solid, or without the persons that they are to see."""
+"""Checks of cameras: inside something solid, or without the persons under test in their pictures."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from valerie.scene.checks.shapes import object_boxes, object_of, world_points
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.legality.ground import ground_height
 
-#: Share of all directions that lead out through a surface; from here on a place counts as inside of it.
+#: A place counts as inside a surface from this share of directions on that lead out through it.
 _INSIDE: Final = 0.6
-#: Shape of the picture by which is judged who is in view: that of the default resolution.
+#: Width by height of the picture in which persons have to be: that of the default resolution.
 _ASPECT: Final = 16 / 9
-#: Places tried per coordinate of a person.
+#: Places that are tried per coordinate of a person.
 _STEPS: Final = 15
 
 
 def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
-    """Every camera of the manifest and every person under test, with all parameters at their defaults.
+    """Yield findings on every camera of the manifest and every person under test.
 
     Args:
         scene: of the asset, with every parameter at its default.
-        asset: for the ranges of places.
+        asset: declares the ranges of places.
     """
     cameras = [scene.cameras[name] for name in asset.manifest.cameras if name in scene.cameras]
     boxes = object_boxes(scene)
@@ -76,7 +76,7 @@ def view_findings(scene: Scene, asset: SceneAsset) -> Iterator[Finding]:
 
 
 def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
-    """Whether a box (2, 3) in the world reaches into a camera's picture of 16 : 9; never False for one that does."""
+    """Return whether a box (2, 3) in the world may reach into a camera's picture of 16 : 9; never False for one that does."""
     corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     local = (corners - camera.position) @ camera.transform[:3, :3]
     half_width = 0.5 * camera.sensor_width_mm / camera.focal_length_mm
@@ -94,9 +94,9 @@ def in_view(camera: Camera, box: NDArray[np.float64]) -> bool:
 
 
 def enclosure(point: NDArray[np.float64], triangles: NDArray[np.float64]) -> float:
-    """How far a surface encloses a point: 1 inside of a closed one, 0 outside, between for one with holes.
+    """Return how far a surface encloses a point: 1 inside a closed one, 0 outside, between for one with holes.
 
-    The sum of the triangles' solid angles (Van Oosterom and Strackee 1983, doi:10.1109/TBME.1983.325207), as a share of
+    It is the sum of the triangles' solid angles (Van Oosterom and Strackee 1983, doi:10.1109/TBME.1983.325207), as a share of
     all directions (the generalised winding number of Jacobson et al. 2013, doi:10.1145/2461912.2461916).
 
     Args:
@@ -116,7 +116,7 @@ def enclosure(point: NDArray[np.float64], triangles: NDArray[np.float64]) -> flo
 
 
 def _around(scene: Scene, boxes: Mapping[str, NDArray[np.float64]], point: NDArray[np.float64]) -> Iterator[str]:
-    """Objects that enclose a point."""
+    """Yield the objects that enclose a point."""
     near = {owner for owner, box in boxes.items() if (box[0] <= point).all() and (point <= box[1]).all()}
     total = dict.fromkeys(sorted(near), 0.0)
     for path, node in scene.nodes.items() if near else ():
@@ -135,7 +135,7 @@ def _share_in_view(
     origin: NDArray[np.float64],
     cameras: list[Camera],
 ) -> float | None:
-    """Share of a person's declared places at which some camera has it in its picture; None if its place does not vary."""
+    """Return the share of a person's declared places at which a camera has it in its picture; None if its place does not vary."""
     by_path = asset.manifest.by_path
     axes = []
     for axis in "xy":

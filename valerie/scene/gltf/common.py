@@ -1,4 +1,4 @@
-"""What reading and writing share: limits, names of extensions, and the change of axes."""
+"""Common parts of reading and writing: limits, names of extensions, and the change of axes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from valerie.scene.graph.model import Camera, Environment, Material, Matrix, Node, Sun, Texture
 
-#: Key of this project's facts in a glTF object's ``extras``.
+#: Key of this project's properties in ``extras`` of a glTF object.
 EXTRAS_KEY: Final = "valerie"
 
 LIGHTS: Final = "KHR_lights_punctual"
 SPECULAR: Final = "KHR_materials_specular"
 EMISSIVE_STRENGTH: Final = "KHR_materials_emissive_strength"
-#: What a file may require of its reader.
+#: Extensions that a file may require.
 SUPPORTED_EXTENSIONS: Final = frozenset({LIGHTS, SPECULAR, EMISSIVE_STRENGTH})
 
-#: Checked before anything of that size is allocated.
+#: Limits, checked before anything of that size is allocated.
 MAX_NODES: Final = 100_000
 MAX_DEPTH: Final = 64
 MAX_VERTICES: Final = 30_000_000
@@ -30,13 +30,13 @@ MAX_TEXELS: Final = 2**28
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilePart:
-    """What one glTF file holds, in this project's axes, before labels are given.
+    """The content of one glTF file in this project's axes, without labels.
 
     Attributes:
         nodes: parents before children, in the file's order.
         sun, environment: None where the file has none.
         movable: paths that the file itself marks as movable.
-        notes: what the file has and this project ignores or approximates, in words.
+        notes: sentences on content that is ignored or approximated.
     """
 
     nodes: tuple[Node, ...]
@@ -56,34 +56,34 @@ _FROM_Y_UP: Final = np.array([1.0, -1.0, 1.0])
 
 
 def vectors_to_y_up(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(…, 3) z up to (…, 3) y up."""
-    turned: NDArray[np.float32] = vectors[..., _ORDER] * _TO_Y_UP.astype(vectors.dtype)
-    return turned
+    """Turn (…, 3) vectors with z up into vectors with y up."""
+    result: NDArray[np.float32] = vectors[..., _ORDER] * _TO_Y_UP.astype(vectors.dtype)
+    return result
 
 
 def vectors_from_y_up(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(…, 3) y up to (…, 3) z up."""
-    turned: NDArray[np.float32] = vectors[..., _ORDER] * _FROM_Y_UP.astype(vectors.dtype)
-    return turned
+    """Turn (…, 3) vectors with y up into vectors with z up."""
+    result: NDArray[np.float32] = vectors[..., _ORDER] * _FROM_Y_UP.astype(vectors.dtype)
+    return result
 
 
 def transform_to_y_up(matrix: Matrix) -> Matrix:
-    """(4, 4) object to parent, both z up, to the same between y-up frames: C · M · C⁻¹."""
+    """Turn a (4, 4) transform between frames with z up into that between frames with y up: C · M · C⁻¹."""
     return _turned(matrix, _TO_Y_UP, both=True)
 
 
 def transform_from_y_up(matrix: Matrix) -> Matrix:
-    """The inverse of `transform_to_y_up`."""
+    """Invert `transform_to_y_up`."""
     return _turned(matrix, _FROM_Y_UP, both=True)
 
 
 def view_to_y_up(matrix: Matrix) -> Matrix:
-    """(4, 4) camera to world: only the world turns, since a camera's own axes are glTF's: C · M."""
+    """Turn the world of a (4, 4) camera-to-world transform: C · M; a camera's own axes are those of glTF."""
     return _turned(matrix, _TO_Y_UP, both=False)
 
 
 def view_from_y_up(matrix: Matrix) -> Matrix:
-    """The inverse of `view_to_y_up`."""
+    """Invert `view_to_y_up`."""
     return _turned(matrix, _FROM_Y_UP, both=False)
 
 
@@ -96,6 +96,6 @@ def _turned(matrix: Matrix, signs: NDArray[np.float64], *, both: bool) -> Matrix
 
 
 def own_extras(extras: Any) -> dict[str, Any]:
-    """This project's part of an ``extras`` object; empty where there is none."""
-    found = extras.get(EXTRAS_KEY) if isinstance(extras, dict) else None
-    return found if isinstance(found, dict) else {}
+    """Return this project's part of an ``extras`` object; empty where there is none."""
+    own = extras.get(EXTRAS_KEY) if isinstance(extras, dict) else None
+    return own if isinstance(own, dict) else {}

@@ -1,4 +1,4 @@
-"""A glTF document and its buffers, checked before they are trusted."""
+"""A glTF document and its buffers, checked before they are used."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Container:
         self._buffers = _buffers(document, binary, name, resources)
 
     def view(self, index: int) -> bytes:
-        """The bytes of a buffer view."""
+        """Return the bytes of a buffer view."""
         data, start, length, _ = self._view(index)
         return data[start : start + length]
 
     def resource(self, uri: str, *, field: str) -> bytes:
-        """The bytes that a URI of this file stands for."""
+        """Return the bytes behind a URI of this file."""
         return self._resources.read(uri, field=field)
 
     def _view(self, index: int) -> tuple[bytes, int, int, int | None]:
@@ -64,11 +64,11 @@ class Container:
         return data, start, length, view.byteStride
 
     def array(self, index: int, *, kind: str) -> NDArray[Any]:
-        """An accessor as a contiguous array: (count,) for SCALAR, else (count, 2 … 4), in its own component type.
+        """Return an accessor as a contiguous array: (count,) for SCALAR, else (count, 2 … 4), in its own component type.
 
         Args:
             index: of the accessor.
-            kind: ``SCALAR``, ``VEC2`` … that is expected.
+            kind: the expected type, ``SCALAR``, ``VEC2`` …
         """
         field = f"{self.name}: accessors.{index}"
         accessor = item(self.document.accessors, index, f"{self.name}: accessors")
@@ -94,8 +94,8 @@ class Container:
         strided: NDArray[Any] = np.ndarray(
             (count, width), dtype, buffer=data, offset=start + offset, strides=(step, dtype.itemsize)
         )
-        copied = strided.copy()
-        return copied[:, 0] if width == 1 else copied
+        elements = strided.copy()
+        return elements[:, 0] if width == 1 else elements
 
 
 def open_container(path: Path, root: Path | None = None) -> Container:
@@ -103,7 +103,7 @@ def open_container(path: Path, root: Path | None = None) -> Container:
 
     Args:
         path: of the file.
-        root: folder that no reference may lead out of; the file's own if not given.
+        root: folder that no reference may lead out of; by default the file's own.
 
     Raises:
         InvalidInput: too large, truncated, not glTF 2.0, requires an unknown extension, or a file is missing or outside.
@@ -125,7 +125,7 @@ def _parse(plain: dict[str, Any], name: str) -> pygltflib.GLTF2:
         if len(plain.get("nodes") or ()) > MAX_NODES:
             raise InvalidInput("too many nodes", field=f"{name}: nodes", value=len(plain["nodes"]), limit=MAX_NODES)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the library warns of nulls that the format allows
+            warnings.simplefilter("ignore")  # the library warns about nulls that the format allows
             document = pygltflib.GLTF2.gltf_from_json(json.dumps(plain))
     except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
         raise InvalidInput(f"the JSON is not glTF: {error}", field=name) from None
@@ -155,17 +155,17 @@ def _buffers(document: pygltflib.GLTF2, binary: bytes | None, name: str, resourc
 
 
 def item(items: Sequence[Item], index: Any, field: str) -> Item:
-    """What an index of the file refers to.
+    """Return the item that an index of the file refers to.
 
     Args:
         items: the list that it counts.
-        index: as it stands in the file.
-        field: of the list or of who refers to it, for the error.
+        index: from the file.
+        field: of the list, or of the place that refers to it, for the error.
 
     Raises:
-        InvalidInput: no whole number, or of nothing that is there.
+        InvalidInput: it is no whole number, or out of range.
     """
     if not isinstance(index, int) or not 0 <= index < len(items):
-        there = f"0…{len(items) - 1}" if items else "there are none"
-        raise InvalidInput("refers to something that is not there", field=field, value=index, limit=there)
+        valid = f"0…{len(items) - 1}" if items else "there are none"
+        raise InvalidInput("refers to something that is not there", field=field, value=index, limit=valid)
     return items[index]

@@ -1,6 +1,6 @@
-"""glTF files on disk: header, chunks and JSON, and the files beside them that they refer to; needs no library of glTF.
+"""glTF files on disk: header, chunks, JSON, and the files that they refer to; no glTF library is needed.
 
-References lead to buffers and images in the asset's own folder, and nowhere else.
+References may lead to buffers and images in the asset's own folder, and nowhere else.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ MAX_FILE_BYTES: Final = 1024**3
 
 _JSON_CHUNK: Final = 0x4E4F534A
 _BINARY_CHUNK: Final = 0x004E4942
-#: ``http:``, ``file:`` … (RFC 3986, section 3.1), and what other systems take for a root.
+#: ``http:``, ``file:`` … (RFC 3986, section 3.1), and roots of other systems.
 _NOT_RELATIVE: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:|[/\\]")
 
 
 class Resources:
-    """Reads what the URIs of one glTF file stand for.
+    """The data behind the URIs of one glTF file.
 
     Args:
-        path: of the glTF file, to whose folder relative URIs belong.
-        root: folder that nothing may lead out of, links followed; the file's own if not given.
+        path: of the glTF file; relative URIs start at its folder.
+        root: folder that nothing may lead out of, links followed; by default the file's own.
     """
 
     def __init__(self, path: Path, root: Path | None = None) -> None:
@@ -39,10 +39,10 @@ class Resources:
         self._root = (root or path.parent).resolve()
 
     def read(self, uri: str, *, field: str) -> bytes:
-        """The bytes of a ``data:…;base64,…`` URI or of a file.
+        """Return the bytes of a ``data:…;base64,…`` URI or of a file.
 
         Raises:
-            InvalidInput: not base64, or as `find`.
+            InvalidInput: it is not base64; or as `find`.
         """
         if not uri.startswith("data:"):
             return self.find(uri, field=field).read_bytes()
@@ -55,10 +55,10 @@ class Resources:
             raise InvalidInput("not valid base64", field=field) from None
 
     def find(self, uri: str, *, field: str) -> Path:
-        """The file that a relative URI names.
+        """Return the file that a relative URI names.
 
         Raises:
-            InvalidInput: no relative path, out of the asset's folder, no such file, or too large.
+            InvalidInput: it is no relative path, leads out of the asset's folder, names no file, or a too large one.
         """
         relative = unquote(uri)
         if not relative or _NOT_RELATIVE.match(relative) or "\0" in relative:
@@ -76,10 +76,10 @@ class Resources:
 
 
 def open_document(path: Path) -> tuple[dict[str, Any], bytes | None]:
-    """The JSON of a .glb or .gltf, and the binary chunk if there is one.
+    """Return the JSON of a .glb or .gltf, and the binary chunk if there is one.
 
     Raises:
-        InvalidInput: too large, truncated, or not glTF 2.0.
+        InvalidInput: the file is too large, truncated, or not glTF 2.0.
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
@@ -90,7 +90,7 @@ def open_document(path: Path) -> tuple[dict[str, Any], bytes | None]:
 
 
 def _chunks(raw: bytes, name: str) -> tuple[bytes, bytes | None]:
-    """JSON and binary chunk of a .glb (glTF 2.0, section 4.4)."""
+    """Return JSON and binary chunk of a .glb (glTF 2.0, section 4.4)."""
     if len(raw) < 20 or raw[:4] != b"glTF":
         raise InvalidInput("not a binary glTF file", field=name, value=f"{len(raw)} bytes", limit="starts with glTF")
     version, length = struct.unpack_from("<II", raw, 4)
@@ -133,7 +133,7 @@ def _plain(text: bytes, name: str) -> dict[str, Any]:
 
 
 def external_uris(path: Path, name: str) -> tuple[tuple[str, str], ...]:
-    """Field and URI of everything that a glTF file keeps in other files.
+    """Yield field and URI of everything that a glTF file keeps in other files.
 
     A file that is no glTF refers to nothing: what is wrong with it is said when it is read.
 

@@ -1,4 +1,4 @@
-"""PNG and JPEG to texels and back; a PNG round trip keeps every texel."""
+"""Decoding of PNG and JPEG, encoding of PNG; a round trip through PNG keeps every texel."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from valerie.scene.gltf.common import MAX_IMAGE_SIDE
 
 
 def decode_image(data: bytes, *, field: str) -> NDArray[np.uint8]:
-    """(H, W, 3) or (H, W, 4) uint8, first row at the top; grey becomes RGB, 16 bits become 8.
+    """Decode an image to (H, W, 3) or (H, W, 4) uint8, first row at the top; grey becomes RGB, 16 bits become 8.
 
     Raises:
-        InvalidInput: neither PNG nor JPEG, broken, or larger than `MAX_IMAGE_SIDE`.
+        InvalidInput: it is neither PNG nor JPEG, broken, or larger than `MAX_IMAGE_SIDE`.
     """
     import cv2
 
@@ -39,18 +39,18 @@ def decode_image(data: bytes, *, field: str) -> NDArray[np.uint8]:
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """A PNG of (H, W, 3) or (H, W, 4) uint8."""
+    """Encode (H, W, 3) or (H, W, 4) uint8 as PNG."""
     import cv2
 
     order = [2, 1, 0, 3][: image.shape[2]]
-    done, data = cv2.imencode(".png", np.ascontiguousarray(image[:, :, order]), [cv2.IMWRITE_PNG_COMPRESSION, 4])
-    if not done:
+    success, data = cv2.imencode(".png", np.ascontiguousarray(image[:, :, order]), [cv2.IMWRITE_PNG_COMPRESSION, 4])
+    if not success:
         raise InvalidInput("the image cannot be written as PNG", value=str(image.shape))
     return bytes(data)
 
 
 def image_size(data: bytes, *, field: str) -> tuple[int, int]:
-    """Width and height from the header of a PNG or JPEG, before anything is decoded."""
+    """Read width and height from the header of a PNG or JPEG; nothing is decoded."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)

@@ -1,7 +1,7 @@
-"""Lamps as KHR_lights_punctual writes them: point and spot lights in candela.
+"""Lamps in the form of KHR_lights_punctual: point and spot lights in candela.
 
 A light of glTF shines along its node's −z, which is the node's +y here (`common`), so nodes need no further turn. The
-extension has no switches, no size, no dipped beams and no materials that glow: those are in ``extras``.
+extension has no switches, no size, no dipped beams and no glowing materials; these are in ``extras``.
 """
 
 from __future__ import annotations
@@ -20,21 +20,25 @@ _WIDEST_SPOT: Final = math.pi / 2
 _DEFAULT: Final = Light()
 
 
-def read_light(given: Mapping[str, Any], path: str) -> Light:
-    """The lamp of a node; directional light is the sun, and read elsewhere.
+def read_light(document: Mapping[str, Any], path: str) -> Light:
+    """Read the lamp of a node; a directional light is the sun, which the file's reader handles.
+
+    Args:
+        document: an entry of the file's list of lights.
+        path: of the node, for errors.
 
     Raises:
-        InvalidInput: no such kind of light, or numbers out of range.
+        InvalidInput: the kind of light is unknown, or a number is out of range.
     """
-    kind = given.get("type")
+    kind = document.get("type")
     if kind not in ("point", "spot"):
         raise InvalidInput("no such kind of light", field=path, value=kind, limit="directional, point or spot")
-    spot, own = given.get("spot") or {}, own_extras(given.get("extras"))
-    red, green, blue = (float(value) for value in given.get("color", (1.0, 1.0, 1.0)))
+    spot, own = document.get("spot") or {}, own_extras(document.get("extras"))
+    red, green, blue = (float(value) for value in document.get("color", (1.0, 1.0, 1.0)))
     everywhere = kind == "point"
     light = Light(
         color=(red, green, blue),
-        intensity=float(given.get("intensity", 1.0)),
+        intensity=float(document.get("intensity", 1.0)),
         inner=float(own.get("inner", 0.0 if everywhere else spot.get("innerConeAngle", 0.0))),
         outer=float(own.get("outer", math.pi if everywhere else spot.get("outerConeAngle", math.pi / 4))),
         beam=str(own.get("beam", _DEFAULT.beam)),
@@ -45,7 +49,7 @@ def read_light(given: Mapping[str, Any], path: str) -> Light:
     )
     numbers = (*light.color, light.intensity, light.inner, light.outer, light.radius, light.luminance)
     if not all(math.isfinite(value) and value >= 0 for value in numbers):
-        raise InvalidInput("not a usable light", field=path, value=dict(given), limit="numbers from 0 on")
+        raise InvalidInput("not a usable light", field=path, value=dict(document), limit="numbers from 0 on")
     if not light.inner <= light.outer <= math.pi:
         raise InvalidInput("a cone is inner ≤ outer ≤ π", field=path, value=(light.inner, light.outer))
     if light.beam not in BEAMS:
@@ -60,11 +64,11 @@ def read_light(given: Mapping[str, Any], path: str) -> Light:
 
 
 def write_light(light: Light) -> dict[str, Any]:
-    """An entry of the file's list of lights."""
+    """Return the entry of a lamp in the file's list of lights."""
     narrow = light.outer <= _WIDEST_SPOT
     kind: dict[str, Any] = {"type": "point"}
     if narrow:
-        # The extension wants a gap between the two.
+        # The extension requires a gap between the two.
         inner = min(light.inner, max(light.outer - 1e-3, 0.0))
         kind = {"type": "spot", "spot": {"innerConeAngle": inner, "outerConeAngle": light.outer}}
     own = {

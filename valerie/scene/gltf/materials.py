@@ -1,4 +1,4 @@
-"""Materials: this project's metallic-roughness model to glTF's and back."""
+"""Materials between this project's metallic-roughness model and that of glTF."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ TextureName = Callable[[int, str], str]
 
 
 def write_material(material: Material, texture_index: TextureIndex) -> pygltflib.Material:
-    """A glTF material; the specular tint is also put as a colour, for other programs.
+    """Return a glTF material; the specular tint is also written as a colour, for other programs.
 
     Args:
         material: of a scene.
-        texture_index: glTF texture of a texture's name.
+        texture_index: returns the index of the glTF texture for the name of a texture.
     """
     hue = np.asarray(material.base_color) / max(*material.base_color, 1e-6)
     tint = (1.0 - material.specular_tint) + material.specular_tint * hue
@@ -63,19 +63,19 @@ def write_material(material: Material, texture_index: TextureIndex) -> pygltflib
 
 
 def read_material(
-    given: pygltflib.Material,
+    source: pygltflib.Material,
     name: str,
     *,
     texture_name: TextureName,
     notes: list[str],
 ) -> Material:
-    """A material of a scene; what the model lacks is approximated and noted.
+    """Return a material of a scene; properties that the model lacks are approximated and noted.
 
     Args:
-        given: as it stands in the file.
-        name: under which the scene knows it.
-        texture_name: name of a glTF texture, given its index and who refers to it.
-        notes: takes what was ignored or approximated, in words.
+        source: the material of the file.
+        name: of the material in the scene.
+        texture_name: returns the name of a glTF texture, given its index and the place that refers to it.
+        notes: gets a sentence for everything that was ignored or approximated.
 
     Raises:
         InvalidInput: a number is missing, not finite or out of range, or a texture is not there.
@@ -84,29 +84,31 @@ def read_material(
     def texture(info: Any, field: str) -> str | None:
         return None if info is None else texture_name(info.index, f"material {name}: {field}")
 
-    pbr = given.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
+    pbr = source.pbrMetallicRoughness or pygltflib.PbrMetallicRoughness()
     metallic, roughness = _one(pbr.metallicFactor, 1.0), _one(pbr.roughnessFactor, 1.0)
-    if given.emissiveTexture is not None:
+    if source.emissiveTexture is not None:
         notes.append(f"material {name}: its emissive texture is ignored")
-    if given.occlusionTexture is not None:
+    if source.occlusionTexture is not None:
         notes.append(f"material {name}: its occlusion texture is ignored")
     cutoff = None
-    if given.alphaMode == pygltflib.MASK:
-        cutoff = _one(given.alphaCutoff, 0.5)
-    elif given.alphaMode == pygltflib.BLEND:
+    if source.alphaMode == pygltflib.MASK:
+        cutoff = _one(source.alphaCutoff, 0.5)
+    elif source.alphaMode == pygltflib.BLEND:
         cutoff = 0.5
         notes.append(f"material {name}: blending is replaced by a cut at alpha 0.5, so that labels stay exact")
-    extensions = given.extensions or {}
-    extras = own_extras(given.extras)
+    extensions = source.extensions or {}
+    extras = own_extras(source.extras)
     specular = extensions.get(SPECULAR) or {}
     strength = _one((extensions.get(EMISSIVE_STRENGTH) or {}).get("emissiveStrength"), 1.0)
-    emissive = [strength * c for c in _three(given.emissiveFactor, 0.0)] if given.emissiveTexture is None else [0.0] * 3
+    emissive = (
+        [strength * c for c in _three(source.emissiveFactor, 0.0)] if source.emissiveTexture is None else [0.0] * 3
+    )
     color = _three(pbr.baseColorFactor, 1.0)
     return Material(
         name=name,
         base_color=_in_range(color, f"{name}.base_color", 1.0),
         base_color_texture=texture(pbr.baseColorTexture, "baseColorTexture"),
-        normal_texture=texture(given.normalTexture, "normalTexture"),
+        normal_texture=texture(source.normalTexture, "normalTexture"),
         roughness_texture=texture(pbr.metallicRoughnessTexture, "metallicRoughnessTexture"),
         metallic=_in_range([metallic], f"{name}.metallic", 1.0)[0],
         roughness=_in_range([roughness], f"{name}.roughness", 1.0)[0],
@@ -114,7 +116,7 @@ def read_material(
         specular_tint=_one(extras.get("specular_tint"), 0.0),
         emissive=_in_range(_three(extras.get("emissive", emissive), 0.0), f"{name}.emissive", 1e6),
         alpha_cutoff=cutoff,
-        double_sided=bool(given.doubleSided),
+        double_sided=bool(source.doubleSided),
         transmission=_in_range([_one(extras.get("transmission"), 0.0)], f"{name}.transmission", 1.0)[0],
     )
 

@@ -1,4 +1,4 @@
-"""Meshes of a glTF file: accessors to triangles, with normals where the file has none."""
+"""Meshes of a glTF file: triangles from accessors, with computed normals where the file has none."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from valerie.scene.gltf.materials import read_material
 from valerie.scene.gltf.textures import TextureReader, unique_names
 from valerie.scene.graph.model import Material, Mesh
 
-#: What a primitive without a material is drawn with.
+#: Material of primitives that have none.
 DEFAULT_MATERIAL = "default"
-#: What a primitive can be that has no surface.
+#: Modes of primitives without a surface.
 _LINES_AND_POINTS = (pygltflib.POINTS, pygltflib.LINES, pygltflib.LINE_LOOP, pygltflib.LINE_STRIP)
 
 
 class MeshReader:
-    """Reads each glTF mesh and accessor once, so that what nodes share in the file is shared in the scene.
+    """The meshes of a glTF file; each is read once, so that nodes share in the scene what they share in the file.
 
     Attributes:
-        computed_normals: why normals of a glTF mesh were computed, in words, by its index.
+        computed_normals: index of a glTF mesh to the reasons, in words, why its normals were computed.
     """
 
     def __init__(self, container: Container, textures: TextureReader, notes: list[str]) -> None:
@@ -40,7 +40,7 @@ class MeshReader:
         self.computed_normals: dict[int, set[str]] = {}
 
     def read(self, index: int) -> tuple[Mesh, ...]:
-        """The primitives of a glTF mesh."""
+        """Return the primitives of a glTF mesh."""
         if index not in self._meshes:
             field = f"{self._container.name}: meshes.{index}"
             primitives = item(self._document.meshes, index, f"{self._container.name}: meshes").primitives
@@ -51,8 +51,8 @@ class MeshReader:
         return self._meshes[index]
 
     def all_materials(self) -> dict[str, Material]:
-        """Every material of the file by name; call it after the meshes were read."""
-        found = {
+        """Return every material of the file by name; to be called after the meshes were read."""
+        materials = {
             name: read_material(
                 material,
                 name,
@@ -62,34 +62,34 @@ class MeshReader:
             for name, material in zip(self._names, self._document.materials, strict=True)
         }
         if self._needs_default:
-            found.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
-        return found
+            materials.setdefault(DEFAULT_MATERIAL, Material(DEFAULT_MATERIAL))
+        return materials
 
-    def _primitive(self, given: pygltflib.Primitive, mesh: int, field: str) -> Mesh | None:
-        if given.mode in _LINES_AND_POINTS:
+    def _primitive(self, primitive: pygltflib.Primitive, mesh: int, field: str) -> Mesh | None:
+        if primitive.mode in _LINES_AND_POINTS:
             self._notes.append("lines and points are ignored")
             return None
-        if given.targets:
+        if primitive.targets:
             self._notes.append("morph targets are ignored")
-        attributes = given.attributes
+        attributes = primitive.attributes
         if attributes.COLOR_0 is not None:
             self._notes.append("colours of vertices are ignored")
         if attributes.POSITION is None:
             raise InvalidInput("a mesh without positions", field=field)
         positions = self._vectors(attributes.POSITION, finite=True)
         count = len(positions)
-        faces = self._faces(given.indices, given.mode, count, field)
+        faces = self._faces(primitive.indices, primitive.mode, count, field)
         uvs = self._uvs(attributes.TEXCOORD_0, count, field)
-        given_normals = attributes.NORMAL is not None
-        normals = self._normals(attributes.NORMAL) if given_normals else np.zeros((count, 3), np.float32)
+        has_normals = attributes.NORMAL is not None
+        normals = self._normals(attributes.NORMAL) if has_normals else np.zeros((count, 3), np.float32)
         if len(normals) != count:
             raise InvalidInput("normals and positions differ in number", field=field, value=len(normals), limit=count)
-        material = self._material(given.material, field)
-        made = with_face_normals(Mesh(positions, normals, uvs, faces, material))
-        if made.normals is not normals:
-            why = "normals of no length or not finite" if given_normals else "meshes without normals"
+        material = self._material(primitive.material, field)
+        mesh_with_normals = with_face_normals(Mesh(positions, normals, uvs, faces, material))
+        if mesh_with_normals.normals is not normals:
+            why = "normals of no length or not finite" if has_normals else "meshes without normals"
             self.computed_normals.setdefault(mesh, set()).add(why)
-        return made
+        return mesh_with_normals
 
     def _material(self, index: int | None, field: str) -> str:
         if index is None:
@@ -98,7 +98,7 @@ class MeshReader:
         return item(self._names, index, f"{field}: materials")
 
     def _vectors(self, accessor: int, *, finite: bool) -> NDArray[np.float32]:
-        """(V, 3) float32, z up, of positions or normals."""
+        """Return positions or normals: (V, 3) float32, z up."""
         key = (accessor, "vectors")
         if key not in self._arrays:
             raw = self._container.array(accessor, kind="VEC3")
@@ -113,7 +113,7 @@ class MeshReader:
         return self._arrays[key]
 
     def _normals(self, accessor: int) -> NDArray[np.float32]:
-        """(V, 3) float32, z up, of length 1; 0 where the file's have no length or are not finite."""
+        """Return normals: (V, 3) float32, z up, of length 1, or 0 where those of the file have no length or are not finite."""
         key = (accessor, "normals")
         if key not in self._arrays:
             normals = self._vectors(accessor, finite=False)
@@ -156,7 +156,7 @@ class MeshReader:
 
 
 def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
-    """(F, 3) triangles of a strip or fan of F + 2 vertices, all turning the same way (glTF 2.0, section 3.7.2.1)."""
+    """Return the (F, 3) triangles of a strip or fan of F + 2 vertices, all of one orientation (glTF 2.0, section 3.7.2.1)."""
     number = max(len(indices) - 2, 0)
     steps = np.arange(number)
     if fan:
@@ -168,9 +168,9 @@ def unrolled(indices: NDArray[np.uint32], *, fan: bool) -> NDArray[np.uint32]:
 
 
 def with_face_normals(mesh: Mesh) -> Mesh:
-    """The mesh with normals where it has none: corners with a normal of 0 get that of their triangle.
+    """Return the mesh with the normals of triangles at all corners whose normal is 0; the mesh itself where there is none.
 
-    Triangles with such a corner share their vertices no longer. The mesh itself where it has no such corner.
+    Triangles with such a corner no longer share their vertices.
     """
     lacking: NDArray[np.bool_] = np.logical_not(mesh.normals.any(axis=1))
     faces = lacking[mesh.faces].any(axis=1)
@@ -196,7 +196,7 @@ def with_face_normals(mesh: Mesh) -> Mesh:
 
 
 def flat_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(3·F, 3) corners of triangles to the face normal at each corner, (3·F, 3); degenerate triangles point up."""
+    """Return the face normal at each corner, (3·F, 3), of triangles with (3·F, 3) corners; degenerate triangles point up."""
     triangles = corners.reshape(-1, 3, 3).astype(np.float64)
     normals, valid = trimesh.triangles.normals(triangles)  # type: ignore[no-untyped-call]
     result = np.tile(np.array([0.0, 0.0, 1.0]), (len(valid), 1))

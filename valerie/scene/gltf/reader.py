@@ -1,4 +1,4 @@
-"""One glTF file to nodes, meshes, materials, cameras and light."""
+"""Reading of one glTF file: nodes, meshes, materials, cameras and light."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from valerie.scene.gltf.textures import TextureReader
 from valerie.scene.graph.model import POSITIONS, Camera, Environment, Matrix, Mesh, Node, Sun
 from valerie.scene.graph.naming import ROOT, node_name
 
-#: Longest list of names in a note.
+#: Names in a note at most.
 _FIRST = 5
 
 
@@ -37,17 +37,17 @@ def read_gltf(path: Path, root: Path | None = None) -> FilePart:
 
     Args:
         path: of the file.
-        root: folder that no reference may lead out of; the file's own if not given.
+        root: folder that no reference may lead out of; by default the file's own.
 
     Raises:
         InvalidInput: the file is broken, truncated, too large, refers to files that are not there or outside of ``root``,
-            or uses what cannot be read.
+            or uses features that are not read.
     """
     container = open_container(path, root)
     try:
         return _Reader(container).read()
     except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
-        # The JSON was well-formed, but some value in it is not what glTF says it is.
+        # The JSON is well-formed, but a value in it is not of the kind that glTF prescribes.
         raise InvalidInput(f"not valid glTF: {error}", field=container.name) from error
 
 
@@ -74,26 +74,26 @@ class _Reader:
         sun: Sun | None = None
         environment = self._environment()
         for index in self._ordered():
-            given = document.nodes[index]
-            path, local = self._paths[index], _local_matrix(given, f"{self._container.name}: nodes.{index}")
-            light = self._light(given)
-            if given.camera is not None:
-                camera = self._camera(given, path, self._worlds[index])
+            node = document.nodes[index]
+            path, local = self._paths[index], _local_matrix(node, f"{self._container.name}: nodes.{index}")
+            light = self._light(node)
+            if node.camera is not None:
+                camera = self._camera(node, path, self._worlds[index])
                 if camera is not None:
                     cameras[camera.name] = camera
             is_sun = light is not None and light.get("type") == "directional"
             if light is not None and is_sun and sun is None:
                 sun = self._sun(light, self._worlds[index], environment or Environment())
-            if given.mesh is None and not given.children and (given.camera is not None or is_sun):
+            if node.mesh is None and not node.children and (node.camera is not None or is_sun):
                 continue
-            marks = own_extras(given.extras)
+            marks = own_extras(node.extras)
             if marks.get("movable"):
                 movable.append(path)
             nodes.append(
                 Node(
                     path,
                     transform_from_y_up(local),
-                    () if given.mesh is None else self._mesh(given.mesh, path),
+                    () if node.mesh is None else self._mesh(node.mesh, path),
                     visible=bool(marks.get("visible", True)),
                     light=None if light is None or is_sun else read_light(light, path),
                 )
@@ -112,7 +112,7 @@ class _Reader:
         )
 
     def _ordered(self) -> Iterator[int]:
-        """Nodes of the scene in the file's order, parents first; fills in paths and world matrices."""
+        """Yield the nodes of the scene in the file's order, parents first, and set their paths and world matrices."""
         parents = self._parents()
         for start in range(len(self._document.nodes)):
             chain = []
@@ -125,7 +125,7 @@ class _Reader:
                         limit=MAX_DEPTH,
                     )  # fmt: skip
                 if at not in parents:
-                    chain.clear()  # hangs in no scene
+                    chain.clear()  # it belongs to no scene
                     break
                 at = parents[at]
             for index in reversed(chain):
@@ -133,14 +133,14 @@ class _Reader:
                 yield index
 
     def _scene(self) -> pygltflib.Scene | None:
-        """The scene that the file shows; None where it has none, and all its nodes are shown."""
+        """Return the scene that the file shows; None where it has none and shows all its nodes."""
         document = self._document
         return (
             item(document.scenes, document.scene or 0, f"{self._container.name}: scenes") if document.scenes else None
         )
 
     def _parents(self) -> dict[int, int | None]:
-        """Parent of every node that is part of the scene or hangs below one that may be; None for roots."""
+        """Return the parent of every node below another one, and None for the roots of the scene."""
         document = self._document
         parents: dict[int, int | None] = {}
         for index, node in enumerate(document.nodes):
@@ -162,13 +162,13 @@ class _Reader:
         return parents
 
     def _place(self, index: int, parent: int | None) -> None:
-        given = self._document.nodes[index]
-        name = node_name(given.name, index)
-        if not given.name:
+        node = self._document.nodes[index]
+        name = node_name(node.name, index)
+        if not node.name:
             self._unnamed.append(name)
-        elif name != given.name:
-            self._renamed.append(f"{given.name!r} → {name}")
-        local = _local_matrix(given, f"{self._container.name}: nodes.{index}")
+        elif name != node.name:
+            self._renamed.append(f"{node.name!r} → {name}")
+        local = _local_matrix(node, f"{self._container.name}: nodes.{index}")
         self._paths[index] = f"{ROOT if parent is None else self._paths[parent]}.{name}"
         self._worlds[index] = local if parent is None else self._worlds[parent] @ local
 
@@ -186,8 +186,8 @@ class _Reader:
             self._flat.setdefault(what, []).append(path.removeprefix(f"{ROOT}."))
         return meshes
 
-    def _camera(self, given: pygltflib.Node, path: str, world: Matrix) -> Camera | None:
-        camera = item(self._document.cameras, given.camera, f"{self._container.name}: cameras")
+    def _camera(self, node: pygltflib.Node, path: str, world: Matrix) -> Camera | None:
+        camera = item(self._document.cameras, node.camera, f"{self._container.name}: cameras")
         if camera.perspective is None:
             self._notes.append(f"camera {path} is ignored: only perspective cameras are read, it is {camera.type}")
             return None
@@ -199,13 +199,13 @@ class _Reader:
         if not (math.isfinite(focal) and focal > 0):
             raise InvalidInput("not a usable angle of view", field=path, value=lens.yfov)
         name = path.rpartition(".")[2]
-        # A camera hangs below the scene itself here: where it hung in the file is in its matrix.
+        # Here a camera belongs to the scene itself; its matrix holds its place in the file's tree.
         return Camera(
             f"{ROOT}.{name}", view_from_y_up(world), focal, sensor, float(lens.znear), float(lens.zfar or 600.0)
         )
 
-    def _light(self, given: pygltflib.Node) -> dict[str, Any] | None:
-        index = ((given.extensions or {}).get(LIGHTS) or {}).get("light")
+    def _light(self, node: pygltflib.Node) -> dict[str, Any] | None:
+        index = ((node.extensions or {}).get(LIGHTS) or {}).get("light")
         if index is None:
             return None
         lights = (self._document.extensions.get(LIGHTS) or {}).get("lights") or []
@@ -214,12 +214,7 @@ class _Reader:
     def _sun(self, light: dict[str, Any], world: Matrix, environment: Environment) -> Sun:
         own = own_extras(light.get("extras"))
         if own:
-            return Sun(
-                float(own["azimuth"]),
-                float(own["elevation"]),
-                float(own["irradiance"]),
-                float(own["angular_diameter"]),
-            )
+            return Sun(**{name: float(value) for name, value in own.items()})
         backwards = vectors_from_y_up(world[:3, 2] / np.linalg.norm(world[:3, 2]))
         azimuth = math.atan2(float(backwards[0]), float(backwards[1])) + environment.bearing
         self._notes.append("the sun's strength is taken as that of a clear noon: the file's unit is not comparable")
@@ -230,16 +225,19 @@ class _Reader:
         own = None if scene is None else own_extras(scene.extras).get("environment")
         if not isinstance(own, dict):
             return None
-        # Files written before weather was known lack its entries.
-        weather: dict[str, Any] = {
-            name: float(own[name]) for name in ("cloud_cover", "visibility", "rain") if name in own
-        }
-        weather |= {name: own[name] for name in ("street_lamps", "car_lamps") if own.get(name) in POSITIONS}
-        return Environment(float(own["bearing"]), float(own["turbidity"]), float(own["sky_strength"]), **weather)
+        lamps = {name: own[name] for name in ("street_lamps", "car_lamps")}
+        for name, position in lamps.items():
+            if position not in POSITIONS:
+                field = f"{self._container.name}: environment.{name}"
+                raise InvalidInput(
+                    "no such position of a switch", field=field, value=position, limit=", ".join(POSITIONS)
+                )
+        numbers: dict[str, Any] = {name: float(value) for name, value in own.items() if name not in lamps}
+        return Environment(**numbers, **lamps)
 
 
 def _unread(document: pygltflib.GLTF2) -> list[str]:
-    """What extensions add and this project leaves out."""
+    """Return a note on extensions that are not read, if there are any."""
     used = sorted({str(name) for name in document.extensionsUsed or ()} - SUPPORTED_EXTENSIONS)
     return [f"extensions are not read, what they add is missing: {_listed(used)}"] if used else []
 
@@ -250,7 +248,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _local_matrix(node: pygltflib.Node, field: str) -> Matrix:
-    """(4, 4) node to parent, y up (glTF 2.0, section 3.5.3): a matrix by columns, or translation, rotation, scale."""
+    """Return the (4, 4) transform, node to parent, y up, from a matrix or translation, rotation, scale (glTF 2.0, 3.5.3)."""
     if node.matrix:
         matrix = np.array(node.matrix, np.float64).reshape(4, 4).T
     else:

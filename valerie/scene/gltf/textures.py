@@ -13,7 +13,7 @@ from valerie.scene.graph.model import Texture
 
 
 class TextureReader:
-    """Decodes images when they are asked for; textures of one image are one texture."""
+    """The textures of a glTF file; those with the same image become one."""
 
     def __init__(self, container: Container) -> None:
         self._container, self._document = container, container.document
@@ -22,19 +22,19 @@ class TextureReader:
         self._texels = 0
 
     def name(self, texture: int, who: str) -> str:
-        """The name of a glTF texture in the scene.
+        """Return the name of a glTF texture in the scene.
 
         Args:
             texture: its index.
-            who: refers to it, e.g. ``material brick: baseColorTexture``; for errors.
+            who: the place that refers to it, e.g. ``material brick: baseColorTexture``; for errors.
 
         Raises:
-            InvalidInput: there is no such texture, or no image of it that is read.
+            InvalidInput: there is no such texture, or it has no PNG or JPEG image.
         """
         return self._names[self._source(texture, who)]
 
     def all_textures(self) -> dict[str, Texture]:
-        """Every image of the file as a texture, by name."""
+        """Return every image of the file as a texture, by name."""
         return {name: Texture(name, self._image(index)) for index, name in enumerate(self._names)}
 
     def _source(self, texture: int, who: str) -> int:
@@ -62,14 +62,12 @@ class TextureReader:
         return self._images[index]
 
 
-def unique_names(given: list[str | None], kind: str) -> list[str]:
-    """Names for a list of things: their own where they have one that is free, else ``kind_index`` or ``name_index``."""
-    taken: set[str] = set()
-    names = []
-    for index, name in enumerate(given):
-        unique = name or f"{kind}_{index}"
-        while unique in taken:
-            unique = f"{unique}_{index}"
-        taken.add(unique)
-        names.append(unique)
-    return names
+def unique_names(names: list[str | None], kind: str) -> list[str]:
+    """Return a name for each of a list of things: its own where that is free, else ``kind_index`` or ``name_index``."""
+    unique: list[str] = []
+    for index, name in enumerate(names):
+        candidate = name or f"{kind}_{index}"
+        while candidate in unique:
+            candidate = f"{candidate}_{index}"
+        unique.append(candidate)
+    return unique

@@ -1,8 +1,9 @@
-"""A scene to one self-contained .glb."""
+"""Writing of a scene as one self-contained .glb."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,12 @@ from valerie.scene.gltf.materials import write_material
 from valerie.scene.graph.model import Camera, Light, Matrix, Mesh, Scene
 from valerie.scene.graph.naming import ROOT, SUN_PATH
 
-#: For glTF's vertical angle of view, which needs a picture format; readers of ours take the focal length.
+#: Shape of the picture behind glTF's vertical angle of view; this project's reader takes the focal length instead.
 _ASPECT_RATIO = 16 / 9
 
 
 def save_gltf(scene: Scene, path: Path) -> None:
-    """Write a scene as binary glTF 2.0 with everything embedded; `load_gltf` gives the same scene back.
+    """Write a scene as binary glTF 2.0 with everything embedded; `load_gltf` returns the same scene.
 
     Raises:
         InvalidInput: the file's name does not end in .glb.
@@ -58,19 +59,7 @@ class _Writer:
         for material in self._scene.materials.values():
             document.materials.append(write_material(material, self._textures.__getitem__))
         roots = [*self._write_nodes(), *self._write_cameras(), self._write_sun()]
-        environment = self._scene.environment
-        extras = {
-            "environment": {
-                "bearing": environment.bearing,
-                "turbidity": environment.turbidity,
-                "sky_strength": environment.sky_strength,
-                "cloud_cover": environment.cloud_cover,
-                "visibility": environment.visibility,
-                "rain": environment.rain,
-                "street_lamps": environment.street_lamps,
-                "car_lamps": environment.car_lamps,
-            }
-        }
+        extras = {"environment": asdict(self._scene.environment)}
         document.scenes = [pygltflib.Scene(name=ROOT, nodes=roots, extras={EXTRAS_KEY: extras})]
         document.scene = 0
         document.extensionsUsed = [LIGHTS, SPECULAR]
@@ -117,7 +106,7 @@ class _Writer:
         return roots
 
     def _light(self, light: Light) -> int:
-        """Its place in the file's list of lights; equal lights are one."""
+        """Return the index of a lamp in the file's list of lights; equal lamps share one."""
         if light not in self._lights:
             self._lights.append(light)
         return self._lights.index(light) + 1  # the sun comes first
@@ -138,18 +127,18 @@ class _Writer:
     def _primitive(self, mesh: Mesh) -> pygltflib.Primitive:
         return pygltflib.Primitive(
             attributes=pygltflib.Attributes(
-                POSITION=self._accessor(mesh.positions, "VEC3", turned=True),
-                NORMAL=self._accessor(mesh.normals, "VEC3", turned=True),
+                POSITION=self._accessor(mesh.positions, "VEC3", is_spatial=True),
+                NORMAL=self._accessor(mesh.normals, "VEC3", is_spatial=True),
                 TEXCOORD_0=self._accessor(mesh.uvs, "VEC2"),
             ),
             indices=self._accessor(mesh.faces, "SCALAR"),
             material=self._materials[mesh.material],
         )
 
-    def _accessor(self, array: NDArray[Any], kind: str, *, turned: bool = False) -> int:
-        key = (id(array), kind)  # arrays that meshes share are written once
+    def _accessor(self, array: NDArray[Any], kind: str, *, is_spatial: bool = False) -> int:
+        key = (id(array), kind)  # an array that meshes share is written once
         if key not in self._arrays:
-            values = vectors_to_y_up(array) if turned else array.reshape(-1) if kind == "SCALAR" else array
+            values = vectors_to_y_up(array) if is_spatial else array.reshape(-1) if kind == "SCALAR" else array
             is_index = values.dtype == np.uint32
             view = self._view(
                 np.ascontiguousarray(values).tobytes(),
@@ -185,19 +174,13 @@ class _Writer:
 
     def _write_sun(self) -> int:
         sun = self._scene.sun
-        extras = {
-            "azimuth": sun.azimuth,
-            "elevation": sun.elevation,
-            "irradiance": sun.irradiance,
-            "angular_diameter": sun.angular_diameter,
-        }
         light = {
             "type": "directional",
             "name": SUN_PATH.rpartition(".")[2],
             "intensity": 100_000.0 * sun.irradiance,
-            "extras": {EXTRAS_KEY: extras},
+            "extras": {EXTRAS_KEY: asdict(sun)},
         }
-        self._document.extensions = {LIGHTS: {"lights": [light, *(write_light(one) for one in self._lights)]}}
+        self._document.extensions = {LIGHTS: {"lights": [light, *map(write_light, self._lights)]}}
         return self._node(
             pygltflib.Node(
                 name=SUN_PATH.rpartition(".")[2],
@@ -225,7 +208,7 @@ def _camera(camera: Camera) -> pygltflib.Camera:
 
 
 def _looking_from(direction: NDArray[np.float64]) -> Matrix:
-    """(4, 4) of a light whose −z points away from ``direction`` (unit, towards the sun)."""
+    """Return the (4, 4) transform of a light whose −z points away from ``direction`` (unit, towards the sun)."""
     aside = np.array([-direction[1], direction[0], 0.0])
     if np.linalg.norm(aside) < 1e-9:
         aside = np.array([1.0, 0.0, 0.0])
@@ -236,5 +219,5 @@ def _looking_from(direction: NDArray[np.float64]) -> Matrix:
 
 
 def _columns(matrix: Matrix) -> list[float]:
-    """The 16 numbers of a matrix as glTF stores them: by columns."""
+    """Return the 16 numbers of a matrix by columns, as glTF stores them."""
     return [float(value) for value in matrix.T.reshape(-1)]

@@ -1,7 +1,7 @@
-"""Meshes and textures whose arrays are made when they are first looked at.
+"""Meshes and textures whose arrays are made when they are first read.
 
-A street has many people that a run never shows. They are all in its scene graph, with names, materials and places, but
-nobody waits for their shape.
+A scene may hold many people that a run never shows. All of them are in its scene graph, with names, materials and places. Their
+shapes are made only when they are needed.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from valerie.scene.graph.model import Mesh, Texture, freeze
 
 
 class DeferredMesh(Mesh):
-    """A mesh that knows its material's name and how to get the rest.
+    """A mesh that knows the name of its material and makes everything else when it is first read.
 
     Args:
-        make: gives the finished mesh; called once at most by this object.
-        material: the name of this mesh's material; the finished mesh's own is not looked at.
+        make: returns the finished mesh; this object calls it at most once.
+        material: the name of this mesh's material; that of the finished mesh is ignored.
     """
 
     if not TYPE_CHECKING:  # to a type checker the fields stay what they are in `Mesh`
@@ -44,22 +44,22 @@ class DeferredMesh(Mesh):
 
 
 def deferred_textures(names: Sequence[str], make: Callable[[], Sequence[NDArray[np.uint8]]]) -> dict[str, Texture]:
-    """Textures that are made together, once, when the first of them is looked at.
+    """Return textures that are made together, once, when the first of them is read.
 
     Args:
         names: of the textures.
-        make: gives their images in the same order, each (H, W, 3 or 4) uint8.
+        make: returns their images in the same order, each (H, W, 3 or 4) uint8.
     """
-    made = cache(make)
-    return {name: DeferredTexture(name, lambda index=index: made()[index]) for index, name in enumerate(names)}  # type: ignore[misc]
+    images = cache(make)
+    return {name: DeferredTexture(name, lambda index=index: images()[index]) for index, name in enumerate(names)}  # type: ignore[misc]
 
 
 class DeferredTexture(Texture):
-    """A texture that knows its name and how to get its image.
+    """A texture that knows its name and makes its image when it is first read.
 
     Args:
         name: see `Texture`.
-        make: gives (H, W, 3 or 4) uint8; called once at most.
+        make: returns (H, W, 3 or 4) uint8; called at most once.
     """
 
     if not TYPE_CHECKING:

@@ -1,6 +1,6 @@
-"""A scene while it is being changed: attributes write here, `Draft.finish` gives the new immutable scene.
+"""A scene while it is being changed: attributes write to a `Draft`, and `Draft.finish` returns a new immutable scene.
 
-Only what was touched is made anew; untouched nodes, materials and cameras keep their identity, which engines cache by.
+The new scene shares all untouched nodes, materials and cameras with the old one; engines cache by their identity.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from valerie.scene.graph.transforms import Pose, camera_angles, camera_transform
 
 @dataclass(frozen=True, slots=True)
 class CameraPose:
-    """Optical centre in metres, angles in degrees (see `camera_transform`)."""
+    """The pose of a camera: optical centre in metres, angles in degrees (see `camera_transform`)."""
 
     position: tuple[float, float, float]
     yaw: float
@@ -27,13 +27,13 @@ class CameraPose:
 
     @classmethod
     def of(cls, camera: Camera) -> CameraPose:
-        """The pose of a camera; the angles are exact up to rounding."""
+        """Return the pose of a camera; the angles are exact up to rounding."""
         x, y, z = (float(v) for v in camera.position)
         return cls((x, y, z), *camera_angles(camera.transform))
 
 
 class Draft:
-    """Collects changes to a scene; the scene itself stays as it is."""
+    """The changes to a scene; the scene itself stays as it is."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -48,7 +48,7 @@ class Draft:
         self._environment = scene.environment
 
     def node(self, path: str) -> Node:
-        """The unchanged node at a path.
+        """Return the unchanged node at a path.
 
         Raises:
             UnknownName: there is none.
@@ -59,7 +59,7 @@ class Draft:
             raise UnknownName("node", path, self.scene.nodes) from None
 
     def camera(self, path: str) -> Camera:
-        """The unchanged camera at a path such as ``scene.camera-1``.
+        """Return the unchanged camera at a path such as ``scene.camera-1``.
 
         Raises:
             UnknownName: there is none.
@@ -84,12 +84,20 @@ class Draft:
         self._focal_lengths[self.camera(path).name] = millimetres
 
     def show(self, path: str, shown: bool) -> None:
-        """Show or hide a node; what is below a hidden node is hidden too."""
+        """Show or hide a node; everything below a hidden node is hidden too.
+
+        Raises:
+            UnknownName: there is no such node.
+        """
         self.node(path)
         self._shown[path] = shown
 
     def choose(self, path: str, name: str | None) -> None:
-        """Show, of a node's direct children, the one called ``name`` alone; None hides the node with all of them."""
+        """Show only the direct child called ``name``; None hides the node with all its children.
+
+        Raises:
+            UnknownName: there is no such node or child.
+        """
         self.show(path, name is not None)
         if name is not None:
             if f"{path}.{name}" not in self.scene.nodes:
@@ -101,22 +109,26 @@ class Draft:
                     self.show(child.path, child.name == name)
 
     def stance(self, path: str, **changes: Any) -> None:
-        """Change fields of the stance of all figures directly below a node."""
+        """Change fields of the stance of all figures directly below a node.
+
+        Raises:
+            InvalidInput: there is no figure.
+        """
         known = self._stances.get(path)
         if known is None:
-            found = figures(self.scene, path)
-            if not found:
-                raise InvalidInput("no figure below it that could take a pose", field=path)
-            known = found[0].stance
+            bodies = figures(self.scene, path)
+            if not bodies:
+                raise InvalidInput("there is no figure below it that could take a pose", field=path)
+            known = bodies[0].stance
         self._stances[path] = replace(known, **changes)
 
     def cloth(self, path: str, **appearance: Any) -> None:
-        """Change fields of every `Material` of something worn at or below a node."""
+        """Change fields of all materials of clothes at or below a node."""
         for name in cloth_materials(self.scene, path):
             self._materials[name] = replace(self._materials.get(name) or self.scene.materials[name], **appearance)
 
     def paint(self, path: str, name: str) -> None:
-        """Give every `Material` of paint at or below a node the look of one of the scene's paints.
+        """Give all materials of paint at or below a node the look of one of the scene's paints.
 
         Raises:
             UnknownName: the scene has no such paint.
@@ -145,7 +157,7 @@ class Draft:
         self._lights[path] = replace(light, **changes)
 
     def light_channel(self, path: str, channel: int, value: float) -> None:
-        """Change red, green or blue (0, 1, 2) of the colour of a node's light."""
+        """Change one channel (0 red, 1 green, 2 blue) of the colour of a node's light; a node without light is left alone."""
         light = self._lights.get(path) or self.node(path).light
         if light is not None:
             red, green, blue = (value if i == channel else old for i, old in enumerate(light.color))
@@ -160,7 +172,7 @@ class Draft:
         self._environment = replace(self._environment, **changes)
 
     def finish(self) -> Scene:
-        """The scene with all changes."""
+        """Return the scene with all changes."""
         return replace(
             self.scene,
             nodes=self._finished_nodes(),
@@ -196,7 +208,7 @@ class Draft:
         return nodes
 
     def _was_shown_itself(self, path: str) -> bool:
-        """A part below a hidden node was shown, as far as it is concerned, unless the node above was shown."""
+        """Return whether a node was shown by its own switch. Below a hidden node that cannot be seen, so it counts as shown."""
         node = self.scene.nodes[path]
         parent = self.scene.nodes.get(node.parent)
         return node.visible or (parent is not None and not parent.visible)
@@ -212,23 +224,23 @@ class Draft:
 
 
 def figures(scene: Scene, path: str) -> list[Figure]:
-    """The figures directly below a node."""
+    """Return the figures directly below a node."""
     return [node.figure for node in scene.nodes.values() if node.parent == path and node.figure is not None]
 
 
 def cloth_materials(scene: Scene, path: str) -> list[str]:
-    """Names of the materials of something worn at or below a node, in the order of the nodes."""
+    """Return the names of the materials of clothes at or below a node, in the order of the nodes."""
     return _materials_below(scene, path, is_cloth)
 
 
 def paint_materials(scene: Scene, path: str) -> list[str]:
-    """Names of the materials of paint at or below a node, in the order of the nodes."""
+    """Return the names of the materials of paint at or below a node, in the order of the nodes."""
     return _materials_below(scene, path, is_paint)
 
 
-def _materials_below(scene: Scene, path: str, wanted: Callable[[str], bool]) -> list[str]:
-    found: dict[str, None] = {}
+def _materials_below(scene: Scene, path: str, has_kind: Callable[[str], bool]) -> list[str]:
+    names: dict[str, None] = {}
     for node in scene.nodes.values():
         if node.path == path or node.path.startswith(f"{path}."):
-            found.update((mesh.material, None) for mesh in node.meshes if wanted(mesh.material))
-    return list(found)
+            names.update((mesh.material, None) for mesh in node.meshes if has_kind(mesh.material))
+    return list(names)

@@ -1,9 +1,9 @@
-"""The scene: a renderer-neutral, immutable value that every engine translates and none changes.
+"""The scene: an immutable value, independent of any engine.
 
 Frames (docs/conventions.md): right-handed world in metres, z up, x across the street, y along it. A camera looks along
 its own −z with y up (as in glTF). Transforms are 4×4 float64, column vectors, object to parent.
 
-A `Scene` is one concrete variant: `valerie.scene.variation.applying.apply` makes it from an asset and an assignment. Meshes,
+A `Scene` is one concrete variant: `valerie.scene.variation.variant.apply` makes it from an asset and an assignment. Meshes,
 materials, textures and unchanged nodes are shared by identity between scenes of one asset, so an engine may cache by
 identity what it uploaded.
 """
@@ -28,7 +28,7 @@ Array = TypeVar("Array", bound=NDArray[Any])
 
 
 def freeze(array: Array) -> Array:
-    """Mark an array read-only and return it (what is published is never written again)."""
+    """Mark an array read-only and return it."""
     array.setflags(write=False)
     return array
 
@@ -81,9 +81,9 @@ class Material:
 
     @property
     def textures(self) -> tuple[str, ...]:
-        """Names of all textures that it has."""
-        named = (self.base_color_texture, self.normal_texture, self.roughness_texture)
-        return tuple(name for name in named if name is not None)
+        """Return the names of its textures."""
+        names = (self.base_color_texture, self.normal_texture, self.roughness_texture)
+        return tuple(name for name in names if name is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +109,7 @@ class Mesh:
             freeze(array)
 
     def with_material(self, name: str) -> Mesh:
-        """The same triangles, sharing their arrays, of another material."""
+        """Return the same triangles with another material; the arrays are shared."""
         return replace(self, material=name)
 
 
@@ -128,8 +128,8 @@ class Stance:
     carries: str
 
 
-#: The joints of a figure, left and right being its own. ``head`` is where the skull sits on the neck, ``toes`` the ball of
-#: the foot.
+#: The joints of a figure; left and right are the figure's own. ``head`` is where the skull sits on the neck, ``toes`` the ball
+#: of the foot.
 JOINTS: Final = (
     "pelvis", "spine", "chest", "neck", "head", "head_top", "left_eye", "right_eye",
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
@@ -138,19 +138,19 @@ JOINTS: Final = (
 
 
 class Figure(Protocol):
-    """A body that can hold itself in more than one way; a node's meshes are those of its figure's stance."""
+    """A body that can take several stances; a node with a figure has the meshes of the figure's stance."""
 
     @property
     def stance(self) -> Stance: ...
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
-        """Of this stance; the same objects each time, and made when their arrays are first looked at."""
+        """Return the meshes of this stance: the same objects each time, whose arrays are made when they are first read."""
         ...
 
     @property
     def joints(self) -> NDArray[np.float64]:
-        """(len(JOINTS), 3) metres in the frame of ``meshes``: where the joints are in this stance."""
+        """Return where the joints are in this stance: (len(JOINTS), 3) metres in the frame of ``meshes``."""
         ...
 
     def taking(self, stance: Stance) -> Figure:
@@ -162,7 +162,7 @@ class Figure(Protocol):
         ...
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
-        """The figure with other names for its materials."""
+        """Return the figure with other names for its materials."""
         ...
 
 
@@ -201,16 +201,16 @@ class Node:
     """A named object in the scene graph.
 
     Attributes:
-        path: dotted path from the root, e.g. ``scene.car-3.door-1``; its last part is ``class-instance`` or plain.
+        path: dotted path from the root, e.g. ``scene.car-3.door-1``; its last part is ``class-instance`` or a plain name.
         transform: (4, 4) local to parent.
         meshes: drawn with this node's world transform.
-        label_id: Cityscapes label id of every pixel; what a person carries is the person's. Inherited when loading.
+        label_id: Cityscapes label id of every pixel, inherited from the object; a bag has the label of the person who carries it.
         instance_id: label id × 1000 + n, or 0 for classes without instances.
-        movable: declared by the manifest (inherited): part of the movable layer, not of the background.
-        visible: False: in the graph, not drawn (an absent person, an unchosen character), nor is anything below it.
-        figure: what ``meshes`` come from, where a stance can be chosen.
-        joints: (len(JOINTS), 3) metres in the node's frame: of a body that holds one pose, as a rider does; None where there is
-            a figure, or no skeleton is known.
+        movable: whether it belongs to the movable layer instead of the background; declared by the manifest, and inherited.
+        visible: False for what is in the graph and not drawn, such as an absent person; nothing below it is drawn either.
+        figure: the source of ``meshes``, where a stance can be chosen.
+        joints: (len(JOINTS), 3) metres in the node's frame, of a body with a fixed pose such as a rider; None where there is a
+            figure, or no skeleton is known.
         light: a lamp at the node's origin.
     """
 
@@ -258,15 +258,15 @@ class Camera:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """(3,) optical centre in the world, metres."""
+        """Return the optical centre: (3,) metres, world."""
         return np.asarray(self.transform[:3, 3], np.float64)
 
     def focal_length_px(self, width: int) -> float:
-        """Focal length in pixels (square pixels) for an image ``width`` pixels wide."""
+        """Return the focal length in pixels (square ones) for an image ``width`` pixels wide."""
         return self.focal_length_mm / self.sensor_width_mm * width
 
     def vertical_fov(self, width: int, height: int) -> float:
-        """Vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
+        """Return the vertical field of view in radians for an image of ``width`` × ``height`` square pixels."""
         return 2.0 * math.atan(0.5 * height / self.focal_length_px(width))
 
 
@@ -287,15 +287,15 @@ class Sun:
     angular_diameter: float = math.radians(0.53)
 
 
-#: How a lamp fills its cone: evenly, or as the dipped beam of a vehicle does.
+#: How a lamp fills its cone: evenly, or like the dipped beam of a vehicle.
 BEAMS: Final = ("cone", "dipped")
-#: Lamps by the switch that they hang on, and the illuminance of the ground in lux below which ``auto`` turns them on. Street
-#: lamps: the usual twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
+#: Switches of lamps, and the illuminance of the ground in lux below which ``auto`` turns each on. Street lamps: the usual
+#: twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).
 SWITCHES: Final = MappingProxyType({"street": 50.0, "car": 1000.0})
 #: Positions of a switch.
 POSITIONS: Final = ("auto", "on", "off")
 
-#: Metres of visibility that stand for no fog: the air is then what turbidity says.
+#: Visibility in metres that stands for no fog; turbidity alone then describes the air.
 CLEAR_VISIBILITY_M: Final = 100_000.0
 
 
@@ -347,18 +347,18 @@ class Scene:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:
-        """A line: every array of a street, written out, takes minutes."""
+        """Return one line: writing out every array of a scene takes minutes."""
         return f"<Scene: {len(self.nodes)} nodes, {len(self.materials)} materials, cameras {', '.join(self.cameras)}>"
 
     def world_transform(self, path: str) -> Matrix:
-        """(4, 4) object to world of the node at ``path``."""
+        """Return the (4, 4) transform, object to world, of the node at ``path``."""
         node = self.nodes[path]
         if node.parent in self.nodes:
             return self.world_transform(node.parent) @ node.transform
         return node.transform
 
     def sun_direction(self) -> NDArray[np.float64]:
-        """(3,) unit vector in the world from the scene towards the sun.
+        """Return the (3,) unit vector, world, from the scene towards the sun.
 
         With bearing b of +y and azimuth a (both clockwise from north), the horizontal direction is
         (sin(a − b), cos(a − b)) in (x, y): x lies to the right of y seen from above.

@@ -1,8 +1,7 @@
-"""What names in the scene graph mean: ``ObjectClass-ObjectInstanceID`` gives class and instance (paper, section 5.1).
+"""The meaning of names in the scene graph: ``ObjectClass-ObjectInstanceID`` gives class and instance (paper, section 5.1).
 
-The first node on the way from the root whose name parses as a class is *the object*: everything below it inherits its
-label and instance, even a part whose own name would parse. ``car-3.door-1`` is the car's, and what a person carries is
-the person's.
+On the way from the root, the first node whose name states a class is *the object*. Everything below it inherits its label and
+instance, even a part whose own name states a class: ``car-3.door-1`` belongs to the car, and a bag to the person who carries it.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from valerie.labels import BY_ID, CITYSCAPES, MAX_INSTANCE, instance_id, label_o
 
 #: Root of every path of the scene graph.
 ROOT = "scene"
-#: Where the sun and the environment are addressed; they are no nodes with meshes.
+#: Paths of the sun and the environment, which are no nodes.
 SUN_PATH = "scene.sun-1"
 ENVIRONMENT_PATH = "scene.environment-1"
 
@@ -25,17 +24,17 @@ _CLASSES = {label.node_class: label for label in CITYSCAPES}
 _OBJECT_NAME = re.compile(r"([A-Za-z][A-Za-z0-9_-]*)-([0-9]{1,4})")
 _NODE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*")
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
-#: ``Person_01``, ``person.1``, ``CAR 2``: what others write for a class and a number.
+#: Other ways to write a class and a number: ``Person_01``, ``person.1``, ``CAR 2``.
 _LIKE_AN_OBJECT = re.compile(r"(?P<name>.*?[^0-9_. -])[_. -]*(?P<number>[0-9]{1,4})?")
 
 
 def is_cloth(material_name: str) -> bool:
-    """Whether a material is of something worn: a ``/``-separated part of its name starts with ``cloth-``."""
+    """Return whether a material is of something worn: a ``/``-separated part of its name starts with ``cloth-``."""
     return any(part.startswith("cloth-") for part in material_name.split("/"))
 
 
 class ObjectLabel(NamedTuple):
-    """What the ground truth calls a node: label id, and instance id (0 for classes without instances)."""
+    """The labels of a node in the ground truth: label id, and instance id (0 for classes without instances)."""
 
     label_id: int
     instance_id: int
@@ -45,7 +44,7 @@ UNLABELLED = ObjectLabel(0, 0)
 
 
 def parse_object_name(name: str) -> tuple[str, int] | None:
-    """``traffic-light-3`` to ``("traffic-light", 3)``; None when the name has no instance number.
+    """Split ``traffic-light-3`` into ``("traffic-light", 3)``; None when the name has no instance number.
 
     The class is not checked: see `object_label`.
     """
@@ -54,7 +53,7 @@ def parse_object_name(name: str) -> tuple[str, int] | None:
 
 
 def object_label(name: str) -> ObjectLabel | None:
-    """Label and instance that a node's own name states; None when it names no known class.
+    """Return label and instance that a node's own name states; None when it states no known class.
 
     Raises:
         InvalidInput: the instance number is above 999.
@@ -69,13 +68,13 @@ def object_label(name: str) -> ObjectLabel | None:
 
 
 def class_of_name(name: str) -> str | None:
-    """The known class that a node's own name states: ``person`` for ``person-1``; None for ``house-1`` or ``Cube``."""
+    """Return the known class that a node's own name states: ``person`` for ``person-1``; None for ``house-1`` or ``Cube``."""
     parsed = parse_object_name(name)
     return parsed[0] if parsed is not None and parsed[0] in _CLASSES else None
 
 
 def likely_name(name: str) -> str | None:
-    """What a node was probably meant to be called, e.g. ``person-1`` for ``Person_01``; None if nothing is near."""
+    """Return the name that a node was probably meant to have, e.g. ``person-1`` for ``Person_01``; None if none is near."""
     match = _LIKE_AN_OBJECT.fullmatch(name)
     if match is None:
         return None
@@ -85,13 +84,13 @@ def likely_name(name: str) -> str | None:
 
 
 def object_labels(paths: Iterable[str], node_classes: Mapping[str, str]) -> dict[str, ObjectLabel]:
-    """Label and instance of every path.
+    """Return label and instance of every path.
 
     Args:
         paths: parents before children.
-        node_classes: class by path, for nodes whose names do not tell; wins over names and is inherited (``static`` is
-            the class of what nobody evaluates). The instance is the number at the end of the name,
-            else one is counted up.
+        node_classes: class by path, for nodes whose names state none; it takes precedence over names and is inherited (``static``
+            is the class of things that nobody evaluates). The instance is the number at the end of the name, else the lowest
+            free one.
 
     Raises:
         UnknownName: a class that does not exist.
@@ -138,13 +137,18 @@ def _claim(roots: dict[int, str], own: ObjectLabel, path: str) -> None:
 
 
 def is_node_name(name: str) -> bool:
-    """Whether a name may stand in a path: letters, digits, _ and single -, starting with a letter."""
+    """Return whether a name may stand in a path: letters, digits, _ and single -, starting with a letter."""
     return _NODE_NAME.fullmatch(name) is not None
 
 
-def node_name(given: str | None, index: int) -> str:
-    """A name that may stand in a path, made from what a file gives: ``Cube.001`` is ``Cube_001``, none ``node_7``."""
-    cleaned = re.sub(r"-{2,}", "-", _NOT_IN_NAMES.sub("_", given or "")).strip("-")
-    if not cleaned:
+def node_name(original: str | None, index: int) -> str:
+    """Return a name that may stand in a path: ``Cube.001`` becomes ``Cube_001``, and None becomes ``node_7``.
+
+    Args:
+        original: the name in a file.
+        index: of the node in the file.
+    """
+    name = re.sub(r"-{2,}", "-", _NOT_IN_NAMES.sub("_", original or "")).strip("-")
+    if not name:
         return f"node_{index}"
-    return cleaned if is_node_name(cleaned) else f"node_{cleaned}"
+    return name if is_node_name(name) else f"node_{name}"

@@ -1,4 +1,4 @@
-"""Paints of vehicles: an asset names them, and a vehicle's colour is one of them."""
+"""Paints of vehicles: an asset names them, and the colour of a vehicle is one of these names."""
 
 from __future__ import annotations
 
@@ -28,5 +28,5 @@ class Paint(BaseModel):
 
 
 def is_paint(material_name: str) -> bool:
-    """Whether a material is a vehicle's paint: the last ``/``-separated part of its name starts with ``paint-``."""
+    """Return whether a material is a vehicle's paint: the last ``/``-separated part of its name starts with ``paint-``."""
     return material_name.rpartition("/")[2].startswith(PAINT_PREFIX)

@@ -20,7 +20,7 @@ _CAMERA_AT_REST = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def cos_sin(degrees: float) -> tuple[float, float]:
-    """Cosine and sine of an angle in degrees; exact at multiples of 90."""
+    """Return cosine and sine of an angle in degrees; exact at multiples of 90."""
     quarters, rest = divmod(degrees, 90.0)
     if rest == 0.0:
         return _QUARTERS[int(quarters) % 4]
@@ -29,7 +29,7 @@ def cos_sin(degrees: float) -> tuple[float, float]:
 
 
 def rotation(x_deg: float, y_deg: float, z_deg: float) -> Matrix:
-    """(3, 3) rotation Rz · Ry · Rx: about x first, about z last, all about the parent's axes."""
+    """Return the (3, 3) rotation Rz · Ry · Rx: about x first, about z last, all about the parent's axes."""
     (cx, sx), (cy, sy), (cz, sz) = cos_sin(x_deg), cos_sin(y_deg), cos_sin(z_deg)
     return np.array(
         [
@@ -41,9 +41,9 @@ def rotation(x_deg: float, y_deg: float, z_deg: float) -> Matrix:
 
 
 def rotation_angles(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
-    """The x, y, z angles in degrees with `rotation` (x, y, z) = ``matrix`` (3, 3); x and z in [0, 360), y in [−90, 90].
+    """Return the angles in degrees for which `rotation` (x, y, z) is ``matrix`` (3, 3); x and z in [0, 360), y in [−90, 90].
 
-    Where y is ±90 (gimbal lock) x is taken as 0.
+    Where y is ±90 (gimbal lock), x is 0.
     """
     sine = min(1.0, max(-1.0, -float(matrix[2, 0])))
     if abs(sine) > 1.0 - 1e-12:
@@ -55,13 +55,13 @@ def rotation_angles(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def _turn(degrees: float) -> float:
-    turned = degrees % 360.0
-    return 0.0 if turned == 360.0 else turned + 0.0
+    angle = degrees % 360.0
+    return 0.0 if angle == 360.0 else angle + 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Translation in metres, rotation angles in degrees (see `rotation`), and scale along the object's own axes."""
+    """A translation in metres, rotation angles in degrees (see `rotation`), and a scale along the object's own axes."""
 
     position: tuple[float, float, float]
     angles: tuple[float, float, float]
@@ -69,17 +69,17 @@ class Pose:
 
     @classmethod
     def of(cls, matrix: Matrix) -> Pose:
-        """Take a (4, 4) matrix of translation, rotation and positive scale apart; shear and mirroring are lost."""
+        """Split a (4, 4) matrix into translation, rotation and positive scale; shear and mirroring are lost."""
         linear = np.asarray(matrix[:3, :3], np.float64)
         lengths = np.linalg.norm(linear, axis=0)
-        # A rotation written with exact numbers has lengths like 1 ± 1e−16: that is no scale.
+        # The columns of a rotation have lengths like 1 ± 1e−16: that is no scale.
         lengths[np.abs(lengths - 1.0) < 1e-12] = 1.0
         x, y, z = (float(v) for v in matrix[:3, 3])
         sx, sy, sz = (float(v) for v in lengths)
         return cls((x, y, z), rotation_angles(linear / np.where(lengths > 0, lengths, 1.0)), (sx, sy, sz))
 
     def matrix(self) -> Matrix:
-        """(4, 4) object to parent."""
+        """Return the (4, 4) matrix, object to parent."""
         result = np.eye(4)
         result[:3, :3] = rotation(*self.angles) * np.asarray(self.scale) + 0.0  # −0.0 becomes 0.0
         result[:3, 3] = self.position
@@ -87,12 +87,12 @@ class Pose:
 
 
 def place(x: float, y: float, z: float = 0.0, heading_deg: float = 0.0) -> Matrix:
-    """(4, 4) of something that stands upright at (x, y, z), turned by ``heading_deg`` (0 faces +y)."""
+    """Return the (4, 4) matrix of something that stands upright at (x, y, z), turned by ``heading_deg`` (0 faces +y)."""
     return Pose((x, y, z), (0.0, 0.0, heading_deg)).matrix()
 
 
 def camera_transform(position: tuple[float, float, float], yaw: float, pitch: float, roll: float) -> Matrix:
-    """(4, 4) camera to world from the optical centre (metres) and three angles (degrees).
+    """Return the (4, 4) matrix, camera to world, for an optical centre (metres) and three angles (degrees).
 
     At rest the camera looks along +y with z up. ``yaw`` turns it counter-clockwise seen from above (to the left),
     ``pitch`` turns it up, ``roll`` lowers its right side (the horizon turns counter-clockwise in the image).
@@ -105,12 +105,12 @@ def camera_transform(position: tuple[float, float, float], yaw: float, pitch: fl
 
 
 def camera_angles(transform: Matrix) -> tuple[float, float, float]:
-    """Yaw, pitch, roll in degrees of a camera: the inverse of `camera_transform`; in [0, 360), pitch in [−90, 90]."""
+    """Return yaw, pitch and roll of a camera in degrees: the inverse of `camera_transform`; in [0, 360), pitch in [−90, 90]."""
     world = np.asarray(transform[:3, :3], np.float64)
     forward = -world[:, 2] / np.linalg.norm(world[:, 2])
     pitch = math.degrees(math.asin(min(1.0, max(-1.0, float(forward[2])))))
     if abs(float(forward[2])) > 1.0 - 1e-12:
-        # Straight up or down: yaw and roll are one; all of it is called yaw.
+        # Straight up or down, yaw and roll are the same turn; all of it is called yaw.
         return _turn(math.degrees(math.atan2(float(world[1, 0]), float(world[0, 0])))), pitch, 0.0
     yaw = math.degrees(math.atan2(-float(forward[0]), float(forward[1])))
     unrolled = camera_transform((0.0, 0.0, 0.0), yaw, pitch, 0.0)[:3, :3]

@@ -1,4 +1,4 @@
-"""Heights of the ground: where a person's feet are."""
+"""Heights of the ground, on which persons and vehicles stand."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import shapely
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.assets.placements import MAX_COORDINATE_M
 
-#: Ground within this many metres of a height counts as level with it: the step of a dropped kerb.
+#: Metres of difference up to which ground counts as level: the step of a dropped kerb.
 STEP_M: Final = 0.03
 
 
 def ground_height(manifest: Manifest, x: float, y: float) -> float:
-    """Height in metres of the ground at (x, y): that of the last region that contains or touches it, else 0."""
+    """Return the height of the ground at (x, y) in metres: that of the last region that contains or touches it, else 0."""
     for polygon, (x0, y0, x1, y1), height in _regions(manifest):
         if x0 <= x <= x1 and y0 <= y <= y1 and shapely.intersects_xy(polygon, x, y):
             return height
@@ -23,7 +23,7 @@ def ground_height(manifest: Manifest, x: float, y: float) -> float:
 
 
 def level_ground(manifest: Manifest, height: float) -> shapely.Geometry:
-    """All ground within `STEP_M` of a height (metres), made for fast tests."""
+    """Return all ground within `STEP_M` of a height (metres), prepared for fast tests."""
     end = 2.0 * MAX_COORDINATE_M
     level: shapely.Geometry = shapely.box(-end, -end, end, end) if abs(height) <= STEP_M else shapely.Polygon()
     for region in manifest.ground:
@@ -35,10 +35,10 @@ def level_ground(manifest: Manifest, height: float) -> shapely.Geometry:
 
 @lru_cache(maxsize=16)
 def _regions(manifest: Manifest) -> tuple[tuple[shapely.Polygon, tuple[float, float, float, float], float], ...]:
-    """Regions, the winning ones first."""
-    found = []
+    """Return polygon, bounds and height of the regions; the first one that holds a place decides."""
+    regions = []
     for region in reversed(manifest.ground):
         polygon = shapely.Polygon(region.polygon)
         shapely.prepare(polygon)
-        found.append((polygon, polygon.bounds, region.height))
-    return tuple(found)
+        regions.append((polygon, polygon.bounds, region.height))
+    return tuple(regions)

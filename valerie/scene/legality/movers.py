@@ -1,4 +1,4 @@
-"""Obstacles that a parameter moves: their footprints go where their nodes go."""
+"""Obstacles that a parameter moves or hides: their footprints move with their nodes."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from valerie.scene.legality.obstacles import widened
 _PLACE: Final = ("pos.x", "pos.y")
 _TURNS: Final = ("heading", "rot.z")
 _POSE: Final = (*_PLACE, *_TURNS, "scale", "visible", "kind")
-#: What touches does not overlap: outlines are rounded, and things stand side by side. Metres.
+#: Metres by which outlines may overlap: they are rounded, and things that touch stand side by side.
 _TOUCHING_M: Final = 0.01
-#: The middle of an outline that stands on the ground, as a share of its length and width: wheels, while bumpers and handlebars
-#: may hang over a kerb.
+#: The inner share of an outline, in length and width, that stands on the ground: wheels do, while bumpers and handlebars may hang
+#: over a kerb.
 _STANDING: Final = 0.8
 
 
@@ -33,12 +33,12 @@ class Outline:
     """One footprint of a mover.
 
     Attributes:
-        footprint: at the default pose.
-        kind: the vehicle that it is of, where the mover is one of several; empty if it always counts.
-        widened: by the room that somebody needs, at the default pose.
-        plain: not widened, metres from the node's default place, at the default pose.
-        corners: (N, 2) metres from the node's default place, at the default pose; pulled in by what may touch.
-        standing: the same of the part that stands on the ground.
+        footprint: at the default pose, as all that follows.
+        kind: the kind of vehicle with this footprint; empty if it counts for all kinds.
+        widened: the footprint and the room that a person needs around it.
+        plain: the footprint in metres from the node's default place.
+        corners: (N, 2) metres from the node's default place, of the footprint without its rim.
+        standing: (N, 2) likewise, of the part that stands on the ground.
     """
 
     footprint: Footprint
@@ -51,16 +51,16 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mover:
-    """A node with footprints at or below it, whose pose a parameter changes, or which a parameter hides.
+    """A node with footprints at or below it that a parameter moves or hides.
 
     Attributes:
         path: of the node.
-        outlines: as the manifest lists them.
+        outlines: in the manifest's order.
         keys: attribute of a pose (``pos.x`` …) to its path.
-        defaults: attribute to default; those that are declared.
-        paths: of its pose, as far as they are declared.
-        reach: farthest that an outline reaches from the node's place at its default size, metres.
-        radius: metres that somebody needs around its place.
+        defaults: attribute to default, of the declared ones.
+        paths: of the declared attributes.
+        reach: largest distance of an outline from the node's place at its default size, metres.
+        radius: room that a person needs, metres.
     """
 
     path: str
@@ -73,22 +73,22 @@ class Mover:
 
     @property
     def name(self) -> str:
-        """The node without ``scene.``, as people call it."""
+        """Return the path of the node without ``scene.``, as people write it."""
         return self.path.removeprefix(f"{ROOT}.")
 
     @property
     def has_place(self) -> bool:
-        """Whether a parameter puts it elsewhere, or only hides it."""
+        """Return whether a parameter moves it; else parameters only hide or turn it."""
         return any(name in self.defaults for name in _PLACE)
 
     @property
     def is_built(self) -> bool:
-        """Whether it is what nobody drives, rides or is, such as a house: it belongs beside the ways."""
-        named = parse_object_name(self.path.rpartition(".")[2])
-        return named is not None and named[0] not in FACING_CLASSES
+        """Return whether it is neither vehicle nor person, such as a house: it keeps off the ways."""
+        parsed = parse_object_name(self.path.rpartition(".")[2])
+        return parsed is not None and parsed[0] not in FACING_CLASSES
 
     def shown(self, assignment: Mapping[str, Value]) -> tuple[Outline, ...]:
-        """The outlines that count; none of what is hidden."""
+        """Return the outlines that count; none of a hidden mover."""
         if self._value("visible", assignment) is False:
             return ()
         kind = self._value("kind", assignment)
@@ -97,7 +97,7 @@ class Mover:
         return tuple(outline for outline in self.outlines if not outline.kind or outline.kind == kind)
 
     def holds(self, x: float, y: float, assignment: Mapping[str, Value], z: float = 0.0) -> Footprint | None:
-        """The footprint that holds (x, y) and reaches above z, metres: the point is taken back to the default pose."""
+        """Return the footprint that holds (x, y) and reaches above z, metres; the point is moved back to the default pose."""
         u = x - float(self._value("pos.x", assignment))
         v = y - float(self._value("pos.y", assignment))
         size = self._size(assignment)
@@ -106,30 +106,32 @@ class Mover:
             return None
         cos, sin = self._turn(assignment)
         u, v = cos * u + sin * v, cos * v - sin * u
-        for one in self.shown(assignment):
-            if one.footprint.height_m is not None and z >= size * one.footprint.height_m:
+        for outline in self.shown(assignment):
+            if outline.footprint.height_m is not None and z >= size * outline.footprint.height_m:
                 continue
             if size == 1.0:
-                inside = shapely.contains_xy(one.widened, self._place("pos.x") + u, self._place("pos.y") + v)
+                inside = shapely.contains_xy(outline.widened, self._place("pos.x") + u, self._place("pos.y") + v)
             else:
-                # The room that somebody needs has one size, whichever the thing has.
-                inside = size * one.plain.distance(shapely.Point(u / size, v / size)) < self.radius
+                # The room that a person needs does not grow with the mover.
+                inside = size * outline.plain.distance(shapely.Point(u / size, v / size)) < self.radius
             if inside:
-                return one.footprint
+                return outline.footprint
         return None
 
     def polygons(self, assignment: Mapping[str, Value], *, standing: bool = False) -> tuple[shapely.Polygon, ...]:
-        """The outlines that count where they are, or the parts of them that stand on the ground; metres in the world."""
+        """Return the outlines that count at their places in the world, metres; or only the parts that stand on the ground."""
         outlines = self.shown(assignment)
         if not outlines:
             return ()
         cos, sin = self._turn(assignment)
         turn = self._size(assignment) * np.array([[cos, sin], [-sin, cos]])
         place = np.array([float(self._value(name, assignment)) for name in _PLACE])
-        return tuple(shapely.Polygon((one.standing if standing else one.corners) @ turn + place) for one in outlines)
+        return tuple(
+            shapely.Polygon((outline.standing if standing else outline.corners) @ turn + place) for outline in outlines
+        )
 
     def _turn(self, assignment: Mapping[str, Value]) -> tuple[float, float]:
-        """Cosine and sine of the turn away from the default."""
+        """Return cosine and sine of the turn away from the default."""
         return cos_sin(
             sum(
                 float(self._value(name, assignment)) - float(self.defaults[name])
@@ -139,7 +141,7 @@ class Mover:
         )
 
     def _size(self, assignment: Mapping[str, Value]) -> float:
-        """How many times as large as by default."""
+        """Return the size relative to the default."""
         return float(self._value("scale", assignment, 1.0)) / float(self.defaults.get("scale", 1.0))
 
     def _value(self, name: str, assignment: Mapping[str, Value], otherwise: Value = 0.0) -> Value:
@@ -150,11 +152,11 @@ class Mover:
 
 
 def sort_obstacles(manifest: Manifest, radius: float) -> tuple[tuple[Footprint, ...], tuple[Mover, ...]]:
-    """The manifest's obstacles at rest, and those that a parameter moves or hides, by their nodes.
+    """Return the manifest's obstacles at rest, and its movers.
 
     Args:
-        manifest: tells both.
-        radius: metres that somebody needs around its place.
+        manifest: declares obstacles and parameters.
+        radius: room that a person needs, metres.
     """
     resting: list[Footprint] = []
     moving: dict[str, list[Footprint]] = {}
@@ -191,7 +193,7 @@ def _mover(manifest: Manifest, path: str, footprints: list[Footprint], radius: f
 
 
 def _pulled_in(footprint: Footprint) -> shapely.Polygon:
-    """A footprint without its rim; of one that is all rim, or in pieces, the rectangle around it."""
+    """Return a footprint without its rim; the rectangle around it if nothing or several pieces remain."""
     polygon = shapely.Polygon(footprint.polygon)
     smaller = polygon.buffer(-_TOUCHING_M, join_style="mitre")
     if isinstance(smaller, shapely.Polygon) and not smaller.is_empty:
@@ -202,7 +204,9 @@ def _pulled_in(footprint: Footprint) -> shapely.Polygon:
 
 def _declared(manifest: Manifest, path: str) -> dict[str, Value]:
     definitions = {name: manifest.by_path.get(f"{path}.{name}") for name in _POSE}
-    return {name: found.check(found.default) for name, found in definitions.items() if found is not None}
+    return {
+        name: definition.check(definition.default) for name, definition in definitions.items() if definition is not None
+    }
 
 
 def _upwards(path: str) -> Iterator[str]:

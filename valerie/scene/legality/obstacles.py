@@ -1,4 +1,4 @@
-"""Obstacles at rest: widened by the room that somebody needs, in a grid over the ground, and as they are."""
+"""Obstacles at rest: widened by the room that a person needs, in a grid over the ground; and as they are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CELL_M: Final = 2.0
 
 
 class ObstacleMap:
-    """Obstacles at rest, found by grid cell: a place costs one look-up and few point-in-polygon tests.
+    """Obstacles at rest by grid cell: a place costs one look-up and few point-in-polygon tests.
 
     Args:
         obstacles: none of which moves.
@@ -29,7 +29,7 @@ class ObstacleMap:
                 self._cells.setdefault(cell, []).append((polygon, obstacle))
 
     def at(self, x: float, y: float, z: float = 0.0) -> Footprint | None:
-        """The first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
+        """Return the first obstacle whose widened footprint holds (x, y) and that reaches above z, metres."""
         for polygon, obstacle in self._cells.get((int(x // _CELL_M), int(y // _CELL_M)), ()):
             if (obstacle.height_m is None or z < obstacle.height_m) and shapely.contains_xy(polygon, x, y):
                 return obstacle
@@ -37,7 +37,7 @@ class ObstacleMap:
 
 
 class Outlines:
-    """Obstacles at rest as they are, found by what overlaps them.
+    """The outlines of obstacles at rest, and queries for overlaps with them.
 
     Args:
         obstacles: none of which moves.
@@ -48,21 +48,22 @@ class Outlines:
         self._tree = shapely.STRtree([shapely.make_valid(shapely.Polygon(obstacle.polygon)) for obstacle in obstacles])
 
     def first(self, polygon: shapely.Polygon, but: Set[int] = frozenset()) -> Footprint | None:
-        """The first obstacle, in the manifest's order, that a polygon (metres, world) overlaps.
+        """Return the first obstacle, in the manifest's order, that a polygon overlaps.
 
         Args:
-            but: numbers of obstacles that do not count.
+            polygon: metres, world.
+            but: indices of obstacles that do not count.
         """
         numbers = self.below(polygon) - but
         return self._obstacles[min(numbers)] if numbers else None
 
     def below(self, polygon: shapely.Polygon) -> frozenset[int]:
-        """Numbers of all obstacles that a polygon (metres, world) overlaps."""
+        """Return the indices of all obstacles that a polygon (metres, world) overlaps."""
         return frozenset(self._tree.query(polygon, predicate="intersects").tolist())
 
 
 def widened(obstacle: Footprint, radius: float) -> shapely.Polygon:
-    """The ground that an obstacle and ``radius`` metres around it take, made for fast tests."""
+    """Return the ground that an obstacle and ``radius`` metres around it take, prepared for fast tests."""
     polygon = shapely.Polygon(obstacle.polygon).buffer(radius, quad_segs=16)
     shapely.prepare(polygon)
     return polygon

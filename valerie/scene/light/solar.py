@@ -1,4 +1,4 @@
-"""Where the sun stands at a time, on a day, at a place.
+"""The place of the sun at a time, on a day, at a place on earth.
 
 Declination and equation of time by Fourier series over the day of the year: Spencer 1971, "Fourier series representation
 of the position of the sun", Search 2(5), 172. They know neither the year nor refraction: azimuth and elevation are within
@@ -17,12 +17,12 @@ from valerie.scene.graph.naming import SUN_PATH
 
 AZIMUTH: Final = f"{SUN_PATH}.azimuth"
 ELEVATION: Final = f"{SUN_PATH}.elevation"
-#: The other notation, by two angles.
+#: Paths of the notation by two angles.
 ANGLES: Final = (AZIMUTH, ELEVATION)
 
 
 class ClockParameter(NamedTuple):
-    """One parameter of the notation by time and place: name below the sun, type, unit, range, value where none is given."""
+    """One parameter of the notation by time and place, below the path of the sun; ``default`` holds where none is given."""
 
     name: str
     type: ParameterType
@@ -37,7 +37,7 @@ class ClockParameter(NamedTuple):
         return f"{SUN_PATH}.{self.name}"
 
     def definition(self) -> ParameterDefinition:
-        """As an asset declares it."""
+        """Return the declaration of the parameter for an asset."""
         return ParameterDefinition(
             path=self.path,
             type=self.type,
@@ -62,7 +62,7 @@ CLOCK_PATHS: Final = tuple(row.path for row in CLOCK)
 
 
 class SunAngles(NamedTuple):
-    """Degrees: azimuth clockwise from north in [0, 360), elevation of the disc's centre above the horizon."""
+    """Angles in degrees: azimuth clockwise from north in [0, 360), elevation of the disc's centre above the horizon."""
 
     azimuth: float
     elevation: float
@@ -71,7 +71,7 @@ class SunAngles(NamedTuple):
 def sun_angles(
     *, time_of_day: float, day_of_year: float, latitude: float, longitude: float, utc_offset: float
 ) -> SunAngles:
-    """The sun's place in the sky, without refraction.
+    """Return the place of the sun in the sky, without refraction.
 
     Args:
         time_of_day: hours of the clock.
@@ -110,23 +110,27 @@ def sun_angles(
 
 
 def angles_of(clock: Mapping[str, Value]) -> dict[str, Value]:
-    """The two angles' paths and values (degrees) of a sun that is given by ``clock``: path to value, the rest by default.
+    """Return the two angles of a sun by time and place: path to degrees.
 
-    Rounded to a millionth of a degree, so that the last bits of a sine are no input of anything.
+    They are rounded to a millionth of a degree, so that the last bits of a sine change no digest.
+
+    Args:
+        clock: path to value of the notation by time and place; missing values take their defaults.
     """
-    given = {row.name: float(clock.get(row.path, row.default)) for row in CLOCK}
-    azimuth, elevation = sun_angles(**given)
+    values = {row.name: float(clock.get(row.path, row.default)) for row in CLOCK}
+    azimuth, elevation = sun_angles(**values)
     return {AZIMUTH: round(azimuth, 6) % 360.0, ELEVATION: round(elevation, 6) + 0.0}
 
 
 def require_one_notation(paths: frozenset[str] | set[str], *, field: str = "") -> None:
-    """Refuse a sun that is given both ways.
+    """Refuse a sun that is given in both notations.
 
     Args:
         paths: of the parameters that are given.
+        field: of the error; the first angle by default.
 
     Raises:
-        InvalidInput: the sun's angles, and time or place, are among them.
+        InvalidInput: an angle of the sun, and a time or place, are among them.
     """
     angles, clock = sorted(paths.intersection(ANGLES)), sorted(paths.intersection(CLOCK_PATHS))
     if angles and clock:

@@ -1,4 +1,4 @@
-"""What rain does to a road: how much of it is wet, how deep the water stands, how well tyres hold."""
+"""Effects of rain on a road: the wet share of it, the depth of the water, the friction of tyres."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _FRICTION: Final = (0.85, 0.65, 0.55, 0.5)
 
 
 def wetness(rain: float) -> float:
-    """0 dry … 1 wet: how much of what faces up is covered with water at ``rain`` mm/h. From 2 mm/h on nearly all of it is."""
+    """Return the share of upward surfaces that water covers at ``rain`` mm/h, 0 dry … 1 wet; from 2 mm/h on nearly 1."""
     return float(1 - np.exp(-rain / 0.8))
 
 
 def water_mm(rain: float) -> float:
-    """Millimetres of water on a lane of 3.3 m with 2.5 % cross fall at ``rain`` mm/h.
+    """Return the millimetres of water on a lane of 3.3 m with 2.5 % cross fall at ``rain`` mm/h.
 
-    A film of 0.2 mm on what is wet, and what stands above the texture: Gallaway et al. 1979, "Pavement and geometric
+    It is a film of 0.2 mm on wet surfaces, and the water above the texture: Gallaway et al. 1979, "Pavement and geometric
     design criteria for minimizing hydroplaning", FHWA-RD-79-31, 0.01485 T^0.11 L^0.43 I^0.59 / S^0.42 − T.
     """
     texture = _TEXTURE_MM
@@ -34,9 +34,9 @@ def water_mm(rain: float) -> float:
 
 
 def road_friction(rain: float) -> float:
-    """Peak coefficient of friction between new tyres and the road at 50 km/h in ``rain`` mm/h, 0.85 when dry.
+    """Return the peak coefficient of friction between new tyres and the road at 50 km/h in ``rain`` mm/h, 0.85 when dry.
 
     Bosch Automotive Handbook, "Coefficients of static friction for pneumatic tires on various surfaces": dry 0.85, wet
-    (0.2 mm of water) 0.65, heavy rain (1 mm) 0.55, puddles (2 mm) 0.5; linear in between. Metadata: nothing is drawn of it.
+    (0.2 mm of water) 0.65, heavy rain (1 mm) 0.55, puddles (2 mm) 0.5; linear in between. It is metadata: no picture shows it.
     """
     return float(np.interp(water_mm(rain), _FRICTION_MM, _FRICTION))

@@ -1,4 +1,4 @@
-"""Cubic splines through keyframes at given times: C¹, local, and exactly at rest where keyframes are.
+"""Cubic splines through keyframes at given times: C¹, local, and exactly at rest where the keyframes rest.
 
 Between the keyframes k and k + 1, a time h apart, a value is the cubic Hermite polynomial of the values and tangents at
 both ends. The tangent at a keyframe is that of the parabola through it and its neighbours, the Catmull–Rom tangent for uneven
@@ -36,7 +36,7 @@ class Spline:
     tangents: tuple[tuple[float, float], ...]
 
     def value(self, time: float) -> float:
-        """The value at a time in seconds."""
+        """Return the value at a time in seconds."""
         stretch = stretch_at(self.times, time)
         if stretch is None:
             return self.values[0] if time < self.times[0] else self.values[-1]
@@ -52,11 +52,11 @@ class Spline:
         )  # fmt: skip
 
     def velocity(self, time: float, stretch: int | None = None) -> float:
-        """The first derivative, per second; 0 outside the keyframes.
+        """Return the first derivative, per second; 0 outside the keyframes.
 
         Args:
             time: seconds.
-            stretch: take the polynomial of this stretch, as at its end; None: of the one that begins last.
+            stretch: whose polynomial is taken, as at its end; None: the one that holds the time.
         """
         stretch = stretch_at(self.times, time) if stretch is None else stretch
         if stretch is None:
@@ -73,22 +73,22 @@ class Spline:
 
 
 def stretch_at(times: Sequence[float], time: float) -> int | None:
-    """Index of the stretch that holds a time: its beginning belongs to it, its end to the next; None outside of all.
+    """Return the index of the stretch that holds a time, with its beginning and without its end; None outside all of them.
 
     The last keyframe itself belongs to no stretch.
     """
-    found = bisect_right(times, time) - 1
-    return found if 0 <= found < len(times) - 1 else None
+    index = bisect_right(times, time) - 1
+    return index if 0 <= index < len(times) - 1 else None
 
 
 def smooth(times: Sequence[float], values: Sequence[float], resting: Sequence[bool]) -> Spline:
-    """The spline of the module's description.
+    """Return the spline that the module describes.
 
     Args:
         times: (K,) seconds, ascending.
         values: (K,).
-        resting: (K − 1,) stretches in which nothing may move: their values are equal, and both ends have tangent 0, also
-            on the side of their neighbours.
+        resting: (K − 1,) whether nothing may move in a stretch: its values are equal, and both ends have tangent 0, also on the
+            side of the neighbouring stretch.
     """
     rises, steps = _rises(times, values)
     count = len(times)
@@ -107,21 +107,21 @@ def smooth(times: Sequence[float], values: Sequence[float], resting: Sequence[bo
 
 
 def linear(times: Sequence[float], values: Sequence[float]) -> Spline:
-    """Straight lines between the keyframes: the velocity jumps at each of them."""
+    """Return straight lines between the keyframes; the velocity jumps at each of them."""
     rises, _ = _rises(times, values)
     return Spline(tuple(times), tuple(values), tuple((rise, rise) for rise in rises))
 
 
 def unwrapped(degrees: Sequence[float]) -> tuple[float, ...]:
-    """Angles that follow each other by the shortest way; half a turn goes counter-clockwise (upwards)."""
-    found = [float(degrees[0])]
+    """Return angles that follow each other by the shortest way; half a turn goes counter-clockwise (upwards)."""
+    angles = [float(degrees[0])]
     for angle in degrees[1:]:
-        turn = (angle - found[-1] + 180.0) % 360.0 - 180.0
-        found.append(found[-1] + (180.0 if turn == -180.0 else turn))
-    return tuple(found)
+        turn = (angle - angles[-1] + 180.0) % 360.0 - 180.0
+        angles.append(angles[-1] + (180.0 if turn == -180.0 else turn))
+    return tuple(angles)
 
 
 def _rises(times: Sequence[float], values: Sequence[float]) -> tuple[list[float], list[float]]:
-    """(K − 1) slopes and durations of the stretches."""
+    """Return the (K − 1) slopes and durations of the stretches."""
     steps = [b - a for a, b in pairwise(times)]
     return [(b - a) / h for (a, b), h in zip(pairwise(values), steps, strict=True)], steps

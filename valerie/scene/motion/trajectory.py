@@ -1,11 +1,11 @@
-"""Trajectories: where things are over time, by keyframes (paper, table 1: T(t) of vehicles, humans and sensors).
+"""Trajectories: the places of things over time, by keyframes (paper, table 1: T(t) of vehicles, humans and sensors).
 
-A trajectory moves one thing: a node that the manifest declares movable, or a camera. Its keyframes give values of parameters
-that the manifest declares for it, at times in seconds; between them run splines (`valerie.scene.motion.splines`). Each value
-of a keyframe is itself a parameter, ``person-1.trajectory.key-2.pos.x``, and so is the start, ``person-1.trajectory.start``.
+A trajectory moves one thing: a movable node, or a camera. Its keyframes give values of its parameters at times in seconds;
+splines join them (`valerie.scene.motion.splines`). Each value of a keyframe is itself a parameter,
+``person-1.trajectory.key-2.pos.x``, and so is the start, ``person-1.trajectory.start``.
 
-A scene at a moment is an assignment like any other: `Motion.at` puts the values of that moment in the place of the trajectory's
-parameters. Products are therefore shared by what is seen, and what stands still is made once.
+A scene at a moment is an assignment like any other: `Motion.at` replaces the trajectory's parameters by values of that moment.
+Moments that look alike therefore share their products.
 """
 
 from __future__ import annotations
@@ -26,21 +26,20 @@ from valerie.parameters.definitions import TURN, Affects, ParameterDefinition, P
 from valerie.scene.graph.naming import ROOT
 from valerie.scene.motion.splines import Spline, linear, smooth, unwrapped
 
-#: The moment of a variant's first frame, a parameter of every run that knows time.
+#: Path of the moment of a variant's first frame: a parameter of every run with time.
 TIME_PATH: Final = f"{ROOT}.time"
-#: Name of the time in a keyframe, and below a keyframe's path.
+#: Name of the time in a keyframe and below its path.
 TIME: Final = "time"
 #: Times lie within this many seconds of 0.
 MAX_TIME_S: Final = 86_400.0
-#: Metres that a pedestrian walks in one gait cycle of two steps, unless the trajectory says otherwise: the mean of adults
+#: Metres that a pedestrian walks in one gait cycle of two steps, unless the trajectory gives another length: the mean of adults
 #: (J. Perry, "Gait Analysis: Normal and Pathological Function", 1992).
 STRIDE_M: Final = 1.41
-#: Below this speed (m/s) a thing stands and faces where it last went.
+#: Below this speed (m/s) a thing stands, and faces the direction of its last movement.
 _STANDING: Final = 1e-6
-#: Computed values are rounded to this many decimals (a micrometre, a millionth of a degree), so that processes on different
-#: machines mean the same scene.
+#: Decimals of computed values (a micrometre, a millionth of a degree), so that all machines get the same scene.
 _DECIMALS: Final = 6
-#: Where in a stretch its first and last direction is read.
+#: Shares of a stretch at which its first and last direction is read.
 _AFTER, _BEFORE = 1e-4, 1.0 - 1e-4
 _GROUND: Final = ("pos.x", "pos.y")
 _FACING: Final = ("heading", "yaw")
@@ -52,15 +51,15 @@ _NODES, _WEIGHTS = (
 
 
 class Trajectory(BaseModel):
-    """Where one thing is over time.
+    """The place of one thing over time.
 
     Attributes:
         path: of the thing, e.g. ``scene.person-1`` or ``scene.camera-1``.
         keyframes: in the order of time; each has ``time`` (s) and the same parameters of the thing, e.g. ``pos.x``, in
             their declared units. Angles turn the shortest way.
         interpolation: ``smooth`` (continuous velocity) or ``linear``. Equal positions in two keyframes are a pause.
-        facing: ``path``: heading (yaw of a camera) follows the direction of movement; ``kept``: it does not. By default what
-            has a heading faces its path and cameras do not; keyframes that give the angle decide it in any case.
+        facing: ``path``: the heading (yaw of a camera) follows the direction of movement; ``kept``: it does not. By default,
+            things with a heading face their path and cameras do not. Keyframes that give the angle take precedence.
         stride_m: metres walked in one gait cycle of two steps, where the thing has a ``gait_phase`` that no keyframe gives.
     """
 
@@ -74,21 +73,21 @@ class Trajectory(BaseModel):
 
     @property
     def name(self) -> str:
-        """The thing without ``scene.``, as people call it."""
+        """Return the path without ``scene.``, as people write it."""
         return self.path.removeprefix(f"{ROOT}.")
 
     @property
     def start(self) -> str:
-        """Path of the parameter that says when time 0 of the keyframes is."""
+        """Return the path of the parameter for the moment of the keyframes' time 0."""
         return f"{self.path}.trajectory.start"
 
     def key(self, index: int, channel: str) -> str:
-        """Path of what keyframe ``index`` (from 0; people count from 1) says of a channel or of its time."""
+        """Return the path of a channel, or of the time, of keyframe ``index`` (from 0; the path counts from 1)."""
         return f"{self.path}.trajectory.key-{index + 1}.{channel}"
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What the keyframes give besides the time."""
+        """Return the names of the parameters that the keyframes give besides the time."""
         return tuple(name for name in self.keyframes[0] if name != TIME)
 
 
@@ -105,7 +104,9 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
         InvalidInput: keyframes differ in what they give, leave a range, or are not in the order of time.
     """
     declared = _declared_of(trajectory, parameters)
-    numbers = [name for name, one in declared.items() if one.type in (ParameterType.FLOAT, ParameterType.ANGLE)]
+    numbers = [
+        name for name, definition in declared.items() if definition.type in (ParameterType.FLOAT, ParameterType.ANGLE)
+    ]
     last = -math.inf
     for index, keyframe in enumerate(trajectory.keyframes):
         place = f"{field}.keyframes.{index}"
@@ -143,16 +144,16 @@ def check_keyframes(trajectory: Trajectory, parameters: Mapping[str, ParameterDe
 
 
 class Motion:
-    """All trajectories of a run over the parameters of its asset.
+    """All trajectories of a run.
 
     Args:
         trajectories: at most one for each thing, each checked (`check_keyframes`).
         parameters: path to declaration, of the whole asset.
-        start: the moment of the first frame, in seconds, unless a variant says otherwise.
+        start: the moment of the first frame in seconds, unless a variant gives another.
 
     Attributes:
-        parameters: declarations of the time, and of all that the trajectories say.
-        moved: paths whose values follow trajectories; a variant cannot give them.
+        parameters: declarations of the time and of the values of all keyframes.
+        moved: path to the trajectory that its value follows; a variant cannot give such a value.
     """
 
     def __init__(
@@ -166,33 +167,33 @@ class Motion:
         self._start = start
 
     def at(self, assignment: Mapping[str, Value], elapsed: float, *, within: bool = False) -> dict[str, Value]:
-        """The assignment of one moment: path to value, without time and trajectories.
+        """Return the assignment of one moment: path to value, without time and trajectories.
 
         Args:
             assignment: of a variant.
             elapsed: seconds since the variant's first frame.
-            within: hold values at the ends of their declared ranges, for moments that no frame is taken at.
+            within: whether values are held at the ends of their declared ranges, for moments without a frame.
 
         Raises:
             InvalidInput: the variant puts keyframes out of order.
         """
-        found = {path: value for path, value in assignment.items() if path not in self._own}
+        moment = {path: value for path, value in assignment.items() if path not in self._own}
         time = self.seconds(assignment, elapsed)
         for thing in self._things:
             values = thing.at(assignment, time)
-            found |= thing.held(values) if within else values
-        return found
+            moment |= thing.held(values) if within else values
+        return moment
 
     def seconds(self, assignment: Mapping[str, Value], elapsed: float) -> float:
-        """The moment that lies ``elapsed`` seconds after a variant's first frame."""
+        """Return the moment that lies ``elapsed`` seconds after a variant's first frame."""
         return round(float(assignment.get(TIME_PATH, self._start)) + elapsed, _DECIMALS)
 
     def rejection(self, assignment: Mapping[str, Value], elapsed: Sequence[float]) -> str | None:
-        """Why the movement of a variant cannot be, in words; None if it can.
+        """Return why the movement of a variant is impossible, in words; None if it is possible.
 
         Args:
             assignment: of a variant.
-            elapsed: moments that are looked at.
+            elapsed: the moments to check, in seconds since the first frame.
         """
         for thing in self._things:
             if not thing.in_order(assignment):
@@ -206,7 +207,7 @@ class Motion:
 
 
 class _Thing:
-    """One trajectory with the declarations of what it moves."""
+    """One trajectory with the declarations of the parameters that it moves."""
 
     def __init__(self, trajectory: Trajectory, parameters: Mapping[str, ParameterDefinition]) -> None:
         self.trajectory = trajectory
@@ -217,7 +218,7 @@ class _Thing:
         follows = trajectory.facing or ("kept" if facing == "yaw" else "path")
         self._faces = facing if moves and facing not in channels and follows == "path" else None
         self._walks = moves and _GAIT in self._declared and _GAIT not in channels
-        #: Paths that follow the trajectory. The gait's own parameter stays: it says where in the cycle the walk begins.
+        #: Paths that follow the trajectory. The parameter of the gait stays free: it is the phase at which the walk begins.
         self.moved = tuple(f"{path}.{name}" for name in (*channels, *filter(None, (self._faces,))))
         self._angles = frozenset(name for name in channels if self._declared[name].type is ParameterType.ANGLE)
         self._keys = [
@@ -226,7 +227,7 @@ class _Thing:
         ]
 
     def _numbers(self, assignment: Mapping[str, Value]) -> tuple[tuple[float, ...], ...]:
-        """Times, then each channel: what the variant says of the keyframes, else what they say themselves."""
+        """Return the times, then each channel, of the keyframes: the variant's values, else their own."""
         get = assignment.get
         return tuple(tuple(float(get(path, value)) for path, value in row) for row in self._keys)
 
@@ -235,42 +236,42 @@ class _Thing:
         return all(a < b for a, b in pairwise(times))
 
     def at(self, assignment: Mapping[str, Value], time: float) -> dict[str, Value]:
-        """Path to value of all that follows the trajectory, at a time in seconds."""
+        """Return path to value of all parameters that follow the trajectory, at a time in seconds."""
         trajectory = self.trajectory
         time -= float(assignment.get(trajectory.start, 0.0))
         track = _track(trajectory.interpolation, trajectory.channels, self._angles, self._numbers(assignment))
-        found = {name: spline.value(time) for name, spline in track.splines.items()}
+        numbers = {name: spline.value(time) for name, spline in track.splines.items()}
         if self._faces:
             direction = track.direction(time)
             if direction is not None:
-                found[self._faces] = direction
+                numbers[self._faces] = direction
         if self._walks:
             begun = float(assignment.get(f"{trajectory.path}.{_GAIT}", self._declared[_GAIT].default))
-            found[_GAIT] = (begun + track.walked(time) / trajectory.stride_m) % 1.0
-        return {f"{trajectory.path}.{name}": self._rounded(name, value) for name, value in found.items()}
+            numbers[_GAIT] = (begun + track.walked(time) / trajectory.stride_m) % 1.0
+        return {f"{trajectory.path}.{name}": self._rounded(name, value) for name, value in numbers.items()}
 
     def _rounded(self, name: str, value: float) -> float:
-        rounded = round(value, _DECIMALS)
-        return rounded % TURN if self._declared[name].type is ParameterType.ANGLE else rounded
+        number = round(value, _DECIMALS)
+        return number % TURN if self._declared[name].type is ParameterType.ANGLE else number
 
     def held(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """The values, none of them beyond its declared range."""
-        held: dict[str, Value] = {}
+        """Return the values, each held within its declared range."""
+        within: dict[str, Value] = {}
         for path, value in values.items():
             definition = self._declared[path.removeprefix(f"{self.trajectory.path}.")]
             low, high = definition.minimum, definition.maximum
             if definition.type is ParameterType.ANGLE and low is not None and high is not None:
-                turned = wrap(float(value), low)
+                angle = wrap(float(value), low)
                 # Beyond both ends: the nearer one.
-                held[path] = turned if turned <= high else (high if turned - high < low + TURN - turned else low)
+                within[path] = angle if angle <= high else (high if angle - high < low + TURN - angle else low)
             else:
-                held[path] = min(
+                within[path] = min(
                     max(float(value), -math.inf if low is None else low), math.inf if high is None else high
                 )
-        return held
+        return within
 
     def outside(self, values: Mapping[str, Value]) -> str | None:
-        """In words which declared range is left."""
+        """Return in words which declared range a value leaves; None if none does."""
         for path, value in values.items():
             definition = self._declared[path.removeprefix(f"{self.trajectory.path}.")]
             try:
@@ -288,29 +289,29 @@ class _Track:
     splines: Mapping[str, Spline]
 
     def direction(self, time: float) -> float | None:
-        """Heading of the movement over the ground, degrees; while it stands, of the last movement, else of the next one.
+        """Return the heading of the movement over the ground in degrees; None where nothing ever moves.
 
-        None where nothing ever moves.
+        At rest, it is the heading of the last movement, else of the next one.
         """
         x, y = (self.splines[name] for name in _GROUND)
-        found = _heading(x.velocity(time), y.velocity(time))
+        heading = _heading(x.velocity(time), y.velocity(time))
         ended = max(bisect_right(self.times, time) - 1, 0)
         # Just before an end and just after a beginning, since the velocity of a pause's neighbours may be 0 at the keyframe.
         for stretch, share in ((k, _BEFORE if k < ended else _AFTER) for k in self._by_nearness(ended)):
-            if found is not None:
+            if heading is not None:
                 break
             begin, end = self.times[stretch : stretch + 2]
             moment = begin + share * (end - begin)
-            found = _heading(x.velocity(moment, stretch), y.velocity(moment, stretch))
-        return found
+            heading = _heading(x.velocity(moment, stretch), y.velocity(moment, stretch))
+        return heading
 
     def _by_nearness(self, ended: int) -> Iterator[int]:
-        """Stretches that have ended, the latest first, then the others."""
+        """Yield the stretches that have ended, the latest first, then the others."""
         yield from range(min(ended, len(self.times) - 1) - 1, -1, -1)
         yield from range(ended, len(self.times) - 1)
 
     def walked(self, time: float) -> float:
-        """Metres over the ground from the first keyframe to a time in seconds."""
+        """Return the metres over the ground from the first keyframe to a time in seconds."""
         x, y = (self.splines[name] for name in _GROUND)
         total = 0.0
         for index in range(len(self.times) - 1):
@@ -329,24 +330,24 @@ def _track(
     interpolation: str, channels: tuple[str, ...], angles: frozenset[str], numbers: tuple[tuple[float, ...], ...]
 ) -> _Track:
     times, *values = numbers
-    by_name = {
-        name: unwrapped(given) if name in angles else given for name, given in zip(channels, values, strict=True)
-    }
-    position = [given for name, given in by_name.items() if name.startswith("pos.")]
+    by_name = {name: unwrapped(row) if name in angles else row for name, row in zip(channels, values, strict=True)}
+    position = [row for name, row in by_name.items() if name.startswith("pos.")]
     splines: dict[str, Spline] = {}
-    for name, given in by_name.items():
+    for name, row in by_name.items():
         if interpolation == "linear":
-            splines[name] = linear(times, given)
+            splines[name] = linear(times, row)
         else:
-            # A position rests as a whole: one coordinate may pause in a bend.
-            together = position if name.startswith("pos.") else [given]
-            resting = [all(one[k] == one[k + 1] for one in together) for k in range(len(times) - 1)]
-            splines[name] = smooth(times, given, resting)
+            # A position rests only as a whole: in a bend, one coordinate may pause.
+            coordinates = position if name.startswith("pos.") else [row]
+            resting = [
+                all(coordinate[k] == coordinate[k + 1] for coordinate in coordinates) for k in range(len(times) - 1)
+            ]
+            splines[name] = smooth(times, row, resting)
     return _Track(times, splines)
 
 
 def _heading(vx: float, vy: float) -> float | None:
-    """0 faces +y, counter-clockwise seen from above."""
+    """Return the heading in degrees of a velocity: 0 faces +y, counter-clockwise seen from above; None at rest."""
     return math.degrees(math.atan2(-vx, vy)) if math.hypot(vx, vy) > _STANDING else None
 
 
@@ -373,8 +374,8 @@ def _parameters(
             for name in trajectory.channels:
                 channel = parameters[f"{trajectory.path}.{name}"]
                 path = trajectory.key(index, name)
-                changed = {"name": path.removeprefix(f"{ROOT}."), "path": path, "default": keyframe[name]}
-                yield channel.model_copy(update={**changed, "description": f"{channel.description} (keyframe)".strip()})
+                own = {"name": path.removeprefix(f"{ROOT}."), "path": path, "default": keyframe[name]}
+                yield channel.model_copy(update={**own, "description": f"{channel.description} (keyframe)".strip()})
 
 
 def _seconds(path: str, default: float, description: str) -> ParameterDefinition:

@@ -1,4 +1,4 @@
-"""What a variant's light and weather come to, in numbers that tables can hold: no meshes, no pictures."""
+"""Light and weather of a variant as numbers for tables; needs no meshes and no pictures."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.naming import ENVIRONMENT_PATH
 from valerie.scene.light.solar import ANGLES, AZIMUTH, CLOCK_PATHS, ELEVATION, SunAngles
 from valerie.scene.light.weather import road_friction
-from valerie.scene.variation.applying import complete
+from valerie.scene.variation.variant import complete
 
 _RAIN: Final = f"{ENVIRONMENT_PATH}.rain"
 _DECIDING: Final = (*ANGLES, *CLOCK_PATHS, _RAIN)
 
 
 class Conditions(NamedTuple):
-    """Metadata of a variant; None where the asset does not declare what it follows from.
+    """Metadata of a variant; None where the asset does not declare the parameters behind it.
 
     Attributes:
-        sun_azimuth_deg: clockwise from north, whichever way the sun was given.
+        sun_azimuth_deg: clockwise from north, in whichever notation the sun is given.
         sun_elevation_deg: above the horizon.
         road_friction: peak friction of new tyres on the road at 50 km/h (`valerie.scene.light.weather.road_friction`).
     """
@@ -32,16 +32,20 @@ class Conditions(NamedTuple):
 
 
 def conditions(assignment: Mapping[str, Value], manifest: Manifest) -> Conditions:
-    """The conditions of a variant: path to value, what is missing takes its default.
+    """Return the conditions of a variant.
+
+    Args:
+        assignment: path to value; missing values take their defaults.
+        manifest: of the asset.
 
     Raises:
-        UnknownName, InvalidInput: as `valerie.scene.variation.applying.complete`.
+        UnknownName, InvalidInput: as `valerie.scene.variation.variant.complete`.
     """
     return _conditions(tuple((path, assignment[path]) for path in _DECIDING if path in assignment), manifest)
 
 
 def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
-    """Which of the `Conditions` differ between variants in which the parameters at these paths do."""
+    """Return the names of the `Conditions` that differ between variants in which the parameters at these paths differ."""
     by_time = any(path in varied for path in CLOCK_PATHS)
     differs = {
         "sun_azimuth_deg": by_time or AZIMUTH in varied,
@@ -52,8 +56,8 @@ def varied_conditions(varied: Collection[str]) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=1024)
-def _conditions(given: tuple[tuple[str, Value], ...], manifest: Manifest) -> Conditions:
-    values = complete(dict(given), manifest)
+def _conditions(deciding: tuple[tuple[str, Value], ...], manifest: Manifest) -> Conditions:
+    values = complete(dict(deciding), manifest)
     rain = _number(values, _RAIN)
     return Conditions(
         _number(values, AZIMUTH), _number(values, ELEVATION), None if rain is None else road_friction(rain)
@@ -61,13 +65,13 @@ def _conditions(given: tuple[tuple[str, Value], ...], manifest: Manifest) -> Con
 
 
 def with_sun_angles(assignment: Mapping[str, Value], manifest: Manifest) -> dict[str, Value]:
-    """An assignment in which a sun that is given by time and place has its two angles beside them."""
+    """Return the assignment; if it gives the sun by time and place, with the two angles beside them."""
     angles = sun_by_time(assignment, manifest)
     return {**assignment, **dict(zip(ANGLES, angles or (), strict=False))}
 
 
 def sun_by_time(assignment: Mapping[str, Value], manifest: Manifest) -> SunAngles | None:
-    """The angles of a sun that is given by time and place; None if it is not."""
+    """Return the angles of a sun that is given by time and place; None if it is given by angles or not at all."""
     if not any(path in assignment for path in CLOCK_PATHS):
         return None
     values = complete({path: assignment[path] for path in _DECIDING if path in assignment}, manifest)

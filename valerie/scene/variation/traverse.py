@@ -1,4 +1,4 @@
-"""All paths of an asset: what could be varied, and what its manifest declares as variable."""
+"""All paths of an asset, and which of them its manifest declares."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from valerie.parameters.definitions import Affects, ParameterDefinition, ParameterType, Value
 from valerie.scene.assets.asset import SceneAsset
-from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, Attribute, Target, characters
+from valerie.scene.assets.attributes import ATTRIBUTES, Attribute, Target
 from valerie.scene.assets.manifest import Manifest
-from valerie.scene.assets.sensor_parameters import SENSOR_PARAMETERS, SENSOR_ROOT
-from valerie.scene.graph.model import POSITIONS, Scene
+from valerie.scene.assets.sensor_parameters import SENSOR_ROOT
+from valerie.scene.graph.model import Scene
 from valerie.scene.graph.naming import ENVIRONMENT_PATH, SUN_PATH
 from valerie.scene.motion.trajectory import Motion
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class PathEntry:
         path: e.g. ``scene.car-3.door-1.rot.z``.
         type, unit: of its values.
         minimum, maximum: the declared range where there is one, else the widest that makes sense; None: unbounded.
-        choices: of a CATEGORICAL path.
+        choices: of a CATEGORICAL path, as far as they are known.
         value: current value, with every parameter at its default; degrees for angles.
         declared: whether specs may vary it.
         affects: the stage that it is an input of.
@@ -43,7 +43,7 @@ class PathEntry:
 
 
 def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
-    """Every path of an asset in the order of its scene graph, then cameras, sun, environment, sensor and trajectories."""
+    """Return every path of an asset in the order of its scene graph, then cameras, sun, environment, sensor and trajectories."""
     scene = apply({}, asset)
     things = [
         *((path, Target.NODE) for path in scene.nodes),
@@ -52,8 +52,8 @@ def traverse(asset: SceneAsset) -> tuple[PathEntry, ...]:
         (ENVIRONMENT_PATH, Target.ENVIRONMENT),
         (SENSOR_ROOT, Target.SENSOR),
     ]
-    found = (entry for path, target in things for entry in _entries(asset, scene, path, target))
-    return (*found, *(_of_trajectory(one) for one in trajectory_parameters(asset.manifest)))
+    entries = (entry for path, target in things for entry in _entries(asset, scene, path, target))
+    return (*entries, *(_of_trajectory(definition) for definition in trajectory_parameters(asset.manifest)))
 
 
 def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iterator[PathEntry]:
@@ -67,13 +67,22 @@ def _entries(asset: SceneAsset, scene: Scene, path: str, target: Target) -> Iter
 
 
 def trajectory_parameters(manifest: Manifest) -> tuple[ParameterDefinition, ...]:
-    """What can be varied of an asset's own trajectories, and the time; nothing where it has none."""
+    """Return the parameters of an asset's own trajectories, and the time; none where it has no trajectory."""
     return Motion(manifest.trajectories, manifest.by_path).parameters if manifest.trajectories else ()
 
 
-def _of_trajectory(one: ParameterDefinition) -> PathEntry:
-    kind, unit, choices = one.type, one.unit, one.choices
-    return PathEntry(one.path, kind, unit, one.minimum, one.maximum, choices, one.default, True, one.affects)
+def _of_trajectory(definition: ParameterDefinition) -> PathEntry:
+    return PathEntry(
+        path=definition.path,
+        type=definition.type,
+        unit=definition.unit,
+        minimum=definition.minimum,
+        maximum=definition.maximum,
+        choices=definition.choices,
+        value=definition.default,
+        declared=True,
+        affects=definition.affects,
+    )
 
 
 def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: Attribute, value: Value) -> PathEntry:
@@ -82,9 +91,9 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         minimum, maximum, choices = declared.minimum, declared.maximum, declared.choices
     else:
         minimum, maximum = attribute.minimum, attribute.maximum
-        choices = _choices(scene, thing, path, attribute)
+        choices = attribute.choices(scene, thing)
     if isinstance(value, float):
-        # Taken back from matrices: nobody wants to read 19.999999999999996.
+        # It was computed from a matrix: 19.999999999999996 is 20.
         value = round(value, 9) if math.isfinite(value) else value
     return PathEntry(
         path=path,
@@ -97,13 +106,3 @@ def _entry(asset: SceneAsset, scene: Scene, path: str, thing: str, attribute: At
         declared=declared is not None,
         affects=attribute.affects,
     )
-
-
-def _choices(scene: Scene, thing: str, path: str, attribute: Attribute) -> tuple[str, ...]:
-    if attribute.type is not ParameterType.CATEGORICAL:
-        return ()
-    if attribute.target is Target.SENSOR:
-        return SENSOR_PARAMETERS[path.removeprefix(f"{SENSOR_ROOT}.")].choices
-    if attribute.target is Target.ENVIRONMENT:
-        return POSITIONS
-    return (*characters(scene, thing), ABSENT)

@@ -3,9 +3,9 @@ from typing import Any
 import pytest
 
 from valerie.perception.base import FunctionCard
-from valerie.perception.catalog import function_card, function_document
 from valerie.perception.documents.cards import card_rows
 from valerie.perception.documents.function import parse_function
+from valerie.perception.shipped import function_card, function_document
 
 PAYLOAD = {"sha256": "ab" * 32, "bytes": 16_042_000, "format": "onnx"}
 
@@ -77,7 +77,7 @@ def test_a_function_elsewhere_is_told_by_its_address_and_takes_frames_as_they_ar
     assert not {"input size", "normalisation", "engine", "precision", "file"} & found.keys()
 
 
-def test_the_deadline_of_brought_predictions_is_told() -> None:
+def test_the_deadline_of_uploaded_predictions_is_told() -> None:
     found = rows(kind="predictions", options={"deadline_hours": 48})
     assert found["deadline"] == "48 hours after the start of a run"
 

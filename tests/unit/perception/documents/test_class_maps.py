@@ -3,7 +3,7 @@ import pytest
 
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import CITYSCAPES, VOID
-from valerie.perception.documents.class_maps import CLASS_LISTS, class_lookup
+from valerie.perception.documents.class_maps import CLASS_LISTS, class_lookup, require_person
 
 
 def test_classes_with_cityscapes_names_map_themselves() -> None:
@@ -82,3 +82,28 @@ def test_a_function_that_reaches_no_evaluated_class_is_refused() -> None:
 def test_the_table_maps_label_maps_of_any_shape() -> None:
     table = class_lookup(["void", "human"], {"human": "person"})
     np.testing.assert_array_equal(table[np.array([[1, 0], [9, 1]])], [[11, VOID], [VOID, 11]])
+
+
+@pytest.mark.parametrize(
+    ("classes", "class_map", "right"),
+    [
+        (["road", "human"], {}, "{human: person}"),
+        (["road", "human"], {"human": "void"}, "{human: person}"),
+        (["road", "person"], {"person": "rider"}, "{person: person}"),
+        (["road", "Pedestrian", "adult-person"], {}, "{Pedestrian: person, adult-person: person}"),
+        (["road", "human--person--child", "human--rider--cyclist"], {}, "{human--person--child: person}"),
+        (["road", "2"], {}, "{NAME: person}"),
+    ],
+)
+def test_a_function_that_cannot_say_person_is_told_the_class_map_that_would_be_right(
+    classes: list[str], class_map: dict[str, str], right: str
+) -> None:
+    with pytest.raises(InvalidInput, match="no class of the function is a person") as refused:
+        require_person(classes, class_map)
+    assert refused.value.field == "output.class_map"
+    assert right in str(refused.value.limit)
+
+
+@pytest.mark.parametrize(("classes", "class_map"), [(["road", "person"], {}), (["other", "human"], {"1": "person"})])
+def test_a_function_that_can_say_person_passes(classes: list[str], class_map: dict[str, str]) -> None:
+    require_person(classes, class_map)

@@ -154,3 +154,17 @@ def test_the_card_says_by_which_classes_the_function_is_judged() -> None:
     assert document(output={**several, "target_classes": ["person"]}).card().judged_by == ("person",)
     assert document(output={"target_classes": ["car", "road"]}).card().judged_by == ("road", "car")
     assert document().card().judged_by == ()
+
+
+def test_options_that_are_written_out_and_left_out_are_one_function() -> None:
+    written = document(options={"output": ""})
+    assert written == document()
+    assert written.digest == document().digest
+    assert written.digest != document(options={"output": "logits"}).digest
+
+
+def test_options_survive_a_trip_through_json() -> None:
+    document = parse_function(
+        {"name": "a", "kind": "http", "options": {"url": "http://models.example/", "timeout_s": 5}}
+    )
+    assert FunctionDocument.model_validate_json(document.model_dump_json()) == document

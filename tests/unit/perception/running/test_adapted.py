@@ -18,7 +18,7 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import InputDocument, parse_function
 from valerie.perception.running.adaptation import plan
 from valerie.perception.running.opening import open_function
-from valerie.pipeline.functions.importing import payload_of
+from valerie.pipeline.functions.import_job import payload_of
 
 COLOURS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [0, 0, 0]], np.uint8)
 CLASSES = ["road", "car", "person", "sky"]

@@ -1,8 +1,8 @@
 import pytest
 
 from valerie.errors import CorruptArtifact, InvalidInput, NotFound
-from valerie.perception.catalog import file_document, load_function
 from valerie.perception.running.opening import open_function
+from valerie.perception.shipped import file_document, load_function
 
 
 def test_a_shipped_function_is_known_by_the_digest_of_its_file(write_function) -> None:

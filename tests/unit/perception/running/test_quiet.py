@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from valerie.perception.catalog import function_path
+from valerie.perception.shipped import function_path
 
 PROGRAM = """
 import sys
@@ -16,7 +16,7 @@ def watch(event, arguments):
 sys.addaudithook(watch)
 import numpy as np
 from pathlib import Path
-from valerie.perception.catalog import file_document
+from valerie.perception.shipped import file_document
 from valerie.perception.running.opening import open_function
 path = Path(sys.argv[1])
 for engine in ("openvino", "onnxruntime"):

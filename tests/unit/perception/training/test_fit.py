@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from valerie.errors import InvalidInput, UnknownName
-from valerie.perception.catalog import function_card, load_function
 from valerie.perception.importing.function_file import function_file_bytes
-from valerie.perception.importing.loaders import load_network
+from valerie.perception.importing.network_weights import load_network
+from valerie.perception.shipped import function_card, load_function
 from valerie.perception.training.fit import TrainingProgress, train
 from valerie.perception.training.settings import TrainingSettings
 
@@ -130,7 +130,7 @@ def test_the_written_function_is_found_and_predicts_as_the_model(make_frames, tm
     assert card.provenance["steps"] == "20"
     assert card.provenance["held-out-frames"] == "2"
     function = load_function("semantic-fpn-small", folder=tmp_path)
-    from valerie.perception.running.labelling import label_maps
+    from valerie.perception.running.engines.labelling import label_maps
 
     with torch.inference_mode():
         expected = label_maps(

@@ -17,7 +17,8 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, StorageFull, UnknownName
 from valerie.labels import to_label_ids
-from valerie.pipeline.export.datasets import ExportProgress, ExportSettings, export_run
+from valerie.pipeline.export.datasets import ExportProgress, export_run
+from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.retraining.dataset_evaluation import evaluate_dataset, run_side

@@ -22,7 +22,7 @@ from valerie.perception.documents.function import parse_function
 from valerie.perception.running.opening import open_function
 from valerie.pipeline.functions import bounded, registry
 from valerie.pipeline.functions.bounded import open_bounded
-from valerie.pipeline.functions.opening import open_pinned, open_reference
+from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
 from valerie.testing.onnx_function import small_onnx

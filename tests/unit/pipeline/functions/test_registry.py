@@ -18,8 +18,8 @@ from valerie.perception.running.adapted import AdaptedFunction
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.catalog import function as catalogued
-from valerie.pipeline.functions.opening import open_pinned, open_reference
 from valerie.pipeline.functions.probe import probe_engine, probe_function, probe_inference
+from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
@@ -64,6 +64,15 @@ class TestTheRegistry:
         assert (new, new_again) == (True, False)
         assert again == first
         assert first.version == 1
+
+    def test_a_function_that_cannot_say_person_is_not_registered(self, pipeline: Pipeline, tmp_path: Path) -> None:
+        mute = {"classes": ["road", "human"], "class_map": {"human": "void"}}
+        with pytest.raises(
+            InvalidInput, match=r"output\.class_map: no class of the function is a person.*human: person"
+        ):
+            register(pipeline, tmp_path, output=mute)
+        with reading(pipeline.context.engine) as connection:
+            assert registry.listed(connection) == []
 
     def test_another_document_is_the_next_version_and_both_stay(self, pipeline: Pipeline, tmp_path: Path) -> None:
         first = register(pipeline, tmp_path)
@@ -220,11 +229,11 @@ def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
 def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline, tmp_path: Path) -> None:
     version = register(served, tmp_path, output={"classes": ["street", "person"], "class_map": {"street": "void"}})
     shown = catalogued(served.context, "small")
-    assert shown["classes"] == ["person"]
-    assert shown["unmapped"] == ["street"]
-    assert shown["judged_by"] == ("person",)
-    assert len(shown["numeric_classes"]) == 1
-    assert FunctionDocument.model_validate(shown["document"]) == version.document
+    assert shown.classes == ("person",)
+    assert shown.unmapped == ("street",)
+    assert shown.judged_by == ("person",)
+    assert len(shown.numeric_classes) == 1
+    assert FunctionDocument.model_validate(shown.document) == version.document
 
 
 def test_documents_without_a_file_are_registered_too(pipeline: Pipeline) -> None:

@@ -11,12 +11,12 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from sketch.runs import open_sketch, settings_of, spec, work
 
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
-from valerie.perception.catalog import file_document, function_path
 from valerie.perception.importing.function_file import read_header
+from valerie.perception.shipped import file_document, function_path
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
-from valerie.pipeline.functions.opening import open_reference, pinned_network
+from valerie.pipeline.functions.references import open_reference, pinned_network
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.testing.onnx_function import small_onnx

@@ -5,9 +5,10 @@ import pytest
 
 from valerie.analysis.region import Arc, Bound, Choices, Range, Region
 from valerie.errors import InvalidInput
+from valerie.pipeline.retraining.crowds import crowd_asset
 from valerie.pipeline.retraining.targets import Target
 from valerie.pipeline.retraining.training_frames import Draws, FrameSettings, frames_of
-from valerie.pipeline.retraining.training_scenes import REVISION, crowd_asset, draw_scene
+from valerie.pipeline.retraining.training_scenes import REVISION, draw_scene
 from valerie.rendering.base import View
 from valerie.rendering.visibility import measure
 from valerie.testing.assets import simple_asset

@@ -7,7 +7,8 @@ import shapely
 
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import Value
-from valerie.pipeline.retraining.training_scenes import TrainingScene, _draw_traffic, crowd_asset, draw_scene
+from valerie.pipeline.retraining.crowds import crowd_asset
+from valerie.pipeline.retraining.training_scenes import TrainingScene, draw_scene, draw_traffic
 from valerie.scene.assets.asset import SceneAsset, asset_manifest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.graph.model import Camera, Scene, Texture
@@ -188,7 +189,7 @@ def test_what_an_asset_leaves_out_of_training_changes_no_draw() -> None:
     for one in (manifest, first):
         rng, assignment = np.random.default_rng(4), dict[str, Value]()
         for _ in range(10):
-            _draw_traffic(camera, assignment, one, rng)
+            draw_traffic(camera, assignment, one, rng)
         drawn.append({**assignment, "next": float(rng.random())})
     assert drawn[0] == drawn[1]
     assert {path.split(".")[1] for path in drawn[0] if path != "next"} == {"car-101", "bicycle-101"}

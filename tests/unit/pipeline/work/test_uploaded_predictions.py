@@ -1,4 +1,4 @@
-"""Predictions that people bring: awaited, checked, published once, given up at the deadline."""
+"""Uploaded predictions: awaited, checked, published once, given up at the deadline."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def label_map(value: int = 1) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def waiting(pipeline: Pipeline) -> tuple[Pipeline, str]:
-    """A run of 8 frames whose predictions are to be brought."""
+    """A run of 8 frames whose predictions are to be uploaded."""
     registry.register(pipeline.context, parse_function(TEXT), None)
     run = pipeline.submit(spec(xs=2, ys=2, functions=["mine", "blank"]))
     assert pipeline.run(run, until=["running"]) == "running"
@@ -55,13 +55,13 @@ def test_the_run_says_what_it_waits_for_and_rings_for_nobody(waiting: tuple[Pipe
     pipeline, run = waiting
     row = pipeline.row(run)
     assert row.state == "running"
-    assert row.reason.startswith("awaiting-predictions: 8 predictions are to be brought by ")
+    assert row.reason.startswith("awaiting-predictions: 8 predictions are to be uploaded by ")
     assert row.progress.awaiting == 8
     assert row.progress.stages["infer"].done == 8, "those of the other function"
-    assert pipeline.broker.queue_length("infer.brought") == 0
+    assert pipeline.broker.queue_length("infer.uploaded") == 0
 
 
-def test_it_ends_with_results_when_all_are_brought(waiting: tuple[Pipeline, str]) -> None:
+def test_it_ends_with_results_when_all_are_uploaded(waiting: tuple[Pipeline, str]) -> None:
     pipeline, run = waiting
     assert all(put(pipeline, run, place) for place in FRAMES)
     assert pipeline.run(run) == "completed"
@@ -156,7 +156,7 @@ def test_what_is_missing_at_the_deadline_is_a_recorded_failure(waiting: tuple[Pi
     put(pipeline, run)
     expire(pipeline, run)
     assert pipeline.run(run) == "completed-with-failures"
-    errors = [one.error for one in pipeline.products() if one.route == "infer.brought" and one.state == "failed"]
+    errors = [one.error for one in pipeline.products() if one.route == "infer.uploaded" and one.state == "failed"]
     assert len(errors) == len(FRAMES) - 1
     assert all(one.message.startswith("no prediction by 20") for one in errors)
 

@@ -14,7 +14,7 @@ from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.flow_pass import FlowPass, still_flow
 from valerie.scene.graph.model import Camera, Scene
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl

@@ -18,7 +18,7 @@ from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import LUX, sky_of
 from valerie.scene.graph.model import Camera, Light, Material, Node, Scene, Sun
 from valerie.scene.graph.transforms import Pose, camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 

@@ -17,7 +17,7 @@ from valerie.rendering.raster.renderer import RasterRenderer
 from valerie.rendering.sky import sky_of
 from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.transforms import Pose, camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import box_mesh, simple_asset
 from valerie.testing.rendering import assert_same
 

@@ -85,6 +85,30 @@ def test_a_parameter_that_its_attribute_does_not_allow_is_refused(parameter: dic
         parse_manifest(changed(parameters=[*DOCUMENT["parameters"], parameter]))
 
 
+POSE = {"path": "scene.person-1.pose", "choices": ["striding", "still"], "default": "still"}
+COLOUR = {"path": "scene.person-1.colour", "choices": ["red"], "default": "red"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gaits": ["striding", "running"]}, "gaits: unknown pose 'running'"),
+        ({"training": {"poses": {"stil": 1.0}}}, r"training\.poses: unknown pose 'stil'; did you mean still"),
+        ({"training": {"left_out": ["scene.car-1"]}}, r"training\.left_out: unknown movable node"),
+        ({"paints": {"blue": {"base_color": [0, 0, 1]}}}, "unknown choice of scene.person-1.colour 'red'; known: blue"),
+        ({"paints": {"red": {"base_color": [2, 0, 0]}}}, "paints.red.base_color"),
+    ],
+)
+def test_what_the_manifest_declares_of_poses_paints_and_training_fits_its_parameters(
+    changes: dict[str, Any], words: str
+) -> None:
+    document = changed(parameters=[*DOCUMENT["parameters"], POSE, COLOUR], gaits=["striding"])
+    document |= {"paints": {"red": {"base_color": [1, 0, 0]}}, "training": {"poses": {"still": 2.0, "striding": 1.0}}}
+    assert parse_manifest(document).paints["red"].base_color == (1.0, 0.0, 0.0)
+    with pytest.raises(InvalidInput, match=words):
+        parse_manifest({**document, **changes})
+
+
 def test_a_person_that_varies_in_one_coordinate_only_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"both of pos\.x and pos\.y"):
         parse_manifest(changed(parameters=DOCUMENT["parameters"][:1]))

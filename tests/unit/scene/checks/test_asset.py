@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from valerie.scene.assets.asset import load_asset
-from valerie.scene.assets.asset_files import MANIFEST_FILE
+from valerie.scene.assets.asset_folder import MANIFEST_FILE
 from valerie.scene.checks import Finding, Severity, asset_findings, scene_findings, shapes
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Scene

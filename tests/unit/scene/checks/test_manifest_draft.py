@@ -11,7 +11,7 @@ from valerie.scene.checks import Severity, asset_findings
 from valerie.scene.checks.manifest_draft import draft_manifest, manifest_draft
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Node, Scene
-from valerie.scene.legality.judging import rejection_reason
+from valerie.scene.legality.rejection import rejection_reason
 from valerie.testing.assets import simple_asset
 
 BASE = simple_asset().base

@@ -15,7 +15,7 @@ from valerie.scene.checks.shapes import object_boxes
 from valerie.scene.checks.views import enclosure, in_view, view_findings
 from valerie.scene.graph.model import Camera
 from valerie.scene.graph.transforms import camera_transform
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 

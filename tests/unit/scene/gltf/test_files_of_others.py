@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from valerie.errors import InvalidInput
-from valerie.scene.assets.assembling import load_gltf
+from valerie.scene.assets.gltf_scene import load_gltf
 from valerie.scene.checks.shapes import world_points
 from valerie.scene.gltf.common import vectors_from_y_up
 from valerie.scene.gltf.reader import read_gltf

@@ -13,14 +13,14 @@ import pytest
 import trimesh
 
 from valerie.errors import InvalidInput
-from valerie.scene.assets.assembling import load_gltf
+from valerie.scene.assets.gltf_scene import load_gltf
 from valerie.scene.gltf.common import EXTRAS_KEY
 from valerie.scene.gltf.meshes import unrolled, with_face_normals
 from valerie.scene.gltf.reader import read_gltf
 from valerie.scene.gltf.writer import save_gltf
 from valerie.scene.graph.model import Environment, Light, Material, Mesh, Node, Scene
 from valerie.scene.graph.transforms import Pose
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 from valerie.testing.scenes import assert_same_scene
 
@@ -94,6 +94,14 @@ def test_lamps_and_switches_survive(tmp_path: Path, light: Light) -> None:
     assert_same_scene(read, scene)
     assert read.nodes["scene.building-1.lamp"].light == light
     assert read.environment == scene.environment
+
+
+def test_a_switch_in_a_position_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    save_gltf(with_lamp(LAMP), tmp_path / "lamp.glb")
+    document, binary = chunks_of(tmp_path / "lamp.glb")
+    document["scenes"][0]["extras"][EXTRAS_KEY]["environment"]["car_lamps"] = "dim"
+    with pytest.raises(InvalidInput, match=r"environment\.car_lamps: no such position of a switch; got dim"):
+        load_gltf(embedded(tmp_path / "lamp.glb", document, binary))
 
 
 def test_a_lamp_of_another_program_shines_where_its_minus_z_points(tmp_path: Path) -> None:

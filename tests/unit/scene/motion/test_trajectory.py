@@ -12,8 +12,8 @@ from valerie.scene.assets.asset import SceneAsset
 from valerie.scene.assets.manifest import Manifest, parse_manifest
 from valerie.scene.graph.transforms import Pose
 from valerie.scene.motion.trajectory import TIME_PATH, Motion, Trajectory
-from valerie.scene.variation.applying import apply
 from valerie.scene.variation.traverse import traverse
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset, simple_manifest
 
 MANIFEST = simple_manifest()

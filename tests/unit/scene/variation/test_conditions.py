@@ -8,8 +8,8 @@ from valerie.errors import InvalidInput
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.light.solar import AZIMUTH, CLOCK_PATHS, ELEVATION
-from valerie.scene.variation.applying import complete, split
 from valerie.scene.variation.conditions import conditions, sun_by_time, with_sun_angles
+from valerie.scene.variation.variant import complete, split
 from valerie.testing.assets import simple_manifest
 
 TIME, DAY = CLOCK_PATHS[:2]

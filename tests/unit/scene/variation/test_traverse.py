@@ -10,8 +10,8 @@ from valerie.parameters.paths import attribute_of, node_of
 from valerie.scene.assets.attributes import ATTRIBUTES, Target, resolve
 from valerie.scene.graph.model import Light, Node
 from valerie.scene.graph.transforms import Pose
-from valerie.scene.variation.applying import apply
 from valerie.scene.variation.traverse import traverse
+from valerie.scene.variation.variant import apply
 from valerie.testing.assets import simple_asset
 
 ASSET = simple_asset()

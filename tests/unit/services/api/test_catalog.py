@@ -37,9 +37,9 @@ def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "manifest.yaml").write_text("name: broken\nparameters: 5\n")
     (folder / "manifest.json").write_text("{")
-    found = {one["name"]: one for one in catalog.assets(settings_of(tmp_path))}
-    assert found["urban-street"]["problem"] is None
-    assert all(one["problem"] for name, one in found.items() if name == "broken")
+    found = {one.name: one for one in catalog.assets(settings_of(tmp_path))}
+    assert found["urban-street"].problem is None
+    assert all(one.problem for name, one in found.items() if name == "broken")
 
 
 def test_renderers_and_functions_name_the_classes_that_workers_offer(api: httpx.Client) -> None:
@@ -50,7 +50,7 @@ def test_renderers_and_functions_name_the_classes_that_workers_offer(api: httpx.
 
 
 def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from valerie.perception.catalog import function_card
+    from valerie.perception.shipped import function_card
 
     def card(name: str) -> object:
         return function_card(name, folder=tmp_path)
@@ -58,8 +58,8 @@ def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(catalog, "function_card", card)
     context, _ = open_sketch(settings_of(tmp_path))
     found = catalog.functions(context)
-    assert [one["name"] for one in found] == list(FUNCTIONS)
-    assert all("safetensors" in one["problem"] for one in found)
+    assert [one.name for one in found] == list(FUNCTIONS)
+    assert all("safetensors" in (one.problem or "") for one in found)
 
 
 def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:

@@ -1,4 +1,4 @@
-"""Functions under test over REST: registered once, read back, removed, refused with reasons; predictions brought."""
+"""Functions under test over REST: registered once, read back, removed, refused with reasons; predictions uploaded."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_version_that_a_waiting_run_would_take_cannot_be_removed(fresh: httpx.
     [
         ("model.pt2", {}, "runs code when it is loaded and is not accepted; export the network as ONNX"),
         ("model.py", {}, "a Python program runs code"),
-        ("model.xyz", {}, "not a kind of file that is known"),
+        ("model.xyz", {}, "not a known kind of file"),
         ("model.onnx", {"document": "output: {classes: [road, walrus]}", "name": "Bad Name"}, "name: "),
         ("model.onnx", {"document": "output: {classes: [road, person], class_map: {road: raod}}"}, "did you mean road"),
         ("model.onnx", {"document": "kind: http\noptions: {url: 'http://a:1/'}"}, "kind http takes no file"),
@@ -139,7 +139,7 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -
         assert streamed.status_code == 413, "a stream that declares no length is cut off"
 
 
-def test_predictions_are_brought_by_frame(fresh: httpx.Client, sketch: Sketch) -> None:
+def test_predictions_are_uploaded_by_frame(fresh: httpx.Client, sketch: Sketch) -> None:
     """The finished run has no function of that kind: what is asked for does not fit, and is said."""
     frame = fresh.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
     data = encode_png(np.zeros((54, 96), np.uint8))

@@ -16,7 +16,7 @@ def config_values(entries: Mapping[str, object]) -> dict[str, object]:
     """The literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``; empty without one.
 
     Args:
-        entries: what stands beside the weights; see `valerie.perception.importing.checkpoints.stored.StoredCheckpoint`.
+        entries: what stands beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
     """
     text = next((entries[place] for place in _PLACES if place in entries), None)
     if not isinstance(text, str) or len(text) > _MAX_TEXT:

@@ -1,35 +1,28 @@
-"""Reading the pickles of checkpoints without running anything that they name.
+"""Read the pickles of checkpoints without running anything that they name.
 
-A pickle is a program: it names functions and says what to call them with. Here every name that a checkpoint of numbers
-needs stands for a class of this file, which only keeps what it is given; a name that is not in the table ends the reading.
-Nothing of numpy's or torch's own unpickling runs, whose C code trusts the sizes that a file states.
+A pickle is a program: it names functions and says what to call them with. Here every name that a checkpoint of numbers needs
+means a stand-in of this module, which only keeps its arguments. Any other name ends the reading. numpy's and torch's own
+unpickling never runs: its C code trusts what a file states.
+
+Nothing here bounds memory or time; `valerie.pipeline.functions.import_child` does.
 """
 
 from __future__ import annotations
 
 import math
 import pickle
-import pickletools
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import IO, Any, Final, Protocol, cast
+from typing import IO, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput
 
-#: A pickle remembers objects under numbers; larger ones than this would only make the reader reserve memory.
-_MAX_MEMO: Final = 1_000_000
-_MAX_LEAVES: Final = 1_000_000
 _MAX_DIMENSIONS: Final = 8
 _DTYPE: Final = re.compile(r"[fiub][1248]|\?")
-
-#: Opcodes that make instances of classes in older ways, or refer to registries and buffers outside the file.
-_FORBIDDEN: Final = frozenset({"INST", "OBJ", "EXT1", "EXT2", "EXT4", "NEXT_BUFFER", "READONLY_BUFFER", "PERSID"})
-
-_PUTS: Final = frozenset({"PUT", "BINPUT", "LONG_BINPUT"})
 
 #: torch's storage classes to numpy's dtypes; bfloat16, which numpy lacks, is kept as its 16 bits.
 STORAGE_DTYPES: Final[Mapping[str, np.dtype[Any]]] = MappingProxyType(
@@ -48,31 +41,19 @@ STORAGE_DTYPES: Final[Mapping[str, np.dtype[Any]]] = MappingProxyType(
 )
 
 
-class ByteStream(Protocol):
-    """The part of a binary file that a pickle is read through."""
-
-    def read(self, count: int = -1, /) -> bytes: ...
-
-    def readline(self) -> bytes: ...
-
-    def tell(self) -> int: ...
-
-    def seek(self, offset: int, /) -> int: ...
-
-
 class _Refused(Exception):
     """Something that checkpoints of numbers do not hold."""
 
 
 class _Fixed:
-    """What cannot be changed once it was made and checked; a pickle may try."""
+    """An object that cannot be changed after it was checked; a pickle may try."""
 
     def __setstate__(self, state: object) -> None:
         raise _Refused(f"a change of {type(self).__name__.strip('_')}")
 
 
 class Inert:
-    """Stands for an object that is of no interest, such as a training log: takes everything, keeps and does nothing."""
+    """Stand-in for an object of no interest, such as a training log: accepts everything, keeps and does nothing."""
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
@@ -92,12 +73,12 @@ class _Mapping(dict[Any, Any]):
 
 
 class Storage(_Fixed):
-    """The numbers behind one or more tensors; they stand elsewhere in the file.
+    """The numbers behind one or more tensors; they lie elsewhere in the file.
 
     Attributes:
         kind: torch's name, e.g. ``FloatStorage``.
-        count: how many numbers, as the pickle states.
-        numbers: (count,) once the data were found; bfloat16 as float32.
+        count: of numbers, as the pickle states.
+        numbers: (count,) after `fill`, else None; bfloat16 as float32.
     """
 
     def __init__(self, kind: str, count: int) -> None:
@@ -106,13 +87,14 @@ class Storage(_Fixed):
 
     @property
     def dtype(self) -> np.dtype[Any]:
+        """Dtype of the numbers in the file."""
         return STORAGE_DTYPES[self.kind]
 
     def fill(self, data: bytes, *, field: str) -> None:
-        """Take the data.
+        """Take the numbers from the file's bytes.
 
         Raises:
-            InvalidInput: their length is not what the pickle states.
+            InvalidInput: the length is not what the pickle states.
         """
         if len(data) != self.count * self.dtype.itemsize:
             limit = f"{self.count} numbers of {self.dtype.itemsize} bytes"
@@ -136,12 +118,12 @@ class Tensor(_Fixed):
             raise _Refused("a tensor with more sizes than strides")
         elements = math.prod(self.shape)
         last = self.offset + sum((n - 1) * step for n, step in zip(self.shape, self.stride, strict=True))
-        # More elements than the storage holds would be one number read again and again: a small file, a vast tensor.
+        # A tensor with more elements than its storage repeats them: a small file would become a vast array.
         if elements and (last >= storage.count or elements > storage.count):
             raise _Refused(f"a tensor of {list(self.shape)} in a storage of {storage.count} numbers")
 
     def array(self) -> NDArray[Any]:
-        """A view of the tensor's numbers."""
+        """Return a read-only view of the numbers."""
         if self.storage.numbers is None:
             raise _Refused("a tensor whose data are missing")
         if 0 in self.shape:
@@ -162,6 +144,7 @@ class Array:
         self._values = _array(data, dtype, _counts(shape, "an array's shape"), "F" if fortran else "C")
 
     def array(self) -> NDArray[Any]:
+        """Return the numbers."""
         if self._values is None:
             raise _Refused("an array without data")
         return self._values
@@ -189,21 +172,18 @@ class _StorageKind(_Fixed):
         self.name = name
 
 
-def load_plain(stream: ByteStream, *, field: str, storage: Callable[[Any], Storage] | None = None) -> Any:
-    """The objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`Array`); nothing named in it runs.
+def load_plain(stream: IO[bytes], *, field: str, storage: Callable[[Any], Storage] | None = None) -> Any:
+    """Return the objects of one pickle, with stand-ins for tensors (`Tensor`) and arrays (`Array`).
 
     Args:
-        stream: stands at the pickle's first byte, and afterwards behind its last.
+        stream: at the pickle's first byte; afterwards behind its last.
         field: the file's name, for messages.
-        storage: makes a storage of a persistent id, where the file has such.
+        storage: returns the storage of a persistent id; None if the file has no such ids.
 
     Raises:
         InvalidInput: not a pickle, a damaged one, or one that names or does what checkpoints of numbers do not.
     """
-    start = stream.tell()
     try:
-        _look_through(stream)
-        stream.seek(start)
         return _Unpickler(stream, storage).load()
     except _Refused as refused:
         raise InvalidInput(f"not a checkpoint of numbers alone: it holds {refused}", field=field) from None
@@ -211,72 +191,20 @@ def load_plain(stream: ByteStream, *, field: str, storage: Callable[[Any], Stora
         raise InvalidInput(f"not a readable pickle ({type(error).__name__}: {error})", field=field) from None
 
 
-def _look_through(stream: ByteStream) -> None:
-    """Check opcodes, names, lengths and the depth of tuples before anything is built."""
-    weights = _TupleWeights()
-    for opcode, argument, _ in pickletools.genops(cast("IO[bytes]", stream)):
-        if opcode.name in _FORBIDDEN:
-            raise _Refused(f"the opcode {opcode.name}")
-        if opcode.name == "GLOBAL":
-            _stand_in(*str(argument).split(" ", 1))
-        if opcode.name in _PUTS and int(argument or 0) > _MAX_MEMO:
-            raise _Refused(f"more than {_MAX_MEMO} remembered objects")
-        weights.step(opcode, argument)
-
-
-class _TupleWeights:
-    """How many leaves each tuple on the reader's stack has, counted as often as they appear.
-
-    Forty tuples that each hold the one before twice are a few hundred bytes, but a million million leaves to whoever hashes
-    the last one as the key of a dictionary.
-    """
-
-    def __init__(self) -> None:
-        self._stack: list[int | None] = []  # None is a mark
-        self._memo: dict[int, int | None] = {}
-
-    def step(self, opcode: pickletools.OpcodeInfo, argument: object) -> None:
-        """Follow one opcode.
-
-        Raises:
-            _Refused: a tuple with too many leaves.
-        """
-        if opcode.name in _PUTS:
-            self._memo[int(str(argument))] = self._stack[-1]
-        elif opcode.name == "MEMOIZE":
-            self._memo[len(self._memo)] = self._stack[-1]
-        elif opcode.name in ("GET", "BINGET", "LONG_BINGET"):
-            self._stack.append(self._memo[int(str(argument))])
-        elif opcode.name == "MARK":
-            self._stack.append(None)
-        elif opcode.name == "DUP":
-            self._stack.append(self._stack[-1])
-        else:
-            taken = self._take(opcode.stack_before)
-            # A call may give back what it was given.
-            heavy = opcode.name.startswith("TUPLE") or opcode.name == "REDUCE"
-            weight = 1 + sum(taken) if heavy else 1
-            if weight > _MAX_LEAVES:
-                raise _Refused(f"a tuple of more than {_MAX_LEAVES} leaves")
-            self._stack.extend(weight for _ in opcode.stack_after)
-
-    def _take(self, before: list[pickletools.StackObject]) -> list[int]:
-        taken: list[int] = []
-        count = len(before)
-        if pickletools.markobject in before:
-            while (top := self._stack.pop()) is not None:
-                taken.append(top)
-            count = before.index(pickletools.markobject)
-        return taken + [self._stack.pop() or 1 for _ in range(count)]
-
-
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, stream: ByteStream, storage: Callable[[Any], Storage] | None) -> None:
+    def __init__(self, stream: IO[bytes], storage: Callable[[Any], Storage] | None) -> None:
         super().__init__(stream, encoding="latin1")  # as files from Python 2 need it
         self._storage = storage
 
     def find_class(self, module: str, name: str) -> Any:
-        return _stand_in(module, name)
+        """Return the stand-in of a name."""
+        module = module.replace("numpy._core.", "numpy.core.")
+        if module == "torch" and name in STORAGE_DTYPES:
+            return _StorageKind(name)
+        try:
+            return _STAND_INS[module, name]
+        except KeyError:
+            raise _Refused(f"{module}.{name}") from None
 
     def persistent_load(self, pid: Any) -> Storage:
         if self._storage is None:
@@ -284,11 +212,11 @@ class _Unpickler(pickle.Unpickler):
         return self._storage(pid)
 
 
-def storage_kind(kind: object, count: object) -> Storage:
-    """The storage that a persistent id describes.
+def storage_of(kind: object, count: object) -> Storage:
+    """Return the storage that a persistent id describes.
 
     Raises:
-        _Refused: not a storage class of torch, or no count.
+        _Refused: not a storage class of torch, or not a count.
     """
     if not isinstance(kind, _StorageKind):
         raise _Refused("a storage of unknown kind")
@@ -296,18 +224,8 @@ def storage_kind(kind: object, count: object) -> Storage:
 
 
 def _shown(value: object) -> str:
-    """A value for a message; of anything nested only its kind, since writing it out may never end."""
+    """Return a value for a message; of anything nested only its type, since writing it out may never end."""
     return repr(value) if isinstance(value, int | str | None) else type(value).__name__
-
-
-def _stand_in(module: str, name: str) -> Any:
-    module = module.replace("numpy._core.", "numpy.core.")
-    if module == "torch" and name in STORAGE_DTYPES:
-        return _StorageKind(name)
-    try:
-        return _STAND_INS[module, name]
-    except KeyError:
-        raise _Refused(f"{module}.{name}") from None
 
 
 def _reconstruct(*_: object) -> Array:

@@ -226,7 +226,7 @@ def _postprocessing(
 
 
 def _largest_channel(builder: _Builder, value: str, count: int, labels: Size, resize: dict[str, str]) -> str:
-    """Of some channels at a time, as `valerie.perception.running.labelling.largest_channel` does and for the same reason."""
+    """Take the largest channel, a few channels at a time, as `labelling.largest_channel` does and for the same reason."""
     if count <= CHANNELS_AT_ONCE:
         return builder.one("ArgMax", builder.resized(value, count, labels, **resize), axis=1, keepdims=0)
     best = ids = ""

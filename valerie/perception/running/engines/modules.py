@@ -8,7 +8,7 @@ from torch import nn
 
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.importing.function_file import read_tensors
-from valerie.perception.importing.loaders import filled_network
+from valerie.perception.importing.network_weights import filled_network
 
 
 def open_module(document: FunctionDocument, payload: Path) -> nn.Module:

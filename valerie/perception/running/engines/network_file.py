@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import onnx
 
 from valerie.perception.documents.function import FunctionDocument
-from valerie.perception.importing.onnx_files import check_onnx
+from valerie.perception.documents.options import OnnxOptions
+from valerie.perception.importing.onnx_files import read_onnx
 from valerie.perception.running.adaptation import Size
 from valerie.perception.running.engines.graph import whole_graph
 
@@ -37,7 +38,7 @@ class NetworkFile:
         #: What has to be exported again for every size.
         self._module: nn.Module | None = None
         if document.kind == "onnx":
-            check_onnx(payload)
+            read_onnx(payload)
         else:
             self._export(payload)
 
@@ -57,7 +58,7 @@ class NetworkFile:
             given=self._given,
             piece=piece,
             labels=labels,
-            output=str(self.document.options.get("output", "")),
+            output=options.output if isinstance(options := self.document.options, OnnxOptions) else "",
         )
         graph: bytes = model.SerializeToString()
         return graph

@@ -13,8 +13,8 @@ from torch import nn
 from valerie.errors import MissingDependency
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.adaptation import Size
+from valerie.perception.running.engines.labelling import in_channels_last, largest_channel, normalised
 from valerie.perception.running.engines.processor import instruction_set
-from valerie.perception.running.labelling import in_channels_last, largest_channel, normalised
 
 _TYPES: Final = {"fp32": torch.float32, "bf16": torch.bfloat16, "fp16": torch.float16}
 _NAMES: Final = {kind: name for name, kind in _TYPES.items()}

@@ -13,6 +13,7 @@ from valerie.rendering.annotations.joints import measure_joints
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import View
 from valerie.rendering.person_light import LightPass, measure_light
+from valerie.rendering.truth import TruthMaker
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.scene.graph.model import Scene
 from valerie.storage.annotations import Annotation, encode_annotation
@@ -27,7 +28,7 @@ def annotate(
     step: float,
     truth: str,
     reader: ProductReader,
-    truth_pass: Any,
+    truth_pass: TruthMaker,
 ) -> bytes:
     """The stored form of one annotation.
 
@@ -38,7 +39,7 @@ def annotate(
         step: seconds until the next frame.
         truth: digest of the frame's truth.
         reader: reads it.
-        truth_pass: of this process (`valerie.rendering.ground_truth.TruthPass`).
+        truth_pass: of this process .
 
     Raises:
         MissingInput: the truth's object is gone.

@@ -13,7 +13,7 @@ from valerie.errors import InferenceError, ValerieError
 from valerie.perception.running.batches import require_size
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
-from valerie.pipeline.functions.source import FunctionSource
+from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
@@ -36,7 +36,7 @@ class InferMaker:
         self._context = context
         self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
-        self._source = FunctionSource(context)
+        self._source = FunctionLoader(context)
         self._settings = context.settings
         self._tell: Callable[[str], None] | None = None
         self._loaded: tuple[tuple[str, ...], BoundedFunction] | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any, Final
 
 from valerie import plugins
@@ -17,9 +18,11 @@ from valerie.pipeline.reading.run_cache import RunCache
 from valerie.pipeline.work.makers.annotations import annotate, light_rows
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth, Renderer, View
+from valerie.rendering.person_light import LightPass
+from valerie.rendering.truth import TruthMaker
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import ProductKind
-from valerie.scene.variation.applying import apply
+from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
@@ -38,7 +41,7 @@ class RenderMaker:
         self._runs = RunCache(context)
         self._reader = ProductReader(context.store)
         self._engines: dict[tuple[str, bytes], Renderer] = {}
-        self._truth: Any = None
+        self._truth: TruthMaker | None = None
         self._statics = _Statics(context.store)
 
     def make(self, job: Job) -> Finished:
@@ -100,23 +103,24 @@ class RenderMaker:
         )
 
     def _engine(self, resolved: ResolvedRun, numeric_class: str) -> Renderer:
-        name = resolved.spec.engine
-        key = (name, canonical_json(resolved.engine_inputs))
-        if key not in self._engines:
-            self._engines[key] = plugins.create_renderer(name, resolved.spec.engine_settings)
-        engine = self._engines[key]
-        _require_class(name, engine.numeric_class, numeric_class)
+        engine = self._opened(resolved.spec.engine, resolved.spec.engine_settings, resolved.engine_inputs)
+        _require_class(resolved.spec.engine, engine.numeric_class, numeric_class)
         return engine
 
-    def _light_pass(self, numeric_class: str) -> Any:
-        name = plugins.light_engine(numeric_class)
-        key = (name, canonical_json({}))
+    def _light_pass(self, numeric_class: str) -> LightPass:
+        engine = self._opened(plugins.light_engine(numeric_class), {}, {})
+        _require_class("light", engine.numeric_class, numeric_class)
+        assert isinstance(engine, LightPass), "the engine of the truth pass knows what light arrives where"
+        return engine
+
+    def _opened(self, name: str, settings: Mapping[str, Any], inputs: Mapping[str, Any]) -> Renderer:
+        """Return the engine with these settings, opened at its first use."""
+        key = (name, canonical_json(inputs))
         if key not in self._engines:
-            self._engines[key] = plugins.create_renderer(name)
-        _require_class("light", self._engines[key].numeric_class, numeric_class)
+            self._engines[key] = plugins.create_renderer(name, settings)
         return self._engines[key]
 
-    def _truth_pass(self, numeric_class: str) -> Any:
+    def _truth_pass(self, numeric_class: str) -> TruthMaker:
         if self._truth is None:
             self._truth = plugins.create_truth_pass(numeric_class)
         _require_class("truth", self._truth.numeric_class, numeric_class)

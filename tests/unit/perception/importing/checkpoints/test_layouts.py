@@ -17,10 +17,10 @@ import pytest
 import torch
 from torch.nn import functional
 
-from valerie.perception.importing.checkpoints.importing import ImportedNetwork, convert
+from valerie.perception.importing.checkpoints.conversion import ImportedNetwork, convert
+from valerie.perception.importing.checkpoints.files import StoredCheckpoint
 from valerie.perception.importing.checkpoints.layouts import LAYOUTS, Layout
-from valerie.perception.importing.checkpoints.stored import StoredCheckpoint
-from valerie.perception.importing.loaders import filled_network, tensor_shapes
+from valerie.perception.importing.network_weights import filled_network, tensor_shapes
 from valerie.perception.networks.architectures import ARCHITECTURES, NetworkSettings
 
 ROOT = Path(__file__).parents[5]

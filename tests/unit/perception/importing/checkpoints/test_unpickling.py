@@ -1,3 +1,4 @@
+import copyreg
 import io
 import os
 import pickle
@@ -69,7 +70,7 @@ def test_a_call_in_a_pickle_is_named_and_not_made(tmp_path: Path, protocol: int,
     mark = tmp_path / "mark"
     argument = {"system": f"touch {mark}", "touch": mark, "exec": f"open({str(mark)!r}, 'w')", "__import__": "this"}
     data = pickle.dumps({"model": Calls(function, argument[function.__name__])}, protocol)
-    with pytest.raises(InvalidInput, match=r"holds (posix|pathlib|builtins|__builtin__|copy_reg|nt)|the opcode"):
+    with pytest.raises(InvalidInput, match=r"holds (posix|pathlib|builtins|__builtin__|copy_reg|nt)"):
         load(data)
     assert not mark.exists()
     assert "this" not in sys.modules
@@ -81,10 +82,29 @@ def test_that_call_would_be_made_by_pickle_itself(tmp_path: Path) -> None:
     assert mark.exists()
 
 
-@pytest.mark.parametrize("opcodes", [b"(S'touch x'\nios\nsystem\n.", b"(cos\nsystem\nS'touch x'\no.", b"\x82\x01."])
+@pytest.mark.parametrize("opcodes", [b"(S'touch x'\nios\nsystem\n.", b"(cos\nsystem\nS'touch x'\no."])
 def test_older_ways_to_call_something_are_refused(opcodes: bytes) -> None:
-    with pytest.raises(InvalidInput, match=r"the opcode|holds os"):
+    with pytest.raises(InvalidInput, match=r"holds os\.system"):
         load(opcodes)
+
+
+def test_a_name_from_the_registry_of_extensions_is_refused() -> None:
+    copyreg.add_extension("os", "system", 1)
+    try:
+        with pytest.raises(InvalidInput, match=r"holds os\.system"):
+            load(b"\x82\x01.")
+    finally:
+        copyreg.remove_extension("os", "system", 1)
+
+
+@pytest.mark.parametrize("flags", [0, 1, 63])
+def test_a_dtype_that_takes_bytes_for_addresses_is_refused(flags: int) -> None:
+    """numpy's own dtype accepts this state, and frees the array's bytes as if they were addresses of objects."""
+    state = (3, "|", None, ("a",), {"a": (np.dtype("f8"), 0)}, 8, 1, flags)
+    dtype = Calls(np.dtype, "V8", False, True, state=state)
+    state = (1, (4,), dtype, False, b"\x41" * 32)
+    with pytest.raises(InvalidInput, match="an array of kind 'V8'"):
+        load(pickle.dumps(Calls(np.zeros(0).__reduce__()[0], np.ndarray, (0,), b"b", state=state), 2))
 
 
 def test_an_array_of_objects_is_refused() -> None:
@@ -131,11 +151,6 @@ def test_a_reference_to_something_outside_the_file_is_refused() -> None:
 def test_a_length_beyond_the_file_is_refused(data: bytes) -> None:
     with pytest.raises(InvalidInput, match="not a readable pickle"):
         load(data)
-
-
-def test_remembering_under_a_huge_number_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="remembered objects"):
-        load(b"\x80\x02]r" + struct.pack("<I", 0xFFFFFFF0) + b".")
 
 
 @pytest.mark.parametrize(

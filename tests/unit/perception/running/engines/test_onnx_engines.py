@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import file_document
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.engines.graph import whole_graph
 from valerie.perception.running.opening import open_function
+from valerie.perception.shipped import file_document
 from valerie.testing.perception import PerceptionContract
 
 ENGINES = pytest.mark.parametrize("engine", ["openvino", "onnxruntime"])
@@ -253,7 +253,7 @@ def test_two_inputs_are_refused(write_onnx) -> None:
 
 @ENGINES
 def test_the_engines_give_the_labels_of_the_reference(tmp_path, engine: str) -> None:
-    from valerie.perception.catalog import FUNCTIONS, function_path
+    from valerie.perception.shipped import FUNCTIONS, function_path
 
     rng = np.random.default_rng(1)
     picture = np.kron(rng.integers(0, 256, (10, 15, 3), dtype=np.uint8), np.ones((16, 16, 1), np.uint8))[:150, :230]

@@ -9,10 +9,10 @@ from safetensors.numpy import save
 
 from valerie.errors import InferenceError, InvalidInput, MissingDependency
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.catalog import file_document
 from valerie.perception.documents.function import parse_function
 from valerie.perception.networks.architectures import build_network
 from valerie.perception.running.opening import open_function
+from valerie.perception.shipped import file_document
 from valerie.testing.perception import PerceptionContract
 
 

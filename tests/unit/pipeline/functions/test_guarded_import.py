@@ -1,0 +1,243 @@
+"""What people bring: recognised and converted, refused with a reason, and never run."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from valerie.errors import InvalidInput
+from valerie.perception.importing.onnx_files import read_onnx
+from valerie.perception.shipped import function_path
+from valerie.pipeline.functions import guarded_import
+from valerie.pipeline.functions.guarded_import import ImportedFunction, ImportRequest, import_function
+from valerie.pipeline.functions.import_job import Trial
+from valerie.settings import Settings, load_settings
+from valerie.testing.onnx_function import small_onnx
+
+SIDE = "output: {classes: [road, person]}\nengine: onnxruntime\n"
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return load_settings({}, data_dir=tmp_path / "data", import_memory_mb=4096, import_seconds=120)
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    return folder
+
+
+class Touch:
+    """Unpickled, it would leave a file: harmless, and proof that something ran."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self._path),)
+
+
+def bring(path: Path, work: Path, settings: Settings, document: str = SIDE, **more: Any) -> ImportedFunction:
+    return import_function(ImportRequest(path, path.name, document, **more), work, settings)
+
+
+def test_an_onnx_file_is_taken_as_it_is_and_tried_out(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = small_onnx(tmp_path)[1]
+    found = bring(path, work, settings)
+    assert found.payload == path
+    assert (found.document.name, found.document.kind) == ("small", "onnx")
+    assert found.trial.picture == (256, 128)
+    assert found.document.provenance["source"] == "small.onnx"
+
+
+def test_a_checkpoint_becomes_a_document_with_a_file_of_our_format(
+    tmp_path: Path, work: Path, settings: Settings
+) -> None:
+    path = tmp_path / "Our Net.safetensors"
+    path.write_bytes(function_path("semantic-fpn-small").read_bytes())
+    found = bring(path, work, settings, "provenance: {note: tried}", engine="torch")
+    assert found.document.name == "our-net"
+    assert found.document.architecture == "semantic-fpn-small"
+    assert found.document.provenance["note"] == "tried"
+    assert found.document.payload is not None
+    assert found.payload == work / "payload.safetensors"
+    assert (found.trial.numeric_class or "").startswith("torch-")
+
+
+def test_equal_files_under_equal_names_are_one_version(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = small_onnx(tmp_path)[1]
+    assert bring(path, work, settings).document.digest == bring(path, work, settings).document.digest
+
+
+def test_a_pickle_that_would_run_something_is_refused_and_nothing_ran(
+    tmp_path: Path, work: Path, settings: Settings
+) -> None:
+    trace = tmp_path / "it-ran"
+    path = tmp_path / "attack.pkl"
+    path.write_bytes(pickle.dumps({"model": Touch(trace)}))
+    with pytest.raises(InvalidInput):
+        bring(path, work, settings, "")
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize("name", ["a.pt2", "a.py", "a.torchscript", "a.whl", "a.so", "a.joblib"])
+def test_formats_that_are_programs_are_not_even_opened(
+    tmp_path: Path, work: Path, settings: Settings, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guarded_import, "_run_child", lambda *_: pytest.fail("it was opened"))
+    path = tmp_path / name
+    path.write_bytes(b"import os")
+    with pytest.raises(
+        InvalidInput, match="runs code when it is loaded and is not accepted; export the network as ONNX"
+    ):
+        bring(path, work, settings)
+
+
+def saved_program(folder: Path, suffix: str) -> Path:
+    """A network of one convolution as a program: dark pixels are persons."""
+    import torch
+
+    network = torch.nn.Conv2d(3, 2, 1).eval()
+    with torch.no_grad():
+        network.weight.copy_(torch.tensor([[1.0] * 3, [-1.0] * 3]).reshape(2, 3, 1, 1))
+        network.bias.copy_(torch.tensor([0.0, 1.5]))
+    path = folder / f"program{suffix}"
+    if suffix == ".pt2":
+        torch.export.save(torch.export.export(network, (torch.zeros(1, 3, 64, 96),)), path)
+    else:
+        torch.jit.trace(network, torch.zeros(1, 3, 64, 96)).save(path)
+    return path
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("suffix", [".pt2", ".torchscript"])
+def test_programs_of_torch_are_kept_as_onnx_where_the_operator_allows_them(
+    tmp_path: Path, work: Path, settings: Settings, suffix: str
+) -> None:
+    path = saved_program(tmp_path, suffix)
+    side = SIDE + "input: {mode: resize, size: [96, 64]}\n"
+    with pytest.raises(InvalidInput, match="the operator of this deployment can allow it with VALERIE_IMPORT_PROGRAMS"):
+        bring(path, work, settings, side)
+    found = bring(path, work, settings.model_copy(update={"import_programs": True}), side)
+    assert found.document.kind == "onnx"
+    assert found.payload == work / "payload.onnx"
+    (picture,) = read_onnx(found.payload).graph.input
+    assert picture.name == "picture"
+    assert [axis.dim_value for axis in picture.type.tensor_type.shape.dim] == [1, 3, 64, 96]
+    assert (found.trial.numeric_class or "").startswith("onnxruntime-")
+
+
+def test_a_safetensors_file_with_a_lying_header_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = tmp_path / "lies.safetensors"
+    path.write_bytes((1 << 60).to_bytes(8, "little") + b"{}")
+    with pytest.raises(InvalidInput, match=r"lies\.safetensors"):
+        bring(path, work, settings, "")
+
+
+def test_an_onnx_file_that_names_other_files_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:
+    onnx = pytest.importorskip("onnx")
+    path = small_onnx(tmp_path)[1]
+    model = onnx.load(path)
+    tensor = model.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="/etc/passwd")
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(InvalidInput, match=r"small\.onnx"):
+        bring(path, work, settings)
+
+
+def test_a_file_above_the_limit_is_not_read(tmp_path: Path, work: Path) -> None:
+    path = tmp_path / "large.onnx"
+    with path.open("wb") as stream:
+        stream.truncate(2 << 20)
+    settings = load_settings({}, data_dir=tmp_path / "data", max_function_mb=1)
+    with pytest.raises(InvalidInput, match=r"too large; got 2097152 bytes; limit: 1048576 bytes"):
+        bring(path, work, settings)
+
+
+def test_a_network_that_does_not_fit_its_document_is_told(tmp_path: Path, work: Path, settings: Settings) -> None:
+    path = small_onnx(tmp_path)[1]
+    with pytest.raises(InvalidInput):
+        bring(path, work, settings, "output: {classes: [road, person, sky]}\nengine: onnxruntime")
+
+
+def test_time_is_bounded(tmp_path: Path, work: Path) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_seconds=0.05)
+    with pytest.raises(InvalidInput, match="took too much memory or time"):
+        bring(small_onnx(tmp_path)[1], work, settings)
+
+
+def test_memory_is_bounded(tmp_path: Path, work: Path) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=16)
+    with pytest.raises(InvalidInput):
+        bring(small_onnx(tmp_path)[1], work, settings)
+
+
+def nested_tuples(depth: int) -> bytes:
+    """A pickle of a few hundred bytes: a dictionary whose key has 2 to the power of ``depth`` leaves."""
+    pair_of_the_one_before = b"q\x00h\x00\x86"
+    return b"\x80\x02}N" + pair_of_the_one_before * depth + b"Ns."
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        b"\x80\x02]r\xf0\xff\xff\xff.",  # remember an object under number 4,294,967,280
+        b"\x80\x04\x8e" + (1 << 50).to_bytes(8, "little") + b"x.",  # a string of a petabyte, so it says
+        nested_tuples(60),
+    ],
+    ids=["memory", "length", "time"],
+)
+def test_a_pickle_that_exhausts_memory_or_time_ends_the_child_alone(tmp_path: Path, work: Path, pickled: bytes) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=4)
+    path = tmp_path / "bomb.pkl"
+    path.write_bytes(pickled)
+    with pytest.raises(InvalidInput, match=r"too much memory or time|MemoryError"):
+        bring(path, work, settings, "")
+
+
+def test_an_onnx_file_of_millions_of_operators_ends_the_child_alone(tmp_path: Path, work: Path) -> None:
+    settings = load_settings({}, data_dir=tmp_path / "data", import_memory_mb=1024, import_seconds=40)
+    nodes = b"\x0a\x00" * (1 << 24)
+    path = tmp_path / "bomb.onnx"
+    path.write_bytes(b"\x3a\x80\x80\x80\x10" + nodes + b"\x42\x02\x10\x11")
+    with pytest.raises(InvalidInput, match=r"bomb\.onnx: not an ONNX file .*alloc|too much memory"):
+        bring(path, work, settings)
+
+
+def test_secrets_of_the_environment_do_not_reach_the_child(
+    tmp_path: Path, work: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: dict[str, str] = {}
+    run = guarded_import.subprocess.run
+
+    def watched(*arguments: Any, env: dict[str, str], **options: Any) -> Any:
+        seen.update(env)
+        return run(*arguments, env=env, **options)
+
+    monkeypatch.setenv("VALERIE_API_TOKEN", "t" * 20)
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "s")
+    monkeypatch.setattr(guarded_import.subprocess, "run", watched)
+    bring(small_onnx(tmp_path)[1], work, settings)
+    assert "PATH" in seen
+    assert not {"VALERIE_API_TOKEN", "AWS_SECRET_ACCESS_KEY"} & seen.keys()
+
+
+def test_a_document_alone_is_enough_where_there_is_no_file(work: Path, settings: Settings) -> None:
+    text = "name: elsewhere\nkind: predictions\noutput: {classes: [road, person]}"
+    found = import_function(ImportRequest(None, document=text), work, settings)
+    assert found.payload is None
+    assert found.trial == Trial(skipped="nothing to open: kind predictions")
+
+
+def test_a_document_that_needs_a_file_says_so(work: Path, settings: Settings) -> None:
+    text = "name: a\nkind: huggingface\narchitecture: segformer\noptions: {config: {}}"
+    with pytest.raises(InvalidInput):
+        import_function(ImportRequest(None, document=text), work, settings)

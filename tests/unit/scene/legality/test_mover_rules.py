@@ -1,0 +1,257 @@
+"""Legality of what moves, against outlines that shapely itself moves."""
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from valerie.errors import InvalidInput
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.asset import asset_manifest
+from valerie.scene.assets.manifest import Footprint, GroundRegion, Manifest
+from valerie.scene.legality.rejection import rejection_reason
+from valerie.testing.assets import simple_manifest
+
+#: The car of the manifest of boxes: its outline, and where it stands.
+CAR, CAR_PLACE = shapely.box(1.1, 5.9, 2.9, 10.1), (2.0, 8.0)
+
+
+def pose(path: str, x: float, y: float) -> list[dict[str, object]]:
+    return [
+        {"path": f"{path}.pos.x", "minimum": -40, "maximum": 40, "default": x},
+        {"path": f"{path}.pos.y", "minimum": -40, "maximum": 80, "default": y},
+        {"path": f"{path}.heading", "default": 0},
+    ]
+
+
+def street(*obstacles: Footprint, **fields: object) -> Manifest:
+    """Boxes whose car moves, and a bicycle that is hidden; ``obstacles`` stand beside those that are there."""
+    document = simple_manifest().model_dump(mode="json")
+    document["obstacles"] += [obstacle.model_dump() for obstacle in obstacles]
+    document["obstacles"].append(
+        Footprint(path="scene.bicycle-1", polygon=((-0.3, 29), (0.3, 29), (0.3, 31), (-0.3, 31))).model_dump()
+    )
+    document["parameters"] = [
+        *document["parameters"],
+        *pose("scene.car-1", *CAR_PLACE),
+        *pose("scene.bicycle-1", 0, 30),
+        {"path": "scene.bicycle-1.visible", "default": False},
+    ]
+    return Manifest.model_validate({**document, **fields})
+
+
+MANIFEST = street()
+
+
+def car(x: float, y: float, heading: float = 0.0) -> dict[str, Value]:
+    return {"scene.car-1.pos.x": x, "scene.car-1.pos.y": y, "scene.car-1.heading": heading}
+
+
+def bicycle(x: float, y: float) -> dict[str, Value]:
+    return {"scene.bicycle-1.visible": True, "scene.bicycle-1.pos.x": x, "scene.bicycle-1.pos.y": y}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "reason"),
+    [
+        (car(-2.0, 30.0), None),
+        (car(-4.0, 14.0), "car-1 stands inside building-1"),
+        (car(0.0, 9.0), "person-1 stands inside car-1"),
+        (car(4.6, 30.0), "car-1 leaves its level ground"),  # the pavement begins at x = 5 and is 0.25 m high
+        (car(4.2, 30.0), None),  # a few centimetres of bumper hang over it
+        (car(0.0, 60.0), "car-1 is outside the asset"),
+        (car(0.0, 32.0) | bicycle(0.0, 30.0), "car-1 and bicycle-1 overlap"),
+        (car(0.0, 32.0) | bicycle(2.0, 30.0), None),
+        (car(0.0, 32.0), None),  # the bicycle is hidden
+        (bicycle(2.0, 9.0), "car-1 and bicycle-1 overlap"),  # the car is where it always is
+        (bicycle(0.0, 9.5), "person-1 stands inside bicycle-1"),
+    ],
+)
+def test_what_moves_has_room_or_the_reason_is_said(assignment: dict[str, Value], reason: str | None) -> None:
+    assert rejection_reason(assignment, MANIFEST) == reason
+
+
+def test_a_persons_fault_is_named_before_a_vehicles() -> None:
+    assignment = {**car(-4.0, 14.0), "scene.person-1.pos.x": -6.0, "scene.person-1.pos.y": 15.0}
+    assert rejection_reason(assignment, MANIFEST) == "person-1 stands inside building-1"
+
+
+def test_every_pose_is_judged_as_the_outline_says_that_shapely_moves() -> None:
+    building = shapely.box(-8, 12, -4, 18)
+    judged = []
+    for x, y, heading in np.random.default_rng(4).uniform((-12, 3, 0), (-1, 27, 360), (1500, 3)).tolist():
+        turned = affinity.rotate(CAR, heading, origin=CAR_PLACE)
+        moved = affinity.translate(turned, x - CAR_PLACE[0], y - CAR_PLACE[1])
+        near_person = moved.distance(shapely.Point(0, 10)) < 0.4
+        if near_person or 0.0 < moved.intersection(building).area < 0.2:
+            continue
+        free = rejection_reason(car(x, y, heading), MANIFEST) is None
+        assert free == (not moved.intersects(building)), (x, y, heading)
+        judged.append(free)
+    assert 300 < sum(judged) < len(judged) - 300
+
+
+def test_its_own_place_is_legal_whatever_the_outlines_say() -> None:
+    carport = Footprint(path="scene.building-2", polygon=((0.5, 4), (4, 4), (4, 12), (0.5, 12)))
+    kerb = GroundRegion(polygon=((2, -5), (20, -5), (20, 55), (2, 55)), height=0.25)
+    manifest = street(carport, ground=[kerb.model_dump()], extent=(-20, 9, 20, 55))
+    assert rejection_reason(car(*CAR_PLACE), manifest) is None
+    assert rejection_reason(car(2.0, 9.0), manifest) is None
+    assert rejection_reason(car(-4.0, 14.0), manifest) == "car-1 stands inside building-1"
+
+
+def test_what_is_hidden_at_first_is_judged_on_its_own_place_too() -> None:
+    wall = Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32)))
+    assert rejection_reason({"scene.bicycle-1.visible": True}, street(wall)) == "bicycle-1 stands inside wall-1"
+    assert rejection_reason({"scene.bicycle-1.pos.x": 0.2}, street(wall)) is None
+
+
+def with_house(**more: object) -> Manifest:
+    """A house, 6 m wide and 4 m deep, whose front ends at (-5, 36), beside a way; another stands two metres farther along."""
+    document = street().model_dump(mode="json")
+    document["obstacles"] += [
+        {"path": "scene.building-8", "polygon": [(-9, 36), (-5, 36), (-5, 42), (-9, 42)], "height_m": 8.0},
+        {"path": "scene.building-9", "polygon": [(-9, 44), (-5, 44), (-5, 54), (-9, 54)]},
+    ]
+    way = [(-5, 0), (-3, 0), (-3, 50), (-5, 50)]
+    document["ways"] = [{"path": "scene.sidewalk-9", "polygon": way, "reason": "on sidewalk-9"}]
+    document["parameters"] += [
+        {"path": "scene.building-8.pos.x", "minimum": -9, "maximum": 0, "default": -5},
+        {"path": "scene.building-8.pos.y", "minimum": 30, "maximum": 40, "default": 36},
+        {"path": "scene.building-8.rot.z", "minimum": 60, "maximum": 120, "default": 90},
+        {"path": "scene.building-8.scale", "minimum": 0.5, "maximum": 2, "default": 1},
+    ]
+    return Manifest.model_validate({**document, **more})
+
+
+def house(**values: float) -> dict[str, Value]:
+    return {f"scene.building-8.{name.replace('_', '.')}": value for name, value in values.items()}
+
+
+def test_a_house_keeps_off_ways_and_neighbours() -> None:
+    manifest = with_house()
+    assert rejection_reason(house(pos_x=-6.0), manifest) is None
+    assert rejection_reason(house(pos_x=-4.9), manifest) == "building-8 stands on sidewalk-9"
+    assert rejection_reason(house(pos_y=37.9), manifest) is None
+    assert rejection_reason(house(pos_y=38.1), manifest) == "building-8 stands inside building-9"
+    assert rejection_reason(house(rot_z=70.0), manifest) == "building-8 stands on sidewalk-9"
+
+
+def test_an_outline_grows_and_shrinks_about_its_place() -> None:
+    manifest = with_house()
+    assert rejection_reason(house(scale=1.3), manifest) is None
+    assert rejection_reason(house(scale=1.35), manifest) == "building-8 stands inside building-9"
+    beside: dict[str, Value] = {"scene.person-1.pos.x": -7.0, "scene.person-1.pos.y": 42.5}
+    assert rejection_reason(beside, manifest) is None
+    assert rejection_reason({**beside, **house(scale=1.1)}, manifest) == "person-1 stands inside building-8"
+    within: dict[str, Value] = {"scene.person-1.pos.x": -7.0, "scene.person-1.pos.y": 41.5}
+    assert rejection_reason(within, manifest) == "person-1 stands inside building-8"
+    assert rejection_reason({**within, **house(scale=0.88)}, manifest) == "person-1 stands inside building-8"
+    # 36 + 0.86 · 6 = 41.16 m, and 0.3 m of room.
+    assert rejection_reason({**within, **house(scale=0.86)}, manifest) is None
+
+
+def test_a_vehicle_is_not_kept_off_the_ways() -> None:
+    way = {"path": "scene.road-9", "polygon": [(-2, 0), (4, 0), (4, 60), (-2, 60)], "reason": "on road-9"}
+    assert rejection_reason(car(2.0, 9.0), with_house(ways=[way])) is None
+
+
+def test_an_obstacle_that_changes_its_size_without_a_position_is_refused() -> None:
+    document = street().model_dump(mode="json")
+    scaled = {"path": "scene.building-1.scale", "minimum": 0.5, "maximum": 2, "default": 1}
+    with pytest.raises(InvalidInput, match="changes its size"):
+        Manifest.model_validate({**document, "parameters": [*document["parameters"], scaled]})
+
+
+def test_what_no_variant_speaks_of_is_not_judged() -> None:
+    manifest = street(Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32))))
+    assert rejection_reason({"scene.person-1.pos.x": -1.0}, manifest) is None
+
+
+def test_touching_is_not_overlapping() -> None:
+    manifest = street(Footprint(path="scene.wall-1", polygon=((-4, 20), (-3, 20), (-3, 40), (-4, 40))))
+    assert rejection_reason(car(-2.1, 30.0), manifest) is None
+    assert rejection_reason(car(-2.15, 30.0), manifest) == "car-1 stands inside wall-1"
+
+
+def test_what_follows_the_ground_may_use_every_level_but_no_step() -> None:
+    manifest = street(grounded=["scene.person-1", "scene.person-2", "scene.car-1"])
+    assert rejection_reason(car(10.0, 30.0), manifest) is None
+    assert rejection_reason(car(5.0, 30.0), manifest) == "car-1 leaves its level ground"
+
+
+def test_what_a_parameter_lifts_is_not_held_to_the_ground() -> None:
+    document = street().model_dump(mode="json")
+    lifted = {"path": "scene.car-1.pos.z", "minimum": 0, "maximum": 5, "default": 0}
+    manifest = Manifest.model_validate({**document, "parameters": [*document["parameters"], lifted]})
+    assert rejection_reason(car(10.0, 30.0), manifest) is None
+
+
+def test_the_kind_that_is_shown_decides_how_much_ground_is_taken() -> None:
+    document = street().model_dump(mode="json")
+    document["obstacles"] += [
+        Footprint(path=f"scene.truck-1.{kind}", polygon=((-w, 40), (w, 40), (w, 44), (-w, 44))).model_dump()
+        for kind, w in (("small", 0.5), ("wide", 2.0))
+    ]
+    document["parameters"] += [
+        *pose("scene.truck-1", 0, 42),
+        {"path": "scene.truck-1.kind", "choices": ["small", "wide", "absent"], "default": "absent"},
+    ]
+    manifest = Manifest.model_validate(document)
+    beside = {"scene.truck-1.pos.x": -2.8, "scene.truck-1.pos.y": 15.0}
+    assert rejection_reason(beside, manifest) is None
+    assert rejection_reason({**beside, "scene.truck-1.kind": "small"}, manifest) is None
+    assert rejection_reason({**beside, "scene.truck-1.kind": "wide"}, manifest) == "truck-1 stands inside building-1"
+
+
+def test_an_outline_that_crosses_itself_is_judged_without_a_stack_trace() -> None:
+    crossed = Footprint(path="scene.wall-1", polygon=((-4, 20), (-2, 24), (-2, 20), (-4, 24)))
+    region = GroundRegion(polygon=((-9, 40), (-7, 44), (-7, 40), (-9, 44)), height=0.25)
+    manifest = street(crossed, ground=[region.model_dump()])
+    assert rejection_reason(car(-3.0, 23.0), manifest) == "car-1 stands inside wall-1"
+    assert rejection_reason(car(-8.0, 43.0), manifest) == "car-1 leaves its level ground"
+
+
+def test_places_in_the_street_are_judged_by_the_distance_to_what_stands_there() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    hidden = ("scene.car-101", "scene.car-102", *(d.path.removesuffix(".visible") for d in manifest.parameters
+              if d.path.endswith(".visible") and not d.default))  # fmt: skip
+    there = [
+        shapely.Polygon(obstacle.polygon)
+        for obstacle in manifest.obstacles
+        if not f"{obstacle.path}.".startswith(tuple(f"{path}." for path in hidden))
+    ]
+    tree, radius = shapely.STRtree(there), manifest.person_radius_m
+    places = np.random.default_rng(5).uniform((-10, 0), (20, 100), (2000, 2))
+    nearest = tree.query_nearest(shapely.points(places), return_distance=True, all_matches=False)[1]
+    x0, y0, x1, y1 = manifest.extent
+    judged = 0
+    for (x, y), distance in zip(places.tolist(), nearest.tolist(), strict=True):
+        if abs(distance - radius) > 1e-3:  # round corners are polygons
+            judged += 1
+            reason = rejection_reason({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y}, manifest)
+            assert (reason is None) == (distance > radius and x0 <= x <= x1 and y0 <= y <= y1), (x, y)
+    assert judged > 1900
+
+
+@pytest.mark.parametrize("arguments", [{}, {"seed": 3, "lanes": 2}, {"side_street": "none", "persons": 8}])
+def test_the_places_of_the_streets_own_vehicles_are_legal(arguments: dict[str, Value]) -> None:
+    manifest, _ = asset_manifest({"name": "urban-street", **arguments})
+    everything = {definition.path: definition.check(definition.default) for definition in manifest.parameters}
+    assert rejection_reason(everything, manifest) is None
+    hidden = [path for path, value in everything.items() if path.endswith(".visible") and value is False]
+    assert len(hidden) == 4
+    shown: dict[str, Value] = {**everything, **dict.fromkeys(hidden, True)}
+    for kind in manifest.by_path["scene.car-101.kind"].choices:
+        cars = {"scene.car-101.kind": kind, "scene.car-102.kind": kind}
+        assert rejection_reason({**shown, **cars}, manifest) is None
+
+
+def test_a_car_that_drives_does_not_drive_through_one_that_is_parked() -> None:
+    manifest, _ = asset_manifest("urban-street")
+    x, y = (manifest.by_path[f"scene.car-1.pos.{axis}"].default for axis in "xy")
+    driving: dict[str, Value] = {"scene.car-101.kind": "sedan", "scene.car-101.pos.x": 1.6, "scene.car-101.pos.y": y}
+    assert rejection_reason(driving, manifest) == "car-1 and car-101 overlap"
+    assert rejection_reason({**driving, "scene.car-101.pos.x": 2.4}, manifest) is None
+    assert rejection_reason({**driving, "scene.car-101.kind": "absent"}, manifest) is None
+    assert rejection_reason({"scene.car-1.pos.x": float(x) - 1.0}, manifest) == "car-1 leaves its level ground"

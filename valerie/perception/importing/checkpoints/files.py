@@ -1,0 +1,236 @@
+"""From a checkpoint file of any accepted format to its tensors as numpy arrays, and to what it says beside them.
+
+Accepted are files of torch.save (the zip archive of today and the older stream of pickles), bare pickles of numpy arrays as
+detectron2 publishes them, and safetensors. What a file is, its first bytes say, never its name.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Final
+
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+
+from valerie.errors import InvalidInput, NotFound
+from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
+
+#: Larger files are refused unread. A ResNet-101 with its optimiser's state is about half a gigabyte.
+MAX_BYTES: Final = 4 * 2**30
+#: The pickle inside an archive holds names and shapes, no numbers.
+_MAX_INNER_PICKLE: Final = 64 * 2**20
+_MAX_ENTRIES: Final = 100_000
+_MAX_SAFETENSORS_HEADER: Final = 100_000_000
+
+_ZIP: Final = b"PK\x03\x04"
+#: What torch.save wrote first into its older format, and the version after it.
+_STREAM_MAGIC: Final = 0x1950A86A20F9469CFC6C
+_STREAM_VERSION: Final = 1001
+
+#: Where programs keep the weights in a file, in this order.
+_CONTAINERS: Final = ("state_dict", "model_state", "model_state_dict", "model")
+
+
+@dataclass(frozen=True, slots=True)
+class StoredCheckpoint:
+    """What a file holds.
+
+    Attributes:
+        tensors: by the file's own names, without the prefix that data-parallel training puts before them.
+        entries: text, numbers and lists beside the weights, by dotted name, e.g. ``meta.CLASSES``.
+        format: ``safetensors``, ``torch`` or ``pickle``.
+    """
+
+    tensors: Mapping[str, NDArray[Any]]
+    entries: Mapping[str, object]
+    format: str
+
+
+def read_stored_checkpoint(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
+    """Read a checkpoint; nothing in it is run, and no more memory is taken than the file is long (bfloat16: twice that).
+
+    Raises:
+        NotFound: no such file.
+        InvalidInput: too large, damaged, of a format that can run code, or without weights.
+    """
+    field = path.name
+    try:
+        size = path.stat().st_size
+        stream = path.open("rb")
+    except (FileNotFoundError, IsADirectoryError):
+        raise NotFound("checkpoint file", path.name) from None
+    if size > max_bytes:
+        stream.close()
+        raise InvalidInput("the file is too large", field=field, value=f"{size} bytes", limit=f"{max_bytes} bytes")
+    with stream:
+        start = stream.read(16)
+        stream.seek(0)
+        if start.startswith(_ZIP):
+            return _weights(_read_archive(stream, size, field), "torch", field)
+        # A header of 128 bytes begins like a pickle, but its length has zeros where a pickle has none.
+        if start[8:9] == b"{" and (start[4:8] == bytes(4) or start[:1] != b"\x80"):
+            return _read_safetensors(path, int.from_bytes(start[:8], "little"), size)
+        if start.startswith(b"\x80"):
+            first = load_plain(stream, field=field)
+            if first == _STREAM_MAGIC:
+                return _weights(_read_torch_stream(stream, field), "torch", field)
+            return _weights(first, "pickle", field)
+    raise InvalidInput(
+        "not a checkpoint", field=field, limit="safetensors, a file of torch.save, or a pickle of numpy arrays"
+    )
+
+
+def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
+    """The objects of a zip archive that torch.save wrote."""
+    try:
+        with zipfile.ZipFile(stream) as archive:
+            entries = archive.infolist()
+            names = {entry.filename: entry for entry in entries}
+            _refuse_programs(names, field)
+            _require_plain_archive(entries, size, field)
+            roots = [
+                name.removesuffix("/data.pkl") for name in names if name.count("/") == 1 and name.endswith("/data.pkl")
+            ]
+            if len(roots) != 1:
+                raise InvalidInput("a zip archive, but not of torch.save", field=field, limit="one */data.pkl")
+            root = roots[0]
+            order = names.get(f"{root}/byteorder")
+            if order is not None and archive.read(order) != b"little":
+                raise InvalidInput("numbers in another byte order", field=field, limit="little endian")
+            pickled = names[f"{root}/data.pkl"]
+            if pickled.file_size > _MAX_INNER_PICKLE:
+                limit = f"{_MAX_INNER_PICKLE} bytes"
+                raise InvalidInput("the inner pickle is too large", field=field, value=pickled.file_size, limit=limit)
+            storages: dict[str, Storage] = {}
+
+            def storage(pid: Any) -> Storage:
+                _, kind, key, _, count = pid
+                if key not in storages:
+                    storages[key] = storage_of(kind, count)
+                elif (storages[key].kind, storages[key].count) != (kind.name, count):
+                    raise ValueError(f"storage {key!r} is described in two ways")
+                return storages[key]
+
+            with archive.open(pickled) as inner:
+                objects = load_plain(inner, field=field, storage=storage)
+            for key, made in storages.items():
+                made.fill(archive.read(f"{root}/data/{key}"), field=f"{field}: storage {key}")
+            return objects
+    except (zipfile.BadZipFile, KeyError, NotImplementedError, EOFError) as error:
+        raise InvalidInput(f"not a readable zip archive ({error})", field=field) from None
+
+
+def _require_plain_archive(entries: list[zipfile.ZipInfo], size: int, field: str) -> None:
+    """Refuse what torch.save never writes and what could grow when it is read."""
+    if len(entries) > _MAX_ENTRIES:
+        raise InvalidInput("too many entries", field=field, value=len(entries), limit=_MAX_ENTRIES)
+    for entry in entries:
+        if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & 0x1:
+            raise InvalidInput(
+                "compressed or encrypted entries; torch.save writes neither", field=f"{field}: {entry.filename}"
+            )
+    total = sum(entry.file_size for entry in entries)
+    if total > size:
+        raise InvalidInput(
+            "the entries are larger than the file", field=field, value=f"{total} bytes", limit=f"{size} bytes"
+        )
+
+
+def _refuse_programs(names: Mapping[str, object], field: str) -> None:
+    tails = {name.partition("/")[2] for name in names}
+    if "constants.pkl" in tails or any(tail.startswith("code/") for tail in tails):
+        raise InvalidInput(
+            "a TorchScript archive holds a program and is not accepted; export the network as ONNX", field=field
+        )
+    if tails & {"archive_format", "serialized_exported_program.json"} or any(t.startswith("models/") for t in tails):
+        raise InvalidInput(
+            "an exported program (.pt2) holds a program and is not accepted; export the network as ONNX", field=field
+        )
+
+
+def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
+    """The objects of torch.save's older format: pickles one after another, then the numbers of each storage."""
+    version = load_plain(stream, field=field)
+    if version != _STREAM_VERSION:
+        raise InvalidInput("another version of torch's format", field=field, limit=_STREAM_VERSION)
+    system = load_plain(stream, field=field)
+    if not isinstance(system, dict) or system.get("little_endian") is not True:
+        raise InvalidInput("numbers in another byte order", field=field, limit="little endian")
+    storages: dict[str, Storage] = {}
+
+    def storage(pid: Any) -> Storage:
+        _, kind, key, _, count, view = pid
+        if view is not None:
+            raise ValueError("a view of a storage, as only very old versions of torch wrote them")
+        return storages.setdefault(key, storage_of(kind, count))
+
+    objects = load_plain(stream, field=field, storage=storage)
+    keys = load_plain(stream, field=field)
+    if not isinstance(keys, list) or sorted(map(str, keys)) != sorted(map(str, storages)):
+        raise InvalidInput("the file does not hold the data of its tensors", field=field)
+    for key in keys:
+        made = storages[key]
+        stated = int.from_bytes(stream.read(8), "little")
+        if stated != made.count:
+            raise InvalidInput(
+                "two lengths of one storage", field=f"{field}: storage {key}", value=stated, limit=made.count
+            )
+        made.fill(stream.read(made.count * made.dtype.itemsize), field=f"{field}: storage {key}")
+    return objects
+
+
+def _read_safetensors(path: Path, header: int, size: int) -> StoredCheckpoint:
+    field = path.name
+    if header > min(size - 8, _MAX_SAFETENSORS_HEADER):
+        limit = f"{min(size - 8, _MAX_SAFETENSORS_HEADER)} bytes"
+        raise InvalidInput("the header is longer than it can be", field=field, value=f"{header} bytes", limit=limit)
+    try:
+        with safe_open(path, framework="numpy") as opened:
+            entries: dict[str, object] = dict(opened.metadata() or {})
+            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, TypeError) as error:
+        raise InvalidInput(f"not a readable safetensors file ({error})", field=field) from error
+    return StoredCheckpoint(tensors, entries, "safetensors")
+
+
+def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
+    """Find the mapping of names to tensors, and flatten what stands beside it."""
+    inside, found = "", objects
+    if isinstance(objects, dict):
+        for name in _CONTAINERS:
+            if isinstance(objects.get(name), dict):
+                inside, found = name, objects[name]
+                break
+    tensors: dict[str, NDArray[Any]] = {}
+    if isinstance(found, dict):
+        for name, value in found.items():
+            if isinstance(value, Tensor | Array) and isinstance(name, str):
+                tensors[name.removeprefix("module.")] = value.array()
+    if not tensors:
+        raise InvalidInput(
+            "the file holds no weights", field=field, limit=f"tensors by name, alone or in {_CONTAINERS}"
+        )
+    beside = {name: value for name, value in objects.items() if name != inside} if inside else {}
+    return StoredCheckpoint(tensors, _flattened(beside), kind)
+
+
+def _flattened(values: Mapping[Any, Any]) -> dict[str, object]:
+    """Text, numbers and lists of nested dictionaries by dotted name.
+
+    Each dictionary is entered once: a pickle can put one of them in many places, and a few of those make endless names.
+    """
+    flat: dict[str, object] = {}
+    seen = {id(values)}
+    waiting: list[tuple[str, Mapping[Any, Any]]] = [("", values)]
+    while waiting:
+        before, mapping = waiting.pop()
+        for name, value in mapping.items():
+            if isinstance(value, dict) and id(value) not in seen:
+                seen.add(id(value))
+                waiting.append((f"{before}{name}.", value))
+            elif isinstance(value, str | int | float | list | tuple):
+                flat[f"{before}{name}"] = value
+    return flat

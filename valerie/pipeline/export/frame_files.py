@@ -1,0 +1,177 @@
+"""The files of one exported frame, and its fragment of the documents that list all frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel
+
+from valerie.datasets import cityscapes, coco
+from valerie.datasets.camera import CameraDocument, camera_document
+from valerie.datasets.cityscapes import labels_path
+from valerie.datasets.frame import LabelledFrame
+from valerie.errors import Conflict
+from valerie.measures import OF_PERSON, names_from
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.export.plan import ExportPlan
+from valerie.pipeline.reading.annotation_files import Arrays, annotation_arrays, find_annotations, key_points, npz
+from valerie.pipeline.reading.capture import Capture, capture_of
+from valerie.pipeline.reading.person_views import measured_again
+from valerie.pipeline.reading.products import ProductReader
+from valerie.pipeline.reading.run_cache import RunCache
+from valerie.pipeline.reading.selection import ChosenFrame
+from valerie.pipeline.reading.tables import TableRow
+from valerie.rendering.annotations.joints import Joints
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.scene.variation.conditions import with_sun_angles
+from valerie.scene.variation.variant import apply
+
+#: Columns that a person's annotation carries beside masks.
+_OF_PERSON: Final = ("character", *names_from(*OF_PERSON))
+
+
+class CocoFragment(BaseModel):
+    """A frame's entries in the COCO documents, without their numbers.
+
+    Attributes:
+        image: width, height and file name.
+        annotations: one per visible instance.
+        panoptic: file name and segments.
+    """
+
+    image: dict[str, Any]
+    annotations: list[dict[str, Any]]
+    panoptic: dict[str, Any]
+
+
+class Fragment(BaseModel):
+    """What one frame adds to the documents that list all frames.
+
+    Attributes:
+        name: of the frame.
+        split: that it belongs to.
+        coco: None where that format is not asked for.
+        rows: of the index, one per person; empty where that format is not asked for.
+    """
+
+    name: str
+    split: str
+    coco: CocoFragment | None = None
+    rows: list[TableRow] = []
+
+
+class FrameWriter:
+    """Writes the files of one frame after the other.
+
+    Args:
+        context: of this process.
+        runs: where the run's asset is kept.
+        plan: what is exported.
+    """
+
+    def __init__(self, context: Context, runs: RunCache, plan: ExportPlan) -> None:
+        self._context, self._runs, self._plan = context, runs, plan
+        self._reader = ProductReader(context.store)
+
+    def write(self, frame: ChosenFrame, root: Path) -> Fragment:
+        """Write a frame's files below a folder.
+
+        Raises:
+            Conflict: an annotation is not made yet, or failed for good.
+            MissingInput: an object is gone.
+        """
+        plan = self._plan
+        split, formats, name = plan.split(frame), plan.settings.formats, plan.name(frame)
+        capture = capture_of(plan.run.resolved, frame.stored, plan.sensor)
+        if capture.distorted:
+            seen = capture.seen_truth(self._reader)
+            frame = replace(frame, persons=tuple(measured_again(row, seen) for row in frame.persons))
+        annotations = self._annotations(frame)
+        for kind, arrays in annotations.items():
+            path = root / "annotations" / split / name.city / f"{name}_{kind}.npz"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(npz(arrays))
+        labelled = self._labelled(frame, capture, annotations.get(AnnotationKind.JOINTS))
+        picture = cityscapes.write_picture(root, split, labelled)
+        if "cityscapes" in formats:
+            cityscapes.write_labels(root, split, labelled, polygons=plan.settings.polygons)
+        for function, predictions in plan.predictions.items():
+            prediction = self._reader.prediction(predictions[frame.key].digest)
+            cityscapes.write_prediction(root, split, name, function, prediction)
+        fragment = Fragment(name=str(name), split=split)
+        if "coco" in formats:
+            fragment.coco = self._coco(root, labelled, split, picture)
+        if "parquet" in formats:
+            fragment.rows = self._rows(frame, labelled, split, picture)
+        return fragment
+
+    def _coco(self, root: Path, labelled: LabelledFrame, split: str, picture: Path) -> CocoFragment:
+        """Write the panoptic picture; return the frame's entries."""
+        height, width = labelled.class_map.shape
+        ids = coco.panoptic_ids(labelled)
+        panoptic = f"{labelled.name}_panoptic.png"
+        cityscapes.save_png(root / "coco" / f"panoptic_{split}" / panoptic, coco.panoptic_picture(ids))
+        file = picture.relative_to(Path("leftImg8bit", split)).as_posix()
+        return CocoFragment(
+            image={"width": width, "height": height, "file_name": file},
+            annotations=coco.instance_annotations(labelled),
+            panoptic={"file_name": panoptic, "segments_info": coco.panoptic_segments(ids)},
+        )
+
+    def _rows(self, frame: ChosenFrame, labelled: LabelledFrame, split: str, picture: Path) -> list[TableRow]:
+        """Return the frame's rows of the index."""
+        resolved = self._plan.run.resolved
+        height, width = labelled.class_map.shape
+        with_labels = "cityscapes" in self._plan.settings.formats
+        files = {
+            "name": str(labelled.name),
+            "split": split,
+            "width": width,
+            "height": height,
+            "picture": picture.as_posix(),
+            "label_ids": labels_path(split, labelled.name, "labelIds.png").as_posix() if with_labels else None,
+        }
+        values = with_sun_angles(frame.values, resolved.manifest)
+        parameters = {d.path: values.get(d.path, d.default) for d in resolved.definitions}
+        return [{**files, **row, **parameters} for row in frame.persons]
+
+    def _annotations(self, frame: ChosenFrame) -> dict[AnnotationKind, Arrays]:
+        try:
+            products = find_annotations(self._context, frame.key, self._plan.kinds)
+        except Conflict as error:
+            raise Conflict(f"{self._plan.name(frame)}: {error}") from error
+        return {
+            kind: annotation_arrays(self._context, self._reader, kind, product) for kind, product in products.items()
+        }
+
+    def _labelled(self, frame: ChosenFrame, capture: Capture, joints: Arrays | None) -> LabelledFrame:
+        truth = capture.seen_truth(self._reader)
+        persons = {
+            row["instance_id"]: {name: row[name] for name in _OF_PERSON}
+            for row in frame.persons
+            if row["instance_id"] is not None
+        }
+        # Joints are of the pinhole camera.
+        if joints is not None and not capture.distorted:
+            for number, points in key_points(Joints(**joints)).items():
+                persons.setdefault(number, {}).update(points)
+        return LabelledFrame(
+            name=self._plan.name(frame),
+            picture=capture.picture(self._reader),
+            class_map=truth.class_map,
+            instance_map=truth.instance_map,
+            camera=self._camera(frame, capture) if "cityscapes" in self._plan.settings.formats else None,
+            amodal={person.instance_id: person.amodal for person in truth.persons},
+            persons=persons,
+        )
+
+    def _camera(self, frame: ChosenFrame, capture: Capture) -> CameraDocument:
+        """Return the document of the frame's camera, with the focal length that the picture has."""
+        run = self._plan.run
+        size = run.resolved.spec.resolution
+        scene = apply(frame.moment, self._runs.asset(run))
+        camera = scene.cameras[run.resolved.cameras[frame.key.camera]]
+        zoomed = replace(camera, focal_length_mm=camera.focal_length_mm * capture.zoom(size.width, size.height))
+        return camera_document(zoomed, size.width, size.height)

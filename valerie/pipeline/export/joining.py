@@ -1,0 +1,102 @@
+"""The documents of a data set that list all frames, joined from the frames' fragments."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute
+from sqlalchemy import Engine
+
+from valerie.analysis.table import PARAMETER_COLUMNS
+from valerie.datasets import coco
+from valerie.datasets.index import COLUMNS, write_index
+from valerie.pipeline.export.folder import FRAGMENTS
+from valerie.pipeline.export.frame_files import CocoFragment, Fragment
+from valerie.pipeline.export.plan import ExportPlan
+from valerie.pipeline.reading.tables import read_table
+from valerie.rendering.annotations.joints import LIMBS
+from valerie.scene.graph.model import JOINTS
+
+#: Describes a finished data set.
+DOCUMENT: Final = "dataset.json"
+
+
+def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[str]:
+    """Write the documents that list all frames.
+
+    Args:
+        engine: of the database.
+        plan: what is exported.
+        folder: with the fragments of all frames.
+
+    Returns:
+        The number of frames in each split.
+    """
+    settings, resolved = plan.settings, plan.run.resolved
+    counts = Counter(fragment.split for fragment in _fragments(plan, folder))
+    description = f"VALERIE run {plan.run.id} ({resolved.spec.name})"
+    if "coco" in settings.formats:
+        for split in counts:
+            fragments = (one for one in _fragments(plan, folder) if one.split == split)
+            entries = (fragment.coco for fragment in fragments if fragment.coco is not None)
+            _write_coco(folder / "coco", split, entries, description)
+    if "parquet" in settings.formats:
+        types = {d.path: _plain(PARAMETER_COLUMNS[d.type.value]) for d in resolved.definitions}
+        rows = (row for fragment in _fragments(plan, folder) for row in fragment.rows)
+        write_index(folder / "index.parquet", rows, types)
+    if settings.predictions:
+        _write_evaluations(engine, plan, folder / "evaluations.parquet")
+    document = {
+        **plan.request(),
+        "description": description,
+        "splits": counts,
+        "asset": resolved.spec.model_dump(mode="json")["asset"],
+        "asset_digest": resolved.asset_digest,
+        "pins": plan.run.pins.model_dump(mode="json", exclude_none=True),
+        "sensor": resolved.spec.sensors[plan.sensor].model_dump(mode="json"),
+        "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
+        "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
+    }
+    (folder / DOCUMENT).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    return counts
+
+
+def _fragments(plan: ExportPlan, folder: Path) -> Iterator[Fragment]:
+    for frame in plan.frames:
+        yield Fragment.model_validate_json((folder / FRAGMENTS / f"{plan.name(frame)}.json").read_bytes())
+
+
+def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], description: str) -> None:
+    images: list[dict[str, Any]] = []
+    instances: list[dict[str, Any]] = []
+    panoptic: list[dict[str, Any]] = []
+    for number, fragment in enumerate(fragments, start=1):
+        images.append({"id": number, **fragment.image})
+        panoptic.append({"image_id": number, **fragment.panoptic})
+        for annotation in fragment.annotations:
+            instances.append({"id": len(instances) + 1, "image_id": number, **annotation})
+    for name, entries in (("instances", instances), ("panoptic", panoptic)):
+        document = coco.assemble(images, entries, description, key_points=JOINTS, limbs=LIMBS)
+        (folder / f"{name}_{split}.json").write_text(json.dumps(document))
+
+
+def _write_evaluations(engine: Engine, plan: ExportPlan, path: Path) -> None:
+    """Write the long table's rows of the exported frames, sensor and functions."""
+    table = read_table(engine, plan.run)
+    frames = pa.array(sorted(str(frame.key) for frame in plan.frames))
+    chosen = pa.compute.is_in(table.arrow["frame_id"], frames).to_numpy()
+    chosen &= table.codes("sensor").where(plan.run.resolved.spec.sensors[plan.sensor].name)
+    functions = table.codes("function")
+    named = functions.where(plan.settings.predictions[0])
+    for name in plan.settings.predictions[1:]:
+        named = named | functions.where(name)
+    table.select(chosen & named).to_parquet(path)
+
+
+def _plain(dtype: pa.DataType) -> pa.DataType:
+    return pa.string() if pa.types.is_dictionary(dtype) else dtype

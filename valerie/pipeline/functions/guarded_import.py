@@ -1,0 +1,225 @@
+"""Make a function that can be registered from a file that a user brings: recognise, convert, try out, never trust.
+
+A child process opens checkpoints and networks (`valerie.pipeline.functions.import_child`). Its memory and time are bounded and
+it does not see the environment's secrets: a file that makes a parser run away ends a child and nothing else. Files that run
+code when they are loaded are refused, except programs of torch where the operator allows them. The original of a converted
+file is not kept.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+import valerie
+from valerie.errors import InvalidInput, MissingDependency
+from valerie.loading import load_document
+from valerie.perception.documents.function import PAYLOADS, FunctionDocument, parse_function
+from valerie.pipeline.functions.import_job import (
+    Conversion,
+    ImportAnswer,
+    ImportedFile,
+    ImportFailure,
+    ImportJob,
+    Trial,
+    payload_of,
+)
+from valerie.settings import Settings
+from valerie.spelling import plain_name
+
+#: Programs of torch: taken where an operator allows it, and converted to ONNX.
+_PROGRAMS: Final = {".pt2": "an exported program of torch", ".torchscript": "a TorchScript archive"}
+#: Formats that run code when they are loaded, and that users might bring all the same.
+_RUNS_CODE: Final = {
+    **_PROGRAMS,
+    ".py": "a Python program",
+    ".whl": "a Python package",
+    ".so": "a library",
+    ".joblib": "a pickle of any class",
+    ".mar": "an archive with a program",
+    ".keras": "an archive that may hold programs",
+}
+_CHECKPOINTS: Final = (".safetensors", ".pth", ".pt", ".pkl", ".ckpt", ".bin")
+_ONNX: Final = ".onnx"
+#: Suffixes of files that users bring as functions, refused ones included.
+SUFFIXES: Final = frozenset((_ONNX, *_CHECKPOINTS, *_RUNS_CODE))
+_ACCEPTED: Final = ", ".join((_ONNX, *_CHECKPOINTS))
+#: Variables that a converter needs; everything else in the environment is hidden from it.
+_ENVIRONMENT: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "LD_LIBRARY_PATH", "OMP_NUM_THREADS", "PYTHONPATH")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportRequest:
+    """A file and what its owner says about it.
+
+    Attributes:
+        path: the file; None for functions without one.
+        filename: its name on the owner's machine; the suffix says what it should be.
+        document: YAML or JSON, complete or only what the file cannot say; empty for none.
+        name, engine, precision: override the document.
+    """
+
+    path: Path | None
+    filename: str = ""
+    document: str | bytes = ""
+    name: str | None = None
+    engine: str | None = None
+    precision: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedFunction:
+    """A function that is ready to be registered.
+
+    Attributes:
+        document: complete.
+        payload: its file: in the folder that `import_function` was given if it was converted, else the user's own.
+        trial: the outcome of running it once here.
+    """
+
+    document: FunctionDocument
+    payload: Path | None
+    trial: Trial
+
+
+def import_function(request: ImportRequest, folder: Path, settings: Settings) -> ImportedFunction:
+    """Recognise, convert and try out a function; nothing is registered.
+
+    Args:
+        request: the file and what is said about it.
+        folder: for the converted file; the caller removes it.
+        settings: bounds, and the engine's device.
+
+    Raises:
+        InvalidInput: file or document are refused; names field, value and limit.
+        MissingDependency: converting needs a library that is not installed here.
+    """
+    entries = _entries(request)
+    if request.path is None:
+        document = parse_function(entries)
+        if document.kind in PAYLOADS:
+            raise InvalidInput(f"kind {document.kind} needs a file", field="payload", limit=PAYLOADS[document.kind])
+        return ImportedFunction(document, None, Trial(skipped=f"nothing to open: kind {document.kind}"))
+    if "kind" in entries and entries["kind"] not in PAYLOADS:
+        raise InvalidInput(f"kind {entries['kind']} takes no file", field="payload", value=request.filename)
+    limit = settings.max_function_mb << 20
+    size = request.path.stat().st_size
+    if size > limit:
+        raise InvalidInput("the file is too large", field="payload", value=f"{size} bytes", limit=f"{limit} bytes")
+    conversion = _conversion(request.filename, str(entries.get("kind", "")), programs=settings.import_programs)
+    key = {"onnx": "source", "program": "program"}.get(conversion, "file")
+    entries["provenance"] = {key: request.filename, **entries.get("provenance", {})}
+    if conversion in ("onnx", "program"):
+        entries = {"kind": "onnx", **entries}
+    if conversion in ("onnx", "none"):
+        payload = payload_of(request.path, PAYLOADS[str(entries["kind"])])
+        entries = parse_function(entries, payload=payload.model_dump()).model_dump(mode="json")
+    job = ImportJob(
+        entries=entries,
+        path=request.path.absolute(),
+        folder=folder,
+        conversion=conversion,
+        max_bytes=limit,
+        memory_mb=settings.import_memory_mb,
+        seconds=settings.import_seconds,
+        device=settings.infer_device,
+    )
+    imported = _run_child(job, settings)
+    converted = conversion in ("checkpoint", "program")
+    return ImportedFunction(imported.document, folder / imported.payload if converted else request.path, imported.trial)
+
+
+def _conversion(filename: str, kind: str, *, programs: bool) -> Conversion:
+    """Return how a file becomes a function, by its suffix.
+
+    Raises:
+        InvalidInput: the file would run code, or its suffix is unknown.
+    """
+    suffix = Path(filename).suffix.lower()
+    if suffix == _ONNX:
+        return "onnx"
+    if suffix in _CHECKPOINTS:
+        return "none" if kind == "huggingface" else "checkpoint"
+    if suffix in _PROGRAMS and programs:
+        return "program"
+    if suffix not in _RUNS_CODE:
+        raise InvalidInput("not a known kind of file", field="payload", value=filename, limit=_ACCEPTED)
+    switch = (
+        "; the operator of this deployment can allow it with VALERIE_IMPORT_PROGRAMS" if suffix in _PROGRAMS else ""
+    )
+    raise InvalidInput(
+        f"{_RUNS_CODE[suffix]} runs code when it is loaded and is not accepted; export the network as ONNX{switch}",
+        field="payload",
+        value=filename,
+        limit=_ACCEPTED,
+    )
+
+
+def _entries(request: ImportRequest) -> dict[str, Any]:
+    """Return the entries of the document, as far as the owner gives them."""
+    entries: dict[str, Any] = load_document(request.document) if request.document else {}
+    if "payload" in entries and request.path is not None:
+        del entries["payload"]  # of an exported document: the file speaks for itself
+    for field in ("name", "engine", "precision"):
+        if getattr(request, field) is not None:
+            entries[field] = getattr(request, field)
+    if not isinstance(entries.get("provenance", {}), dict):
+        raise InvalidInput("not a mapping", field="provenance", value=entries["provenance"])
+    if "name" not in entries and request.filename:
+        entries["name"] = plain_name(Path(request.filename).stem.lower(), also="_.", longest=64)
+    return entries
+
+
+def _run_child(job: ImportJob, settings: Settings) -> ImportedFile:
+    """Let a child do the job.
+
+    Raises:
+        InvalidInput: the file is refused, or opening it took too much memory or time.
+        MissingDependency: a library is not installed here.
+    """
+    answer_file = job.folder / "answer.json"
+    source = str(Path(valerie.__path__[0]).parent)
+    environment = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
+    environment |= {
+        "PYTHONPATH": os.pathsep.join(filter(None, [source, environment.get("PYTHONPATH")])),
+        "HF_HUB_OFFLINE": "1",
+        "ORT_DISABLE_TELEMETRY": "1",
+    }
+    try:
+        process = subprocess.run(
+            [sys.executable, "-P", "-m", "valerie.pipeline.functions.import_child", str(answer_file)],
+            input=job.model_dump_json(),
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=settings.import_seconds + 30,
+            env=environment,
+            cwd=job.folder,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise _out_of_bounds(settings) from None
+    try:
+        outcome = ImportAnswer.model_validate_json(answer_file.read_bytes()).outcome
+    except (OSError, ValidationError):
+        if process.returncode < 0:  # ended by a signal: its timer, or the system for want of memory
+            raise _out_of_bounds(settings) from None
+        last = (process.stderr.strip().splitlines() or ["no message"])[-1]
+        raise InvalidInput(f"the process that converts and checks it ended ({last[:300]})", field="payload") from None
+    if isinstance(outcome, ImportFailure):
+        raise (MissingDependency if outcome.missing_dependency else InvalidInput)(outcome.message)
+    return outcome
+
+
+def _out_of_bounds(settings: Settings) -> InvalidInput:
+    return InvalidInput(
+        "converting and checking it took too much memory or time",
+        field="payload",
+        limit=f"{settings.import_memory_mb} MB, {settings.import_seconds:g} s (VALERIE_IMPORT_MEMORY_MB, VALERIE_IMPORT_SECONDS)",
+    )

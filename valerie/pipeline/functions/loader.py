@@ -1,0 +1,104 @@
+"""Opening functions in a worker: those that are installed by their names, those that are registered by their digests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from valerie import plugins
+from valerie.db.engine import reading
+from valerie.errors import CorruptArtifact, TransientError
+from valerie.perception.base import PerceptionFunction
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.opening import open_function, require_payload
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.payload_cache import PayloadCache
+from valerie.runs.pins import FunctionPin
+from valerie.settings import Settings
+
+_FOLDER: Final = "functions"
+
+
+class FunctionLoader:
+    """Loads what runs pinned; knows functions that were registered after this process started."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        settings = context.settings
+        self._cache = PayloadCache(
+            context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
+        )
+
+    def open(self, name: str, pin: FunctionPin, *, threads: int | None = None) -> PerceptionFunction:
+        """Load a function as a run pinned it.
+
+        Args:
+            name: what the run calls it.
+            pin: of the run.
+            threads: of the inference engine; None: as this deployment's workers have.
+
+        Raises:
+            NotFound: this version was removed from the registry.
+            TransientError: what this process has differs from what was pinned; another worker may have it.
+            ValerieError: it cannot be opened here.
+        """
+        settings = self._context.settings
+        threads = threads or settings.inference_threads
+        if pin.kind is not None:  # registered
+            function = self._registered(pin.digest, name, threads)
+        else:
+            function = plugins.create_function(name, threads=threads, device=settings.infer_device)
+        if function.card.digest != pin.digest:
+            has, wants = function.card.digest[:12], pin.digest[:12]
+            function.close()
+            raise TransientError(f"{name} has digest {has} here; the run pinned {wants}")
+        if function.numeric_class != pin.numeric_class:
+            runs_as = function.numeric_class
+            function.close()
+            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin.numeric_class}")
+        return function
+
+    def _registered(self, digest: str, name: str, threads: int) -> PerceptionFunction:
+        with reading(self._context.engine) as connection:
+            document = registry.of_digest(connection, digest, name).document
+        return self.open_document(document, threads=threads)
+
+    def file(self, document: FunctionDocument) -> Path:
+        """The verified payload of a registered function that has one; use it soon, it is a cache's.
+
+        Raises:
+            NotFound: it was removed.
+            CorruptArtifact: the store holds other bytes.
+            StorageFull, StorageUnavailable: this machine's folder cannot be written.
+        """
+        path = self._cache.fetch(document)
+        try:
+            require_payload(document, path)
+        except CorruptArtifact:  # of this machine's copy, or of the store's
+            self._cache.forget(document)
+            path = self._cache.fetch(document)
+            require_payload(document, path)
+        assert path is not None, "require_payload refuses it"
+        return path
+
+    def open_document(self, document: FunctionDocument, *, threads: int) -> PerceptionFunction:
+        """Load a registered function.
+
+        Raises:
+            ValerieError: it cannot be opened here; see `valerie.perception.running.opening.open_function`.
+        """
+        try:
+            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
+        except CorruptArtifact:  # of this machine's copy, or of the store's
+            self._cache.forget(document)
+            return open_document(document, self._cache.fetch(document), self._context.settings, threads=threads)
+
+
+def open_document(
+    document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
+) -> PerceptionFunction:
+    """`open_function` as this deployment's settings want it."""
+    return open_function(
+        document, payload, threads=threads, device=settings.infer_device, addresses=settings.http_addresses
+    )

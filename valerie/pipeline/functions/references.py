@@ -1,0 +1,134 @@
+"""Opening a function by what people call it: an installed or registered name, or the path of a function file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from valerie import plugins
+from valerie.db.engine import reading
+from valerie.errors import Conflict, InvalidInput, TransientError, UnknownName
+from valerie.perception.base import PerceptionFunction
+from valerie.perception.documents.function import FunctionDocument
+from valerie.perception.running.opening import open_function
+from valerie.perception.shipped import FUNCTIONS, file_document, function_path
+from valerie.perception.training.start_weights import require_trainable
+from valerie.pipeline.base.context import Context
+from valerie.pipeline.functions import registry
+from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
+from valerie.pipeline.functions.loader import FunctionLoader
+from valerie.pipeline.functions.registry import SHORT
+from valerie.runs.pins import FunctionPin
+from valerie.spelling import plain_name
+
+_SUFFIX: Final = ".safetensors"
+
+
+def is_file(reference: str) -> bool:
+    """Whether a reference means a file: it has a folder in it or ends as a function file does."""
+    return "/" in reference or reference.endswith(_SUFFIX)
+
+
+def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[FunctionDocument, Path]:
+    """Document and weights of a network as a run pinned it.
+
+    Args:
+        name: what the run's spec calls it.
+        pin: of the run.
+        context: of the deployment, where functions are registered.
+
+    Raises:
+        InvalidInput: it is no network of VALERIE's own architectures (see `require_trainable`).
+        NotFound: this version was removed.
+        Conflict: it ships with VALERIE, and the run looked with other weights than are installed now.
+    """
+    if pin.kind is not None:
+        with reading(context.engine) as connection:
+            document = registry.of_digest(connection, pin.digest, name).document
+        require_trainable(document)
+        return document, FunctionLoader(context).file(document)
+    if name not in FUNCTIONS:
+        raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
+    path = function_path(name)
+    document = file_document(name, path)
+    assert document.payload is not None, "it was made from the file"
+    if document.payload.sha256 != pin.digest:
+        raise Conflict(
+            f"the run looked with other weights of {name} ({pin.digest[:SHORT]}) than are installed now "
+            f"({document.payload.sha256[:SHORT]}); run the validation again"
+        )
+    return document, path
+
+
+def display_name(reference: str) -> str:
+    """What results call it."""
+    return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
+
+
+def open_pinned(name: str, pin: FunctionPin, *, context: Context, threads: int | None = None) -> BoundedFunction:
+    """Load exactly what a run looked with, within bounds (see `open_bounded`), to hold something against the run's scores.
+
+    Args:
+        name: what the run's spec calls it.
+        pin: of the run.
+        context: of the deployment, where functions are registered.
+        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have.
+
+    Raises:
+        NotFound: this version was removed.
+        Conflict: it has another digest or revision here, or it runs in another numeric class.
+        TransientError: opening it needs more memory than it may have.
+        ValerieError: it cannot be opened here.
+    """
+    return open_bounded(lambda: _open_pinned(name, pin, context, threads), context.settings, name=name)
+
+
+def open_reference(reference: str, *, context: Context, threads: int | None = None) -> BoundedFunction:
+    """Load a function to predict with, within the bounds that hold in workers too (see `open_bounded`).
+
+    Args:
+        reference: a function file, the name of an installed function, ``name`` or ``name@digest`` of a registered one.
+        context: of the deployment, where functions are registered.
+        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have, so that
+            the numeric class is theirs.
+
+    Raises:
+        UnknownName, NotFound, InvalidInput, MissingDependency: as `plugins.create_function`, `open_function` and
+            `valerie.pipeline.functions.registry.find`.
+        TransientError: opening it needs more memory than it may have.
+    """
+    return open_bounded(lambda: _open(reference, context, threads), context.settings, name=display_name(reference))
+
+
+def _open_pinned(name: str, pin: FunctionPin, context: Context, threads: int | None) -> PerceptionFunction:
+    try:
+        function = FunctionLoader(context).open(name, pin, threads=threads)
+    except TransientError as error:
+        raise _unlike(str(error)) from None
+    if function.revision != pin.revision:
+        function.close()
+        raise _unlike(f"{name} is in revision {function.revision} here; the run pinned {pin.revision}")
+    return function
+
+
+def _unlike(what: str) -> Conflict:
+    return Conflict(
+        f"{what}. What is compared must be computed alike: do it on a machine like the run's workers and with as many threads "
+        "as they have, or run the validation again here"
+    )
+
+
+def _open(reference: str, context: Context, threads: int | None) -> PerceptionFunction:
+    threads, device = threads or context.settings.inference_threads, context.settings.infer_device
+    if is_file(reference):
+        path = Path(reference)
+        return open_function(file_document(display_name(reference), path), path, threads=threads, device=device)
+    installed = plugins.function_names(testing=context.settings.testing_engines)
+    if reference in installed:
+        return plugins.create_function(reference, threads=threads, device=device)
+    with reading(context.engine) as connection:
+        known = registry.names(connection, registry.known(connection, [reference]))
+        if reference.partition("@")[0] not in known:
+            raise UnknownName("function", reference, {*installed, *known}, field="function")
+        document = registry.find(connection, reference).document
+    return FunctionLoader(context).open_document(document, threads=threads)

@@ -1,0 +1,125 @@
+"""Users' assets on disk: a folder with ``manifest.yaml`` and the glTF files that it lists."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+from valerie.errors import InvalidInput, InvalidInputs
+from valerie.loading import load_document
+from valerie.parameters.assignment import digest
+from valerie.scene.assets.manifest import Manifest, parse_manifest
+from valerie.scene.gltf.files import MAX_FILE_BYTES, Resources, external_uris
+from valerie.scene.graph.model import Scene
+
+MANIFEST_FILE: Final = "manifest.yaml"
+MAX_MANIFEST_BYTES: Final = 4 * 1024 * 1024
+#: Raised by hand whenever the same files give another scene; part of the digest of every such asset.
+REVISION: Final = 2
+
+
+def read_manifest(folder: Path) -> tuple[Manifest, str, Mapping[str, Path]]:
+    """Read and validate a folder's manifest and digest its files.
+
+    Returns:
+        The manifest, the digest over the bytes of all files of the asset, and the glTF files by name.
+
+    Raises:
+        InvalidInput: the manifest is missing or invalid; a file is missing, too large or outside the folder.
+    """
+    path = _inside(folder, MANIFEST_FILE, limit=MAX_MANIFEST_BYTES, field=MANIFEST_FILE)
+    try:
+        data = load_document(path.read_bytes(), max_bytes=MAX_MANIFEST_BYTES)
+    except InvalidInput as error:
+        place = f"{MANIFEST_FILE}.{error.field}" if error.field else MANIFEST_FILE
+        raise InvalidInput(error.message, field=place, value=error.value, limit=error.limit) from None
+    data.setdefault("name", folder.resolve().name)
+    manifest = parse_manifest(data, source=MANIFEST_FILE)
+    if not manifest.all_files:
+        raise InvalidInput("an asset has at least one glTF file", field=f"{MANIFEST_FILE}.files")
+    files: dict[str, Path] = {}
+    hashes: dict[str, str] = {}
+    problems: list[InvalidInput] = []
+    for name in manifest.all_files:
+        try:
+            files[name] = _inside(folder, name, limit=MAX_FILE_BYTES, field=f"{MANIFEST_FILE}.files")
+        except InvalidInput as problem:
+            problems.append(problem)
+            continue
+        hashes[name] = _file_digest(files[name])
+        external, missing = _references(files[name], folder, name)
+        problems += missing
+        hashes |= {f"{name}:{uri}": _file_digest(file) for uri, file in external.items()}
+    if problems:
+        raise problems[0] if len(problems) == 1 else InvalidInputs(problems)
+    return manifest, digest("asset-files", manifest.model_dump(mode="json"), hashes, REVISION), files
+
+
+def read_scene(manifest: Manifest, files: Mapping[str, Path], folder: Path) -> Scene:
+    """Read the glTF files of an asset into one scene, labelled as the manifest says.
+
+    Args:
+        manifest: of the asset.
+        files: glTF files by name (`read_manifest`).
+        folder: of the asset; no file may refer to anything outside of it.
+
+    Raises:
+        InvalidInput: a file is broken, or two files contradict each other.
+    """
+    from valerie.scene.assets.gltf_scene import merge
+    from valerie.scene.gltf.reader import read_gltf
+
+    return merge({name: read_gltf(path, folder) for name, path in files.items()}, manifest)
+
+
+def _references(path: Path, folder: Path, name: str) -> tuple[Mapping[str, Path], list[InvalidInput]]:
+    """Return the files that a glTF file refers to, and the problems with them; its JSON is read again only when it changed."""
+    state = path.stat()
+    uris = _uris(path, name, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+    resources = Resources(path, folder)
+    external: dict[str, Path] = {}
+    problems = []
+    for field, uri in uris:
+        try:
+            external[uri] = resources.find(uri, field=field)
+        except InvalidInput as problem:
+            problems.append(problem)
+    return external, problems
+
+
+@lru_cache(maxsize=256)
+def _uris(path: Path, name: str, *_state: int) -> tuple[tuple[str, str], ...]:
+    return external_uris(path, name)
+
+
+def _inside(folder: Path, name: str, *, limit: int, field: str) -> Path:
+    """Return the file ``name`` of ``folder``.
+
+    Raises:
+        InvalidInput: it is no regular file inside the folder (links followed), or too large.
+    """
+    root = folder.resolve()
+    path = (root / name).resolve()
+    if not path.is_relative_to(root):
+        raise InvalidInput("the file lies outside the asset's folder", field=field, value=name)
+    if not path.is_file():
+        raise InvalidInput("the asset has no such file", field=field, value=name)
+    size = path.stat().st_size
+    if size > limit:
+        raise InvalidInput("the file is too large", field=field, value=f"{size} bytes", limit=f"{limit} bytes")
+    return path
+
+
+def _file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file; every request asks for it, so it is read again only when identity, size or time changed."""
+    state = path.stat()
+    return _sha256(path, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+
+
+@lru_cache(maxsize=256)
+def _sha256(path: Path, *_state: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

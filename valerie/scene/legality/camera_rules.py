@@ -1,0 +1,75 @@
+"""Rules for the places of cameras: none is inside a house, a parked car or a moving vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.manifest import Manifest
+from valerie.scene.graph.naming import ROOT
+from valerie.scene.legality.movers import sort_obstacles
+from valerie.scene.legality.obstacles import ObstacleMap
+
+#: Room that a camera needs around its centre, metres.
+_RADIUS_M: Final = 0.05
+
+
+class CameraRules:
+    """The rules of one manifest for its cameras whose three coordinates are all parameters.
+
+    Args:
+        manifest: declares cameras and obstacles.
+    """
+
+    def __init__(self, manifest: Manifest) -> None:
+        resting, self._movers = sort_obstacles(manifest, _RADIUS_M)
+        self._resting = ObstacleMap(resting, _RADIUS_M)
+        places = {camera: tuple(f"{ROOT}.{camera}.pos.{axis}" for axis in "xyz") for camera in manifest.cameras}
+        self._cameras = tuple(
+            self._camera(manifest, name, paths)
+            for name, paths in places.items()
+            if all(path in manifest.by_path for path in paths)
+        )
+        groups = [camera.paths for camera in self._cameras] + [mover.paths for mover in self._movers]
+        self._relevant = frozenset[str]().union(*groups) if self._cameras else frozenset[str]()
+
+    def reason(self, assignment: Mapping[str, Value]) -> str | None:
+        """Return why a camera cannot be at its place, in words (``camera-1 is inside car-101``); None if all can."""
+        if self._relevant.isdisjoint(assignment):
+            return None
+        moves = [not mover.paths.isdisjoint(assignment) for mover in self._movers]
+        for camera in self._cameras:
+            varied = not camera.paths.isdisjoint(assignment)
+            x, y, z = (float(assignment.get(path, default)) for path, default in camera.place.items())
+            if varied and (obstacle := self._resting.at(x, y, z)):
+                return f"{camera.name} is {obstacle.text}"
+            for number, mover in enumerate(self._movers):
+                if not (varied or moves[number]) or number in camera.within:
+                    continue
+                if footprint := mover.holds(x, y, assignment, z):
+                    return f"{camera.name} is {footprint.text}"
+        return None
+
+    def _camera(self, manifest: Manifest, name: str, paths: tuple[str, ...]) -> _Camera:
+        place = {path: float(manifest.by_path[path].check(manifest.by_path[path].default)) for path in paths}
+        x, y, z = place.values()
+        within = frozenset(number for number, mover in enumerate(self._movers) if mover.holds(x, y, {}, z))
+        return _Camera(name, frozenset(paths), place, within)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Camera:
+    """One camera.
+
+    Attributes:
+        paths: of its coordinates.
+        place: path of x, y and z to default, metres.
+        within: indices of the movers that hold it where the author put both: it belongs to them, and is not judged against them.
+    """
+
+    name: str
+    paths: frozenset[str]
+    place: Mapping[str, float]
+    within: frozenset[int]

@@ -1,0 +1,133 @@
+"""Rules for the places of movers: no vehicle stands in a house, a parked car or another vehicle, nor leaves its level ground; no
+house stands in its neighbour or on a pavement.
+
+Two rules keep an asset's own placement legal, however rough its outlines are. Only movers whose parameters a variant gives are
+judged. And where a mover overlaps something, or does not stand level, at its default place, it is not judged against that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import shapely
+
+from valerie.parameters.definitions import Value
+from valerie.scene.assets.manifest import Footprint, Manifest
+from valerie.scene.legality.ground import ground_height, level_ground
+from valerie.scene.legality.movers import Mover
+from valerie.scene.legality.obstacles import Outlines
+
+_Polygons = tuple[shapely.Polygon, ...]
+
+
+class MoverRules:
+    """The rules of one manifest.
+
+    Args:
+        manifest: declares extent, ground and ways.
+        resting: obstacles that no parameter moves or hides.
+        movers: all others.
+    """
+
+    def __init__(self, manifest: Manifest, resting: Sequence[Footprint], movers: Sequence[Mover]) -> None:
+        self._extent = manifest.extent
+        self._resting = Outlines(resting)
+        self._ways = Outlines(manifest.ways)
+        self._rules = tuple(_rule(manifest, mover, self._resting, self._ways) for mover in movers)
+        self._relevant = frozenset(path for rule in self._rules if rule.mover.has_place for path in rule.mover.paths)
+        own = [rule.own for rule in self._rules]
+        self._together = frozenset(
+            (i, j) for j, polygons in enumerate(own) for i, others in enumerate(own[:j]) if _overlap(polygons, others)
+        )
+
+    def reason(self, assignment: Mapping[str, Value]) -> str | None:
+        """Return why a mover cannot be at its place, in words (``car-101 and bicycle-101 overlap``); None if all can."""
+        if self._relevant.isdisjoint(assignment):
+            return None
+        shown: list[tuple[int, bool, _Polygons]] = []
+        for number, rule in enumerate(self._rules):
+            varied = not rule.mover.paths.isdisjoint(assignment)
+            judged = varied and rule.mover.has_place
+            polygons = rule.mover.polygons(assignment) if varied else rule.own
+            if judged and (reason := self._alone(rule, polygons, assignment)):
+                return reason
+            for other, too, others in shown:
+                if (judged or too) and (other, number) not in self._together and _overlap(others, polygons):
+                    return f"{self._rules[other].mover.name} and {rule.mover.name} overlap"
+            shown.append((number, judged, polygons))
+        return None
+
+    def _alone(self, rule: _Rule, polygons: _Polygons, assignment: Mapping[str, Value]) -> str | None:
+        """Return why a mover cannot be at its place, whatever else moves; None if it can."""
+        name = rule.mover.name
+        if rule.keeps_within and not _within(polygons, self._extent):
+            return f"{name} is outside the asset"
+        if rule.grounds and not _stand_on(rule.mover.polygons(assignment, standing=True), rule.grounds):
+            return f"{name} leaves its level ground"
+        for polygon in polygons:
+            obstacle = self._resting.first(polygon, but=rule.among)
+            if obstacle is None and rule.ways is not None:
+                obstacle = self._ways.first(polygon, but=rule.ways)
+            if obstacle is not None:
+                return f"{name} stands {obstacle.text}"
+        return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rule:
+    """The rule for one mover.
+
+    Attributes:
+        own: its outlines at the default place; none if it is hidden there.
+        keeps_within: whether its middle has to be within the asset's extent: not if the default place is outside.
+        grounds: the pieces of ground of which it has to stand on one; empty where a parameter lifts it, or where it stands uneven
+            at its default place.
+        among: indices of the obstacles at rest that it overlaps at its default place.
+        ways: indices of the ways that it overlaps at its default place, and need not keep off; None: it need not keep off any.
+    """
+
+    mover: Mover
+    own: _Polygons
+    keeps_within: bool
+    grounds: tuple[shapely.Geometry, ...]
+    among: frozenset[int]
+    ways: frozenset[int] | None
+
+
+def _rule(manifest: Manifest, mover: Mover, resting: Outlines, ways: Outlines) -> _Rule:
+    own, grounds = mover.polygons({}), _grounds(manifest, mover)
+    return _Rule(
+        mover,
+        own,
+        _within(own, manifest.extent),
+        grounds if _stand_on(mover.polygons({}, standing=True), grounds) else (),
+        frozenset(number for polygon in own for number in resting.below(polygon)),
+        frozenset(number for polygon in own for number in ways.below(polygon)) if mover.is_built else None,
+    )
+
+
+def _grounds(manifest: Manifest, mover: Mover) -> tuple[shapely.Geometry, ...]:
+    """Return the pieces of level ground that a mover may stand on: of its own height, or of every height if it is grounded."""
+    if f"{mover.path}.pos.z" in manifest.by_path:
+        return ()
+    if mover.path in manifest.grounded:
+        heights = sorted({0.0, *(region.height for region in manifest.ground)})
+    else:
+        middle = shapely.Polygon(mover.outlines[0].footprint.polygon).centroid
+        heights = [ground_height(manifest, middle.x, middle.y)]
+    return tuple(level_ground(manifest, height) for height in heights)
+
+
+def _within(polygons: _Polygons, extent: tuple[float, float, float, float]) -> bool:
+    x0, y0, x1, y1 = extent
+    middles = (polygon.centroid for polygon in polygons)
+    return all(x0 <= middle.x <= x1 and y0 <= middle.y <= y1 for middle in middles)
+
+
+def _stand_on(standing: _Polygons, grounds: Sequence[shapely.Geometry]) -> bool:
+    return all(any(ground.covers(polygon) for ground in grounds) for polygon in standing)
+
+
+def _overlap(first: _Polygons, second: _Polygons) -> bool:
+    return any(polygon.intersects(other) for polygon in first for other in second)
