@@ -16,6 +16,7 @@ import typer.main
 import yaml
 
 from tests.plugin_package import look_again, write_package
+from tools.architecture_picture import PICTURE, layers, picture
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
@@ -40,6 +41,7 @@ EVERY = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path
 #: Tables of the documents that must be complete.
 OPERATIONS = (ROOT / "docs" / "operations.md").read_text("utf-8")
 EXTENDING = (ROOT / "docs" / "extending.md").read_text("utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -83,6 +85,60 @@ def test_named_variables_are_settings(document: Path) -> None:
     named = set(re.findall(r"VALERIE_[A-Z0-9_]+", document.read_text("utf-8")))
     of_tests = {name for name in named if name.startswith("VALERIE_TEST_")}
     assert named - {"VALERIE_"} - of_tests <= settings | of_set_up
+
+
+#: Longest line of prose.
+WIDTH = 100
+
+
+@EVERY
+def test_prose_wraps_at_one_width(document: Path) -> None:
+    lines = re.sub(r"`[^`\n]+`", "", prose(document.read_text("utf-8"))).splitlines()
+    assert [line for line in lines if len(line) > WIDTH and line[:1] not in "|#!["] == []
+
+
+@EVERY
+def test_named_files_of_the_tree_exist(document: Path) -> None:
+    roots = "valerie|urban_street|services|tests|tools|benchmarks|examples|migrations|docs"
+    named = re.findall(rf"`((?:{roots})/[\w./-]+)`", prose(document.read_text("utf-8")))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_the_layout_names_every_package_of_the_tree_and_nothing_else() -> None:
+    (layout,) = [block for block in blocks(ARCHITECTURE, "text") if "valerie/" in block]
+    tree = layout.partition("valerie/\n")[2]
+    shown, parent = set(), ""
+    for indent, name in re.findall(r"^( +)([\w.]+/?) ", tree, re.MULTILINE):
+        parent = parent if len(indent) > 2 else name
+        shown.add(name if len(indent) == 2 else parent + name)
+    assert shown == {
+        *_members("valerie"),
+        *(f"{name}/{inner}" for name in EXPANDED for inner in _members(f"valerie/{name}")),
+    }
+
+
+#: Packages whose own packages the layout shows.
+EXPANDED = ("perception", "pipeline", "scene")
+
+
+def _members(folder: str) -> Iterator[str]:
+    """Yield the packages and modules of a folder, packages with a slash."""
+    for path in (ROOT / folder).iterdir():
+        if (path / "__init__.py").exists():
+            yield f"{path.name}/"
+        elif path.suffix == ".py" and not path.name.startswith("__"):
+            yield path.name
+
+
+def test_the_picture_of_the_architecture_shows_the_import_contracts() -> None:
+    assert PICTURE.read_text("utf-8") == picture(), "run: python -m tools.architecture_picture"
+
+
+def test_the_import_contract_places_every_package_of_the_tree() -> None:
+    placed = {name for row in layers() for name in row}
+    packages = {path.removesuffix("/").removesuffix(".py") for path in _members("valerie")}
+    assert packages - placed == {"testing"}, "of the packages, only the tests' own has no layer"
+    assert placed - packages == {"services"}
 
 
 def test_the_table_of_settings_is_complete() -> None:

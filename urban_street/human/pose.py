@@ -67,7 +67,7 @@ class Gait:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posed:
-    """Where every bone has gone.
+    """The places of all bones.
 
     Attributes:
         transforms: (bones, 4, 4) float64, rest to posed.
@@ -83,18 +83,18 @@ class Posed:
 
 
 def joints(body: Body, posed: Posed) -> Points:
-    """(len(JOINTS), 3) the joints of a posed body in its frame."""
+    """Return the joints of a posed body in its frame: (len(JOINTS), 3)."""
     bones = data.rig().bones
-    found = []
+    places = []
     for name in JOINTS:
         bone, place = _joint(body, name)
         transform = posed.transforms[bones.index(bone)]
-        found.append(transform[:3, :3] @ place + transform[:3, 3])
-    return np.array(found)
+        places.append(transform[:3, :3] @ place + transform[:3, 3])
+    return np.array(places)
 
 
 def _joint(body: Body, name: str) -> tuple[str, Points]:
-    """The bone that carries a joint, and where the joint is in the rest pose."""
+    """Return the bone that carries a joint, and where the joint is in the rest pose."""
     if name == "head_top":
         return "head", body.tail("head")
     side, _, part = name.rpartition("_")
@@ -120,7 +120,7 @@ def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:
 
 
 def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Rotations of all bones at one instant of a walk."""
+    """Return rotations of all bones at one instant of a walk."""
     twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # the pelvis goes forward with the leg that strikes
     rotations = {
         "pelvis": turn(z=-twist),
@@ -177,7 +177,7 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
 
 
 def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
-    """Fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
+    """Return fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
     hand = body.head(f"hand_{side}")
     across = body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}")
     along = body.head(f"middle_01_{side}") - hand
@@ -200,19 +200,19 @@ def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
 
 
 def _curve(knots: Mapping[int, float], phase: float) -> float:
-    """Periodic cubic spline through knots given in percent of the cycle."""
+    """Return the periodic cubic spline through knots given in percent of the cycle."""
     places = [*(percent / 100.0 for percent in knots), 1.0]
     values = [*knots.values(), next(iter(knots.values()))]
     return float(CubicSpline(places, values, bc_type="periodic")(phase % 1.0))
 
 
 def turn(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Rotation:
-    """Degrees about one or more fixed world axes, x first."""
+    """Return the rotation by degrees about one or more fixed world axes, x first."""
     return Rotation.from_euler("xyz", [x, y, z], degrees=True)
 
 
 def between(start: Points, end: Points) -> Rotation:
-    """The shortest rotation that turns one unit vector into another."""
+    """Return the shortest rotation that turns one unit vector into another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

@@ -40,7 +40,7 @@ class Contact:
 
 
 def ride(body: Body, contact: Contact) -> tuple[dict[str, Rotation], Points]:
-    """How a body sits.
+    """Return how a body sits.
 
     Returns:
         Rotations of the bones, as `pose_body` takes them, and (3,) where the vehicle's origin is in the posed body's frame.
@@ -120,7 +120,7 @@ def _arm(
 
 
 def _joint(start: Points, end: Points, first: float, second: float, pole: Points) -> Points:
-    """(3,) where knee or elbow is, towards ``pole``; a target out of reach is reached for (at 99.7 % of the length)."""
+    """Return (3,) where knee or elbow is, towards ``pole``; a target out of reach is reached for (at 99.7 % of the length)."""
     line = end - start
     length = float(np.linalg.norm(line))
     along = line / length
@@ -131,7 +131,7 @@ def _joint(start: Points, end: Points, first: float, second: float, pole: Points
 
 
 def _frame(direction: Points, hinge: Points) -> Points:
-    """(3, 3) columns: direction, hinge made perpendicular to it, and their product."""
+    """Return (3, 3) columns: direction, hinge made perpendicular to it, and their product."""
     ahead = normalize(direction)
     axis = normalize(hinge - (hinge @ ahead) * ahead)
     return np.column_stack([ahead, axis, np.cross(ahead, axis)])

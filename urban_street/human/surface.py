@@ -34,8 +34,8 @@ def triangles(quads: Indices) -> Indices:
     """Split (F, 4) quads along their first diagonal into (T, 3) triangles; degenerate ones are left out."""
     both = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     keep = (both[:, 0] != both[:, 1]) & (both[:, 1] != both[:, 2]) & (both[:, 0] != both[:, 2])
-    kept: Indices = both[keep]
-    return kept
+    solid: Indices = both[keep]
+    return solid
 
 
 def compact(faces: Indices, count: int) -> Mapped:
@@ -47,7 +47,7 @@ def compact(faces: Indices, count: int) -> Mapped:
 
 
 def edges_of(faces: Indices) -> tuple[Indices, Indices]:
-    """Undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
+    """Return undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     low_high = np.sort(sides.reshape(-1, 2), axis=1)
     base = int(faces.max()) + 1 if faces.size else 1
@@ -56,7 +56,7 @@ def edges_of(faces: Indices) -> tuple[Indices, Indices]:
 
 
 def subdivide(quads: Indices, count: int) -> Mapped:
-    """One Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) on ``count`` vertices.
+    """Apply one Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) on ``count`` vertices.
 
     Boundary edges follow the cubic B-spline rule. New vertices: the old ones, then edge points, then face points.
     """
@@ -158,7 +158,7 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
 
 
 def vertex_normals(points: Points, faces: Indices) -> Points:
-    """(V, 3) unit normals, area-weighted over the triangles or quads around each vertex."""
+    """Return (V, 3) unit normals, area-weighted over the triangles or quads around each vertex."""
     # the cross product of the diagonals is twice a quad's area; of two sides, a triangle's
     if faces.shape[1] == 4:
         normals = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, 3]] - points[faces[:, 1]])
@@ -175,13 +175,13 @@ def vertex_normals(points: Points, faces: Indices) -> Points:
 
 
 def normalize(vectors: Points, *, fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Points:
-    """Unit vectors along the last axis; a vector without length becomes ``fallback``."""
+    """Return unit vectors along the last axis; a vector without length becomes ``fallback``."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array(fallback))
 
 
 def neighbours(faces: Indices, count: int) -> Any:
-    """Sparse (V, V) matrix whose rows average the vertices that share an edge."""
+    """Return a sparse (V, V) matrix whose rows average the vertices that share an edge."""
     edges, _ = edges_of(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     matrix = sparse.csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
@@ -190,7 +190,7 @@ def neighbours(faces: Indices, count: int) -> Any:
 
 
 def boundary_loops(faces: Indices) -> list[Indices]:
-    """Closed boundary loops as ordered vertex indices, in the direction of the faces' own sides, longest first."""
+    """Return closed boundary loops as ordered vertex indices, in the direction of the faces' own sides, longest first."""
     edges, sides = edges_of(faces)
     uses = np.bincount(sides.ravel(), minlength=len(edges))
     directed = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[uses[sides] == 1]
@@ -208,7 +208,7 @@ def boundary_loops(faces: Indices) -> list[Indices]:
 
 
 def _averages(groups: Indices, count: int) -> Any:
-    """Sparse (G, V) matrix whose rows average each group's vertices."""
+    """Return a sparse (G, V) matrix whose rows average each group's vertices."""
     rows = np.repeat(np.arange(len(groups)), groups.shape[1])
     values = np.full(groups.size, 1.0 / groups.shape[1])
     return sparse.csr_matrix((values, (rows, groups.ravel())), shape=(len(groups), count))
@@ -248,7 +248,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
 
 
 def strip(first: Indices, second: Indices) -> Indices:
-    """(2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
+    """Return (2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
 
     A ring that follows a surface's own sides (`boundary_loops`) gets a strip that continues the surface.
     """
@@ -291,7 +291,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 def _collapsible(
     points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], wanted: int
 ) -> NDArray[np.int64]:
-    """Up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
+    """Return up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
     count = len(points)
     normals = vertex_normals(points, faces)
     free = ~fixed[edges].any(axis=1)
@@ -320,7 +320,7 @@ def _collapsible(
 
 
 def _shifted(count: int, vertices: Indices, others: Indices, shares: Points) -> Any:
-    """Sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
+    """Return a sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
     diagonal = np.ones(count)
     diagonal[vertices] = 1.0 - shares
     return (sparse.diags(diagonal) + sparse.csr_matrix((shares, (vertices, others)), shape=(count, count))).tocsr()

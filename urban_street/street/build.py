@@ -61,11 +61,11 @@ def build_street(layout: StreetLayout) -> StreetContent:
                 parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
     used = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
-    made = make_materials(settings.seed) | workshop.materials
-    materials = {name: material for name, material in made.items() if name in used}
-    wanted = {texture for material in materials.values() for texture in material.textures}
+    all_materials = make_materials(settings.seed) | workshop.materials
+    materials = {name: material for name, material in all_materials.items() if name in used}
+    names = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(settings) | workshop.textures
-    textures = {name: texture for name, texture in painted.items() if name in wanted}
+    textures = {name: texture for name, texture in painted.items() if name in names}
     return StreetContent(tuple(parts), materials, textures)
 
 
@@ -88,7 +88,7 @@ class _Workshop:
         self.textures: dict[str, Texture] = {}
 
     def vehicle(self, placement: Placement) -> VehicleContent:
-        """The vehicle of one placement; its materials and textures are noted."""
+        """Build the vehicle of one placement, and keep its materials and textures."""
         fine = _NEAR[0] < placement.y < _NEAR[1]
         key = (placement.kind, placement.variant, fine)
         if key not in self._vehicles:
@@ -99,7 +99,7 @@ class _Workshop:
         return self._vehicles[key]
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:
-        """The shape of one placement.
+        """Return the shape of one placement.
 
         Raises:
             UnknownName: no builder knows the placement's kind.
@@ -133,7 +133,7 @@ class _Workshop:
             raise UnknownName("kind of street object", kind, known) from None
 
 
-#: Where along the street cars are seen from near enough for all their details, metres.
+#: Stretch along the street in which cars are near enough for all their details, metres.
 _NEAR = (-20.0, 34.0)
 
 

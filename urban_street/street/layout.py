@@ -1,4 +1,4 @@
-"""Where things stand in a street: seeded rules, no shapes.
+"""Layout of a street: seeded rules for the places of things, no shapes.
 
 People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
 stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from urban_street.street import layout_mixed
+from urban_street.street import layout_furniture
 from urban_street.street.plan import (
     CAMERA_CORRIDOR,
     SIDE_HALF,
@@ -40,7 +40,7 @@ _NARROW = {"gable", "timber"}
 HOUSE_DEPTH = 11.0
 #: Houses in a side street are less deep than the narrowest corner house is wide.
 _SIDE_DEPTH = 7.9
-#: What is parked and how often.
+#: Shares of parked cars by kind.
 _PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
 #: Seeds of a kind that differ: rims, plates, paint.
 CAR_MODELS = 6
@@ -56,7 +56,7 @@ _SIGNS = (
 
 
 def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
-    """The signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
+    """Yield the signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
     for again in range(math.ceil(row_stop / 88.0)):
         for left, y, face in _SIGNS:
             if again == 0 or 96.0 < y + 88.0 * again < row_stop - 5.0:
@@ -86,7 +86,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     _place_furniture(plan, furniture, kerbside)
     _place_large_vehicles(plan)
     _place_cycles(plan, cycles)
-    layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
+    layout_furniture.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
     left, right = round(lines.front(left=True), 4), round(lines.front(left=False), 4)
     stop, height = lines.road_stop - 6.0, lines.kerb_height
     ground = [
@@ -106,7 +106,7 @@ def _seed(rng: np.random.Generator) -> int:
 
 
 def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
-    """Two rows, without gaps but for side streets; neighbours differ in style, a few stand behind a front garden."""
+    """Place two rows of houses, without gaps except for side streets; neighbours differ in style, a few have front gardens."""
     for left in (True, False):
         for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
             _place_row(plan, rng, start, stop, left=left)
@@ -153,7 +153,7 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
 
 
 def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
-    """A street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
+    """Place a street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
     lines = plan.lines
     for left, there in zip((True, False), lines.sides, strict=True):
         if not there:
@@ -183,7 +183,7 @@ def _add_house(
     plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float,
     depth: float = HOUSE_DEPTH,
 ) -> None:  # fmt: skip
-    """A house with its left end at (x, y), and its footprint."""
+    """Add a house with its left end at (x, y), and its footprint."""
     bays, door = _bays(width, rng)
     house = plan.add(
         "building", style, x, y, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
@@ -193,7 +193,7 @@ def _add_house(
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Number of window axes of a front, and which of them has the door."""
+    """Return the number of window axes of a front, and which of them has the door."""
     bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
     return bays, int(rng.integers(bays))
 
@@ -201,7 +201,7 @@ def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
 def _place_garden(
     plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
 ) -> None:
-    """Grass and a hedge behind railings or a low wall on both sides of the way to the door."""
+    """Place grass and a hedge behind railings or a low wall on both sides of the way to the door."""
     outward = -1.0 if left else 1.0
     line = (plan.lines.left_front if left else plan.lines.right_front) + 0.12 * outward
     kind = ("fence", "railing") if rng.random() < 0.6 else ("wall", "low")
@@ -233,7 +233,7 @@ def _place_garden(
 
 
 def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
-    """Cross streets at both ends with houses behind, so that no open horizon shows."""
+    """Place cross streets at both ends with houses behind, so that no open horizon shows."""
     lines = plan.lines
     first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
     middle = round(0.5 * (first + last), 4)
@@ -250,7 +250,7 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
-    """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
+    """Place cars in both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
@@ -283,7 +283,7 @@ def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _place_large_vehicles(plan: Plan) -> None:
-    """A delivery truck and a bus in the cross street at the far end."""
+    """Place a delivery truck and a bus in the cross street at the far end."""
     for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
         length, width, _ = dimensions(kind)
         placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
@@ -293,7 +293,7 @@ def _place_large_vehicles(plan: Plan) -> None:
 
 
 def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
-    """Motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
+    """Place motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
     keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
@@ -325,18 +325,18 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _whole(degrees: float) -> float:
-    """Radians of a heading in thousandths of a degree, so that a declared default says it exactly."""
+    """Return a heading in radians, rounded to thousandths of a degree, so that a declared default is exact."""
     return math.radians(round(degrees % 360.0, 3))
 
 
 def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
-    """Metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
+    """Return the metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
     tight = rng.random() < (0.1 if roomy else 0.55)
     return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
 def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
-    """Kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
+    """Yield the kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
     others = ("plane", "birch", "hornbeam", "cherry")
     # A plane's crown needs room; birches and columns stand in narrow streets.
     avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
@@ -345,7 +345,7 @@ def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str
 
 
 def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
-    """Trees along both kerbs; returns (left side?, y) of each trunk."""
+    """Place trees along both kerbs; return (left side?, y) of each trunk."""
     trunks = []
     species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
@@ -379,11 +379,11 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
-    """Lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    """Place lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
-        """The nearest place along the kerb at least 1.6 m from what stands there already."""
+        """Return the nearest place along the kerb at least 1.6 m from what stands there already."""
         for step in range(60):
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):
@@ -424,7 +424,7 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
 
 
 def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Bins and planters, clear of house doors and of each other."""
+    """Place bins and planters, clear of house doors and of each other."""
     front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
     taken = []
     for house in plan.placements:

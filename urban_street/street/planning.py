@@ -1,4 +1,4 @@
-"""A street plan under construction: placements, footprints, and who stands where."""
+"""A street plan under construction: placements and footprints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from urban_street.street.plan import (
 
 
 class Plan:
-    """Collects placements and footprints and numbers the objects of each class."""
+    """Placements and footprints of a street; objects of each class are numbered."""
 
     def __init__(self, settings: StreetSettings) -> None:
         self.settings = settings
@@ -32,16 +32,16 @@ class Plan:
         """Place an object; more: other fields of `Placement`."""
         self._numbers[object_class] += 1
         path = f"scene.{object_class}-{self._numbers[object_class]}"
-        placed = Placement(path, kind, round(x, 4), round(y, 4), **more)
-        self.placements.append(placed)
-        return placed
+        placement = Placement(path, kind, round(x, 4), round(y, 4), **more)
+        self.placements.append(placement)
+        return placement
 
     def block(self, placed: Placement, polygon: Polygon, height: float | None = None) -> None:
-        """Nobody can stand there; see `Footprint`."""
+        """Add the footprint of an object (see `Footprint`)."""
         self.footprints.append(Footprint(placed.path, polygon, height))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
-        """Whether nothing that blocks stands within ``margin`` metres of the polygon."""
+        """Return whether nothing that blocks stands within ``margin`` metres of the polygon."""
         shape = shapely.Polygon(polygon).buffer(margin)
         return not any(shape.intersects(shapely.Polygon(footprint.polygon)) for footprint in self.footprints)
 
@@ -53,6 +53,6 @@ class Plan:
         polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
         if not self.is_free(polygon, margin):
             return None
-        placed = self.add(object_class, kind, x, y, z=self.lines.kerb_height, heading=heading, **more)
-        self.block(placed, polygon, height)
-        return placed
+        placement = self.add(object_class, kind, x, y, z=self.lines.kerb_height, heading=heading, **more)
+        self.block(placement, polygon, height)
+        return placement

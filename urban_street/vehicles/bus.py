@@ -27,7 +27,7 @@ _DOORS: Final = ((4.30, 5.52), (-0.62, 0.66), (-5.02, -3.78))
 
 
 def build_bus() -> list[RawPart]:
-    """Body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
+    """Build body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
     hull = Hull(
         -0.5 * LENGTH, 0.5 * LENGTH, WIDTH, 0.30, 2.93, corners=(0.30, 0.40),
         inset=((0.30, 0.05), (0.40, 0.012), (0.95, 0.0), (2.45, 0.06), (2.72, 0.10), (2.86, 0.17), (2.93, 0.27)),
@@ -98,7 +98,7 @@ def _largest(shape: shapely.Geometry) -> shapely.Geometry:
 
 
 def _flaps(hull: Hull, arches: shapely.Geometry, gaps: list[shapely.Geometry]) -> shapely.Geometry:
-    """Seams of the lower panels."""
+    """Return seams of the lower panels."""
     lines = [hull.side(y - 0.004, y + 0.004, 0.37, 1.0) for y in (-5.2, -4.1, -3.3, -1.8, -0.7, 0.4, 1.5, 2.5, 4.1)]
     lines.append(hull.side(-5.6, 5.3, 0.985, 0.993))
     shape = shapely.union_all(lines).difference(arches)
@@ -137,7 +137,7 @@ def _lamps(hull: Hull, head: shapely.Geometry, tail: shapely.Geometry) -> Bag:
 
 
 def _door(hull: Hull, y0: float, y1: float) -> Bag:
-    """Two glazed leaves."""
+    """Build two glazed leaves."""
     bag = Bag()
     middle = 0.5 * (y0 + y1)
     for low, high in ((y0, middle), (middle, y1)):
@@ -162,7 +162,7 @@ def _roof_units(bag: Bag) -> None:
 
 
 def _display(bag: Bag, hull: Hull) -> None:
-    """The number of the line and a word in amber dots, behind the upper windscreen."""
+    """Add the number of the line and a word in amber dots, behind the upper windscreen."""
     rng = np.random.default_rng(5)
     low, high = [], []
     for row in range(9):

@@ -15,7 +15,7 @@ from urban_street.vehicles.wheels import build_wheel
 
 
 def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:
-    """Body and four doors: 1 front left, 2 front right, 3 rear left, 4 rear right."""
+    """Build body and four doors: 1 front left, 2 front right, 3 rear left, 4 rear right."""
     shell = Shell(design, fine=fine)
     half = Panels(shell).build()
     add_side_details(half, shell)
@@ -35,7 +35,7 @@ def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:
 
 
 def build_wheels(design: CarDesign, rim: str, *, fine: bool = True) -> list[RawPart]:
-    """Four wheels in the order of the doors."""
+    """Build four wheels in the order of the doors."""
     axles = (design.front_axle, design.rear_axle)
     return wheels(design.tyre, 0.215, 0.70 * design.tyre, rim, 0.5 * design.width - 0.135, axles, fine=fine)
 
@@ -51,7 +51,7 @@ def wheels(
     twin: bool = False,
     fine: bool = True,
 ) -> list[RawPart]:
-    """A wheel at each end of each axle, left before right; ``twin`` puts two side by side on all but the first."""
+    """Build a wheel at each end of each axle, left before right; ``twin`` puts two side by side on all but the first."""
     one = build_wheel(radius, width, rim_radius, design, fine=fine)
     parts: list[RawPart] = []
     for row, y in enumerate(axles):

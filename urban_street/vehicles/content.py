@@ -1,4 +1,4 @@
-"""What a built vehicle is: parts with their own frames, materials, textures, and the ground that it takes."""
+"""The content of a built vehicle: parts with their own frames, materials, textures, and its outline on the ground."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class VehicleContent:
 
     @property
     def triangles(self) -> int:
-        """How many triangles all parts have."""
+        """Return the number of triangles of all parts."""
         return sum(len(mesh.faces) for part in self.parts for mesh in part.meshes)
 
 
 def footprint_of(length: float, width: float) -> Polygon:
-    """A rectangle with cut corners around the origin, counter-clockwise."""
+    """Return a rectangle with cut corners around the origin, counter-clockwise."""
     x, y = 0.5 * width, 0.5 * length
     u, v = 0.22 * width, 0.09 * length
     corners = [(x, v - y), (x, y - v), (x - u, y), (u - x, y), (-x, y - v), (-x, v - y), (u - x, -y), (x - u, -y)]

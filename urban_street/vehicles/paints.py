@@ -34,5 +34,5 @@ PAINTS: Final = {
     name: Paint(base_color=color, metallic=metallic, roughness=gloss(metallic))
     for name, (color, metallic, _) in _BOUGHT.items()
 }
-#: How often each paint is seen, in the order of `PAINTS`; no shares.
+#: Relative frequencies of the paints, in the order of `PAINTS`.
 FREQUENCIES: Final = tuple(frequency for _, _, frequency in _BOUGHT.values())

@@ -26,7 +26,7 @@ _TYRE: Final = 0.405
 
 
 def build_truck() -> list[RawPart]:
-    """Body (cab, box, chassis), two doors (1 left, 2 right) and wheels."""
+    """Build body (cab, box, chassis), two doors (1 left, 2 right) and wheels."""
     body = Bag()
     doors = _cab(body)
     _box(body)
@@ -143,7 +143,7 @@ def _cab_inside(body: Bag) -> None:
 
 
 def _box(body: Bag) -> None:
-    """A box with aluminium edges, side guards and two rear doors with locking bars."""
+    """Add a box with aluminium edges, side guards and two rear doors with locking bars."""
     y0, y1 = _BOX
     half, low, high = 0.5 * WIDTH, 1.02, HEIGHT - 0.02
     t = 0.012

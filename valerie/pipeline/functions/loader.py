@@ -1,4 +1,4 @@
-"""Opening functions in a worker: those that are installed by their names, those that are registered by their digests."""
+"""Load functions that a run pinned: installed ones by name, registered ones by digest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FOLDER: Final = "functions"
 
 
 class FunctionLoader:
-    """Loads what runs pinned; knows functions that were registered after this process started."""
+    """Loads functions of one deployment, including those that were registered after this process started."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -34,13 +34,13 @@ class FunctionLoader:
         """Load a function as a run pinned it.
 
         Args:
-            name: what the run calls it.
+            name: in the run's spec.
             pin: of the run.
-            threads: of the inference engine; None: as this deployment's workers have.
+            threads: of the inference engine; None: as many as this deployment's workers have.
 
         Raises:
             NotFound: this version was removed from the registry.
-            TransientError: what this process has differs from what was pinned; another worker may have it.
+            TransientError: the function differs from the pinned one here; another worker may have that.
             ValerieError: it cannot be opened here.
         """
         settings = self._context.settings
@@ -65,10 +65,10 @@ class FunctionLoader:
         return self.open_document(document, threads=threads)
 
     def file(self, document: FunctionDocument) -> Path:
-        """The verified payload of a registered function that has one; use it soon, it is a cache's.
+        """Return the verified payload of a registered function that has one; use the file soon, since a cache owns it.
 
         Raises:
-            NotFound: it was removed.
+            NotFound: the payload was removed.
             CorruptArtifact: the store holds other bytes.
             StorageFull, StorageUnavailable: this machine's folder cannot be written.
         """
@@ -98,7 +98,7 @@ class FunctionLoader:
 def open_document(
     document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
 ) -> PerceptionFunction:
-    """`open_function` as this deployment's settings want it."""
+    """Call `open_function` with this deployment's settings."""
     return open_function(
         document, payload, threads=threads, device=settings.infer_device, addresses=settings.http_addresses
     )

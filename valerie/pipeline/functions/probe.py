@@ -1,6 +1,6 @@
-"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print what runs on this machine as one line of JSON.
 
-In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
+This is a process of its own, since a driver may crash and a worker's supervising process never loads GL or torch.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 from valerie.testing.onnx_function import small_onnx
 
-#: Under this name workers offer to ask functions behind HTTP.
+#: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
 
 
 def probe_engine(name: str) -> list[AnyOffer]:
-    """Return the offers of an engine and of the truth pass beside it."""
+    """Return the offers of one render engine and of the truth pass beside it."""
     renderer = plugins.create_renderer(name)
     try:
         engine = _rendering(name, renderer.numeric_class, renderer.revision)
@@ -103,13 +103,13 @@ def _inference(name: str, numeric_class: str, revision: int) -> Offer:
 
 
 def inference_names() -> tuple[str, ...]:
-    """Every inference engine in every precision that there may be."""
-    of_engines = (f"{engine}/{one}" for engine, several in PRECISIONS.items() if engine != "none" for one in several)
-    return (*of_engines, HTTP)
+    """Return every inference engine in every precision that it may have, and ``http``."""
+    engines = ((engine, precisions) for engine, precisions in PRECISIONS.items() if engine != "none")
+    return (*(f"{engine}/{precision}" for engine, precisions in engines for precision in precisions), HTTP)
 
 
 def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument, Path]:
-    """A function that is quickly opened in an engine."""
+    """Return a function that an engine opens quickly."""
     if engine == "torch":
         path = function_path(FUNCTIONS[0])
         document = file_document(FUNCTIONS[0], path)
@@ -124,7 +124,7 @@ _PROBES: Final[dict[str, Callable[[str], Sequence[AnyOffer]]]] = {
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the offers of all names that work; complaints go to standard error, and only all failing is a failure."""
+    """Print the offers of all names that work, and errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
     offers: list[AnyOffer] = []
     for name in names:
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str]) -> int:
             offers += _PROBES[stage](name)
         except ValerieError as error:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
-        except Exception as error:  # a defect of one plug-in must not take the others along
+        except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
     print(OFFERS.dump_json(tuple(offers)).decode())  # noqa: T201
     return 0 if offers else 1

@@ -115,7 +115,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     with reading(context.engine) as connection:
         frame = results.frame(connection, key)
         products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = [results.product(connection, digest).state for digest in products]
+        states = [results.product_state(connection, digest) for digest in products]
         annotations = results.frame_annotations(connection, key)
         persons = results.person_views(connection, frame.products.truth)
         light = annotations.get("light")

@@ -24,7 +24,7 @@ from valerie.perception.shipped import file_document
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
-from valerie.perception.training.start_weights import beginning
+from valerie.perception.training.start_weights import start_file
 from valerie.perception.training.training_set import TrainingSet
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
@@ -141,7 +141,7 @@ def retrain(
     wanted = _wanted(weakness, settings)
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
-    start.write_bytes(beginning(weakness.document, weakness.file))
+    start.write_bytes(start_file(weakness.document, weakness.file))
     frames = _frames(folder / "frames", wanted, processes, on_street)
     held_out = _held_out(folder / "held-out", settings, wanted, processes)
     curve = TrainingCurve(folder / "curve.json")

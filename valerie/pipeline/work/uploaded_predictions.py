@@ -134,7 +134,7 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
 
 def _state(context: Context, digest: str) -> str:
     with reading(context.engine) as connection:
-        return str(results.product(connection, digest).state)
+        return results.product_state(connection, digest)
 
 
 _WHY_NOT: Final = {

@@ -61,7 +61,7 @@ class AssetPack(Protocol):
 
     #: Raised by hand whenever the generated scene changes; part of the asset's digest.
     REVISION: int
-    #: What the pack can be told.
+    #: Arguments of the pack.
     Settings: type[PackSettings]
 
     def make_manifest(self, settings: Any) -> Manifest:

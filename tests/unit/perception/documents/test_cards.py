@@ -72,7 +72,7 @@ def test_a_function_elsewhere_is_told_by_its_address_and_takes_frames_as_they_ar
     found = rows(kind="http", options={"url": "http://models.example:8000/predict", "timeout_s": 5})
     assert (found["address"], found["time limit"]) == (
         "http://models.example:8000/predict",
-        "5 s for a picture",
+        "5 s per picture",
     )
     assert not {"input size", "normalisation", "engine", "precision", "file"} & found.keys()
 

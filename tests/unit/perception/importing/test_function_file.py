@@ -104,7 +104,7 @@ def test_missing_entries_are_named(write) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "valerie-function/9"}, "another file format"),
+        ({"format": "valerie-function/9"}, "not the file format of this program"),
         ({"classes": '["cat"]'}, "not the classes"),
         ({"classes": "["}, "not JSON"),
         ({"mean": "[1, 2]"}, "not three numbers"),

@@ -14,7 +14,7 @@ from tests.unit.pipeline.harness import SMALL, Pipeline
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
-from valerie.perception.running.adapted import AdaptedFunction
+from valerie.perception.running.engine_function import EngineFunction
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.catalog import function as catalogued
@@ -112,7 +112,7 @@ class TestTheRegistry:
     @pytest.mark.parametrize("prefix", ["", "12", "xyzxyz", "ABCDEF", "0" * 33])
     def test_what_is_no_beginning_of_a_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
         register(pipeline, tmp_path)
-        with pytest.raises(InvalidInput, match="not the beginning of a digest"):
+        with pytest.raises(InvalidInput, match="not the first characters of a digest"):
             found(pipeline, f"small@{prefix}")
 
     def test_a_digest_that_no_version_has_is_not_found(self, pipeline: Pipeline, tmp_path: Path) -> None:
@@ -275,7 +275,7 @@ class TestBesideARun:
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
         threads = served.settings.inference_threads + 1
-        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* computed alike"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
 
     def test_what_gives_other_labels_since_then_is_refused(
@@ -285,8 +285,8 @@ class TestBesideARun:
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
-        monkeypatch.setattr(AdaptedFunction, "revision", AdaptedFunction.revision + 1)
-        with pytest.raises(Conflict, match=f"is in revision {AdaptedFunction.revision} here; the run pinned"):
+        monkeypatch.setattr(EngineFunction, "revision", EngineFunction.revision + 1)
+        with pytest.raises(Conflict, match=f"is in revision {EngineFunction.revision} here; the run pinned"):
             open_pinned(side.called, side.pin, context=served.context)
 
     def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:

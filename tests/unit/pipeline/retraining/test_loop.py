@@ -64,7 +64,7 @@ def test_what_cannot_be_trained_against_is_refused(drawn: tuple[Context, str]) -
 
 
 def test_weights_that_are_not_those_of_the_run_are_refused(drawn: tuple[Context, str]) -> None:
-    with pytest.raises(Conflict, match=r"looked with other weights of semantic-fpn-small \(000000000000\)"):
+    with pytest.raises(Conflict, match=r"used other weights of semantic-fpn-small \(000000000000\)"):
         pinned_network("semantic-fpn-small", {"digest": "0" * 64}, context=drawn[0])
 
 

@@ -254,7 +254,7 @@ def test_a_function_file_of_our_own_is_taken_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"classes": "no json"}, "a header that cannot be read"),
+        ({"classes": "no json"}, "the header cannot be read"),
         ({"mean": "[1, 2]"}, "mean: not the statistics of three channels"),
         ({"std": "[1, 2, 0]"}, "std: .*three positive numbers"),
         ({"architecture": "u-net"}, "unknown architecture 'u-net'"),
@@ -275,7 +275,7 @@ def test_a_wrong_header_of_our_own_is_refused(changes: dict[str, str], match: st
 
 
 def test_a_header_of_our_own_that_lacks_entries_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="lacks entries; got classes, mean, std"):
+    with pytest.raises(InvalidInput, match="entries of the header are missing; got classes, mean, std"):
         convert(stored({}, format="valerie-network/1", architecture="semantic-fpn-small"), field="f")
 
 

@@ -225,7 +225,7 @@ def test_an_older_operator_set(write_onnx, engine: str) -> None:
         ({}, {"size": (64, 64)}, "takes another input.*1 × 3 × 32 × 32|takes another input"),
         ({"input": {"layout": "nhwc"}}, {}, "input.layout"),
         ({"options": {"output": "z"}}, {}, "no such output; got z; limit: y"),
-        ({}, {"opset": 10}, "too old an operator set; got 10"),
+        ({}, {"opset": 10}, "the operator set is too old; got 10"),
     ],
 )
 def test_what_document_and_network_disagree_about_is_named(
@@ -248,7 +248,7 @@ def test_two_inputs_are_refused(write_onnx) -> None:
     model = onnx.load(path)
     model.graph.input.append(onnx.helper.make_tensor_value_info("z", 1, [1]))
     with pytest.raises(InvalidInput, match="one input is needed; got x, z"):
-        whole_graph(model, taken=document.input, given=document.output, piece=(8, 8), labels=(8, 8))
+        whole_graph(model, source=document.input, answer=document.output, piece=(8, 8), labels=(8, 8))
 
 
 @ENGINES
