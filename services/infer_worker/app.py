@@ -18,7 +18,7 @@ from valerie.settings import load_settings
 
 log = structlog.get_logger()
 
-#: No registered functions here.
+#: VALERIE_INFER_ENGINES of a worker without registered functions.
 _NO_ENGINE: Final = "none"
 
 

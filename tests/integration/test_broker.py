@@ -39,7 +39,7 @@ def received(client: redis.Redis) -> list[list[str]]:
     return [json.loads(b64decode(message["body"]))[0][0] for message in messages]
 
 
-def test_every_product_is_rung_for_once_in_messages_of_limited_length(broker: Broker, client: redis.Redis) -> None:
+def test_every_product_is_sent_once_in_messages_of_limited_length(broker: Broker, client: redis.Redis) -> None:
     broker.send_products(READY)
     messages = received(client)
     assert [digest for message in messages for digest in message] == [ready.digest for ready in READY]

@@ -151,7 +151,7 @@ class TestWant:
         assert [state_of(engine, name) for name in "blp"] == ["ready", "ready", "waiting"]
         assert [attempts_of(engine, name) for name in "blp"] == [0, 0, 0]
 
-    def test_nobody_is_rung_for_what_people_bring(self, engine: Engine) -> None:
+    def test_no_message_is_sent_for_predictions_that_are_to_be_uploaded(self, engine: Engine) -> None:
         uploaded = Wanted(digest("p"), ProductKind.PREDICTION, UPLOADED_ROUTE, "g")
         assert want(engine, [uploaded]) == []
         assert state_of(engine, "p") == "ready"

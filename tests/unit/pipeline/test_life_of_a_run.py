@@ -8,8 +8,8 @@ from sqlalchemy import select
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import SMALL, Pipeline
-from valerie.db import results, runs
-from valerie.db.engine import reading
+from valerie.db import results, runs, sweeping
+from valerie.db.engine import reading, writing
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
 from valerie.pipeline.base.resolved_runs import read_run
@@ -186,6 +186,24 @@ class TestFailures:
         assert pipeline.run(pipeline.submit()) == "completed"
         assert pipeline.made() == {**ALL, "layer": FRAMES + 1}
 
+    def test_a_product_freed_while_it_is_made_costs_no_other_product(self, pipeline: Pipeline) -> None:
+        freed: list[str] = []
+
+        def free_first_truth(job: Any) -> None:
+            if job.kind == "truth" and not freed:
+                freed.append(job.digest)
+                with writing(pipeline.context.engine) as connection:
+                    sweeping.free(connection, freed)
+
+        pipeline.makers["render"].before = free_first_truth
+        pipeline.submit()
+        pipeline.step()
+        done = [product for product in pipeline.products() if product.state == "done"]
+        assert (
+            len([product for product in done if product.kind in ("background", "layer", "truth")]) == 2 + 2 * FRAMES - 1
+        )
+        assert freed[0] not in {product.digest for product in done}
+
     @pytest.mark.parametrize("damage", ["lost", "broken"])
     def test_the_statics_of_a_truth_are_stored_again(self, pipeline: Pipeline, damage: str) -> None:
         run = pipeline.submit(spec(xs=2, ys=1))
@@ -298,7 +316,7 @@ class TestTheControlLoop:
         assert killed is not pipeline.loop
         assert len(rows(pipeline, run)) == 2 * 1200
 
-    def test_messages_that_a_stopped_broker_refused_are_rung_again(self, pipeline: Pipeline) -> None:
+    def test_messages_that_a_stopped_broker_refused_are_sent_again(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         pipeline.broker.down = True
         pipeline.step()

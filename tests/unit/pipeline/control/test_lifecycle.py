@@ -1,4 +1,4 @@
-"""What a user may do with a run, and that it is done whole or not at all."""
+"""A run is cancelled, resumed, retried or deleted as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_retry_that_breaks_off_changes_nothing(
     assert states(context, run_id) == before
 
 
-def test_a_retry_makes_what_failed_wanted_again_and_rings_for_it(deployed: tuple[Context, Bell]) -> None:
+def test_a_retry_makes_failed_products_wanted_again_and_sends_messages_for_them(deployed: tuple[Context, Bell]) -> None:
     context, bell = deployed
     run_id = failed_run(context, bell)
     failed = states(context, run_id)["failed"]

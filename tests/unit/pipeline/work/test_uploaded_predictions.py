@@ -51,7 +51,7 @@ def put(pipeline: Pipeline, run: str, place: tuple[int, int] = (0, 0), ids: NDAr
     return put_prediction(pipeline.context, FrameKey(run, *place), data)
 
 
-def test_the_run_says_what_it_waits_for_and_rings_for_nobody(waiting: tuple[Pipeline, str]) -> None:
+def test_the_run_says_what_it_waits_for_and_sends_no_message(waiting: tuple[Pipeline, str]) -> None:
     pipeline, run = waiting
     row = pipeline.row(run)
     assert row.state == "running"
