@@ -12,8 +12,8 @@ from valerie.db.links import StoredFrame
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import TableRow, character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -114,7 +114,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     resolved = run.resolved
     with reading(context.engine) as connection:
         frame = results.frame(connection, key)
-        states = [results.product(connection, digest).state for digest in frame.products.required]
+        states = [results.product_state(connection, digest) for digest in frame.products.required]
         annotations = results.frame_annotations(connection, key)
         persons = results.person_views(connection, frame.products.truth)
         light = annotations.get("light")
