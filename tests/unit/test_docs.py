@@ -26,6 +26,7 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
+from valerie.rendering.engine import EVERYTHING, Ability
 from valerie.runs.spec import parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import parse_manifest
@@ -319,15 +320,10 @@ def test_the_example_of_an_engine_puts_its_filter_before_the_frame() -> None:
         plain.close()
 
 
-def test_the_examples_of_entry_points_are_in_the_groups_that_are_looked_at() -> None:
-    (text,) = blocks(EXTENDING, "toml")
-    source = Path(plugins.__file__).read_text("utf-8")
-    groups = tomllib.loads(text)["project"]["entry-points"]
-    assert len(groups) == 3
-    for group, declared in groups.items():
-        assert f'"{group}"' in source
-        for target in declared.values():
-            assert f"class {target.partition(':')[2]}" in EXTENDING
+def example_defining(name: str) -> str:
+    """Return the Python block of docs/extending.md that defines a class, function or constant."""
+    definition = re.compile(rf"^(class |def )?{name}\b", re.MULTILINE)
+    return next(block for block in blocks(EXTENDING, "python") if definition.search(block))
 
 
 def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
@@ -335,13 +331,9 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
 ) -> None:
     (text,) = blocks(EXTENDING, "toml")
     groups = tomllib.loads(text)["project"]["entry-points"]
-    source = {name: next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block) for name in
-              ("DarkIsPerson", "Golden", "WarmRenderer")}  # fmt: skip
-    modules = {
-        target.partition(":")[0]: source[target.partition(":")[2]]
-        for declared in groups.values()
-        for target in declared.values()
-    }
+    modules = {"my_package.warm": example_defining("WarmRenderer")}
+    for module, _, attribute in (target.partition(":") for points in groups.values() for target in points.values()):
+        modules[module] = example_defining(attribute or "make_manifest")
     monkeypatch.syspath_prepend(str(write_package(tmp_path, "my-package", modules=modules, entry_points=groups)))
     for variable, value in re.findall(r"^export (VALERIE_PLUGINS)=(\S+)$", EXTENDING, re.MULTILINE):
         monkeypatch.setenv(variable, value)
@@ -350,6 +342,9 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
         (offered,) = probe_function("dark-is-person")
         assert (offered.name, offered.revision, offered.numeric_class) == ("dark-is-person", 1, "numpy-uint8")
         assert "warm" in plugins.renderer_names()
+        assert plugins.declared_engine("warm").shows == EVERYTHING - {Ability.NIGHT}
         assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
+        manifest, _ = asset_manifest({"name": "boxes", "bearing_deg": 90.0})
+        assert manifest.bearing_deg == 90.0
     finally:
         look_again()
