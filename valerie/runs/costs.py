@@ -1,6 +1,6 @@
-"""What a product costs: CPU seconds and bytes, from recorded timings where there are any, else from a shipped table.
+"""The cost of a product in CPU seconds and bytes: recorded here, or else from a table that ships with the package.
 
-The shipped table (``costs.json``) was measured; it says on what. Costs grow linearly with pixels:
+The shipped table (``costs.json``) was measured and names the machine. Costs grow linearly with the number of pixels:
 ``fixed + per_megapixel · megapixels``.
 """
 
@@ -17,18 +17,18 @@ from valerie.runs.states import ProductKind
 
 
 class Basis(StrEnum):
-    """Where a cost comes from."""
+    """The source of a cost."""
 
-    #: Products of this kind, engine or function, and resolution that this installation made.
+    #: Products of the same kind, maker and resolution that this installation made.
     RECORDED = "recorded"
     #: The table that ships with the package, measured on another machine.
     SHIPPED = "shipped"
-    #: The dearest of its kind in the shipped table: nothing is known of this engine or function.
+    #: The most expensive entry of its kind in the shipped table, for an engine or function without an entry.
     GUESSED = "guessed"
 
 
 class CostKey(NamedTuple):
-    """What costs are told apart by.
+    """The properties of a product that its cost depends on.
 
     Attributes:
         kind: of the product.
@@ -43,7 +43,7 @@ class CostKey(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Of one product."""
+    """The cost of one product."""
 
     cpu_seconds: float
     bytes: float
@@ -53,9 +53,9 @@ class CostTable:
     """Costs by key.
 
     Args:
-        recorded: means over what this installation made.
-        few: the same where so few were made that the shipped table is believed sooner: the first product of a worker
-            also pays for what is loaded then.
+        recorded: means over the products that this installation made.
+        few: means over so few products that the shipped table takes precedence, since the first product of a worker
+            includes loading.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class CostTable:
         self._recorded, self._few = dict(recorded or {}), dict(few or {})
 
     def cost(self, key: CostKey) -> tuple[Cost, Basis]:
-        """The cost of one product, and where it is known from."""
+        """Return the cost of one product and its source."""
         if key in self._recorded:
             return self._recorded[key], Basis.RECORDED
         megapixels = key.width * key.height / 1e6
@@ -76,17 +76,17 @@ class CostTable:
         return max(_at(entry, megapixels) for entry in makers.values()), Basis.GUESSED
 
     def statics(self, width: int, height: int) -> Cost:
-        """Of the truth of what cannot move, which the truths of one camera share."""
+        """Return the cost of the truth of the statics, which the truths of one camera share."""
         return _at(_shipped()["statics"], width * height / 1e6)
 
     @property
     def start_seconds(self) -> float:
-        """CPU seconds of a run on one machine beside its products: start of the system, workers, the asset, results."""
+        """CPU seconds of a run on one machine besides its products: to start, to load the asset, to write results."""
         return float(_shipped()["start"]["cpu_seconds"])
 
     @property
     def machine(self) -> str:
-        """What the shipped table was measured on."""
+        """The machine that the shipped table was measured on."""
         return str(_shipped()["machine"])
 
 

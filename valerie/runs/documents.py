@@ -1,8 +1,8 @@
-"""The run spec as a document: one frozen model that is REST body, database column and replayable file.
+"""The run spec as a document: one frozen model for the REST body, the database column and the file.
 
-Numbers may carry units (``50 cm``) and stay as they were written; `valerie.runs.resolution` turns them into the units
-of the asset's declarations. Both notations of the user's edge (the paper's lists, mappings) are turned into this one
-form by `valerie.runs.notation`.
+Numbers may carry units (``50 cm``) and stay as they were written; `valerie.runs.vocabulary` converts them to the units
+of the asset's declarations. `valerie.runs.notation` converts both notations of spec files (the paper's lists, and
+mappings) to this canonical form.
 """
 
 from __future__ import annotations
@@ -11,11 +11,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import (
-    Field,
-    PrivateAttr,
-    model_validator,
-)
+from pydantic import Field, PrivateAttr, model_validator
 
 from valerie.errors import InvalidInput, InvalidInputs
 from valerie.parameters.assignment import digest
@@ -30,11 +26,11 @@ class DeclaredParameter(Document):
     """The paper's ``parameter_name, scene_graph_ref, type, minimum, maximum`` (section 4).
 
     Attributes:
-        name: how this spec calls it, e.g. ``p1``.
+        name: the parameter's name in this spec, e.g. ``p1``.
         path: the asset's parameter.
-        type: must be the asset's.
+        type: must equal the asset's.
         minimum, maximum: within the asset's declared range; None takes the asset's.
-        choices: some of the asset's; empty takes all.
+        choices: some of the asset's choices; empty takes all.
     """
 
     name: Name
@@ -49,11 +45,11 @@ class BlockDocument(Document):
     """One design over its varied parameters.
 
     Attributes:
-        design: ``grid``, ``points``, ``latin_hypercube``, ``sobol``, ``halton``, ``random``, or one that is plugged in.
-        count: number of variants of a design that draws them.
+        design: ``grid``, ``points``, ``latin_hypercube``, ``sobol``, ``halton``, ``random``, or the name of a plugin.
+        count: number of variants, for a design that draws them.
         vary: varied parameters; in a grid the right-most moves fastest.
         constants: parameter to value, for this block.
-        points: assignments of the design ``points``.
+        points: assignments, for the design ``points``.
     """
 
     design: Name = "grid"
@@ -71,12 +67,12 @@ class Resolution(Document):
 
 
 class SequenceDocument(Document):
-    """Frames that follow each other in time; each variant and camera has all of them.
+    """Frames that follow each other in time, for each variant and camera.
 
     Attributes:
-        frames: how many.
-        step: from one to the next, seconds unless another unit is written.
-        start: moment of the first, likewise.
+        frames: number of frames.
+        step: time from one frame to the next, in seconds unless another unit is written.
+        start: moment of the first frame, in seconds unless another unit is written.
     """
 
     frames: Annotated[int, Field(strict=True, ge=1, le=100_000)]
@@ -85,13 +81,13 @@ class SequenceDocument(Document):
 
 
 class TrajectoryDocument(Document):
-    """How one thing moves, instead of how the asset says; see `valerie.scene.motion.trajectory.Trajectory`.
+    """The movement of one object or camera; see `valerie.scene.motion.trajectory.Trajectory`.
 
     Attributes:
-        path: a movable thing or a camera, e.g. ``person-1``.
-        keyframes: each with ``time`` and the same parameters of the thing, e.g. ``pos.x``.
+        path: a movable object or a camera, e.g. ``person-1``.
+        keyframes: each with ``time`` and the same parameters of the object, e.g. ``pos.x``.
         interpolation: ``smooth`` or ``linear``.
-        facing: ``path``: heading or yaw follow the movement; ``kept``: they do not.
+        facing: ``path`` if heading or yaw follow the movement, ``kept`` if they do not.
         stride_m: metres that a pedestrian walks in two steps.
     """
 
@@ -103,12 +99,12 @@ class TrajectoryDocument(Document):
 
 
 class Requirement(Document):
-    """What the run is evidence for.
+    """The requirement that a run is evidence for.
 
     Attributes:
-        id: in the user's own requirements, e.g. ``SYS-214``.
+        id: its number in the user's requirements, e.g. ``SYS-214``.
         text: the requirement.
-        criterion: what counts as met.
+        criterion: the condition under which it is met.
     """
 
     id: Name
@@ -117,32 +113,32 @@ class Requirement(Document):
 
 
 class RunSpec(Document):
-    """What a validation run is.
+    """The definition of a validation run.
 
     Attributes:
         schema_version: of this document.
         name: for people; need not be unique.
         description: for people.
-        asset: name of an asset, or ``{name: urban-street, seed: 7}`` with a generator's arguments.
-        seed: of all random designs; 0 is a seed.
-        parameters: names of this spec's own for the asset's parameters; without them ``vary`` uses the asset's names.
-        blocks: the run is their union, in order.
+        asset: name of an asset, or ``{name: urban-street, seed: 7}`` with the arguments of a generator.
+        seed: of all random designs; 0 is a valid seed.
+        parameters: this spec's names for the asset's parameters; without them ``vary`` uses the asset's names.
+        blocks: the parts of the run, in order; the run is their union.
         constants: parameter to value, in all blocks.
         constraints: comparisons that a variant must meet, e.g. ``p1 < 3 or character == 'yellow-shirt'``.
-        sequence: frames that follow each other in time; None: one frame of each variant and camera.
-        trajectories: how things move, beside or instead of what the asset says.
-        cameras: names of the asset's cameras; None takes all.
+        sequence: frames that follow each other in time; without it, one frame for each variant and camera.
+        trajectories: how objects move, in addition to or instead of the asset's trajectories.
+        cameras: names of the asset's cameras; by default all.
         resolution: size of the images in pixels.
         renderer: the engine of the linear images, or ``{name: cycles, samples: 64}`` with settings of that engine.
-        annotations: truth of every frame beyond labels and depth: normals, boxes, joints, light, flow, velocity.
-        sensors: one picture of each frame for each of them.
-        functions: names of the perception functions under test; none: frames and truth alone.
+        annotations: truth of every frame besides labels and depth: normals, boxes, joints, light, flow, velocity.
+        sensors: sensor settings; each frame has one picture for each of them.
+        functions: names of the perception functions under test; if empty, the run makes only frames and truth.
         detection_threshold: t of the detection rate, the share of persons with pacc ≥ t.
-        requirement: what the run is evidence for.
-        parent_run, iteration: the run that this one refines, and which round it is.
+        requirement: the requirement that the run is evidence for.
+        parent_run, iteration: the run that this one refines, and the number of the round.
 
     Raises:
-        InvalidInputs: names that stand twice.
+        InvalidInputs: a name is listed twice.
     """
 
     schema_version: Literal[1] = 1
@@ -167,20 +163,20 @@ class RunSpec(Document):
     parent_run: Name | None = None
     iteration: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
-    #: Dotted place in this form to the place where the user wrote it; lost when the document is stored.
+    #: Dotted place in this form to the place where the user wrote it; not stored with the document.
     _places: dict[str, str] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="before")
     @classmethod
-    def _one_notation(cls, given: Any) -> Any:
+    def _normalize(cls, document: Any) -> Any:
         from valerie.runs.notation import normalized
 
-        return normalized(given) if isinstance(given, dict) else given
+        return normalized(document) if isinstance(document, dict) else document
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         problems = [
-            InvalidInput("named twice", field=f"{field}.{i}", value=name)
+            InvalidInput("listed twice", field=f"{field}.{i}", value=name)
             for field, names in (
                 ("parameters", [p.name for p in self.parameters]),
                 ("cameras", list(self.cameras or ())),
@@ -193,15 +189,15 @@ class RunSpec(Document):
             if name in names[:i]
         ]
         if isinstance(self.asset, dict) and not isinstance(self.asset.get("name"), str):
-            problems.append(InvalidInput("an asset mapping has a name", field="asset", limit="as urban-street"))
+            problems.append(InvalidInput("an asset mapping needs a name", field="asset", limit="as urban-street"))
         if isinstance(self.renderer, dict) and not isinstance(self.renderer.get("name"), str):
-            problems.append(InvalidInput("a renderer mapping has a name", field="renderer", limit="as cycles"))
+            problems.append(InvalidInput("a renderer mapping needs a name", field="renderer", limit="as cycles"))
         if problems:
             raise InvalidInputs(problems)
         return self
 
     def __eq__(self, other: object) -> bool:
-        # Where something was written is no part of what was written.
+        # Specs are equal if their contents are, wherever the user wrote these.
         return isinstance(other, RunSpec) and self.__dict__ == other.__dict__
 
     def __hash__(self) -> int:
@@ -209,47 +205,45 @@ class RunSpec(Document):
 
     @property
     def engine(self) -> str:
-        """Name of the renderer."""
+        """Name of the render engine."""
         return engine_name(self.renderer)
 
     @property
     def engine_settings(self) -> dict[str, Scalar]:
-        """What the spec says of the renderer's settings."""
-        return (
-            {key: value for key, value in self.renderer.items() if key != "name"}
-            if isinstance(self.renderer, dict)
-            else {}
-        )
+        """Settings of the render engine, as far as the spec gives them."""
+        if isinstance(self.renderer, str):
+            return {}
+        return {key: value for key, value in self.renderer.items() if key != "name"}
 
     @property
     def digest(self) -> str:
-        """32 hexadecimal characters that stand for the whole document, whichever notation it was written in."""
+        """Digest of the whole document, the same for both notations."""
         document = self.model_dump(mode="json")
         document["sensors"] = [{"name": sensor.name, **sensor.document()} for sensor in self.sensors]
         return digest("run-spec", document)
 
     def to_yaml(self) -> str:
-        """The document as a file that reads back as an equal spec; defaults are left out."""
+        """Return the document as YAML that reads back as an equal spec; defaults are left out."""
         document = {"schema_version": self.schema_version, **self.model_dump(mode="json", exclude_defaults=True)}
         return str(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
 
     def field(self, place: str) -> str:
-        """A dotted place of this form as the user wrote it, e.g. ``vary.p1.step`` for ``blocks.0.vary.0.step``."""
+        """Return a dotted place as the user wrote it, e.g. ``vary.p1.step`` for ``blocks.0.vary.0.step``."""
         return written_place(place, self._places)
 
     def written_at(self, places: Mapping[str, str]) -> Self:
-        """Remember where the user wrote what."""
+        """Record the places where the user wrote the parts of this document, and return it."""
         self._places.update(places)
         return self
 
 
 def engine_name(renderer: str | Mapping[str, Any]) -> str:
-    """The name in a spec's ``renderer``, whichever of its forms it has."""
+    """Return the engine's name from either form of a spec's ``renderer``."""
     return renderer if isinstance(renderer, str) else str(renderer["name"])
 
 
 def written_place(place: str, places: Mapping[str, str]) -> str:
-    """``place`` with its longest part that ``places`` knows replaced."""
+    """Return ``place`` with the longest prefix that is a key of ``places`` replaced."""
     head, tail = place, ""
     while head:
         if head in places:

@@ -1,9 +1,9 @@
-"""What a run would be, before anything is stored: its size, what is there already, what the rest costs.
+"""Forecast of a run, before anything is stored: its size, the products that are present, and the cost of the rest.
 
-Up to `EXACT_VARIANTS` variants every variant is looked at. Beyond, a seeded sample of them stands for all, and the
-plan says ``estimated``. The number of distinct products is then estimated by Chao1 (Chao 1984,
+In a run of up to `EXACT_VARIANTS` variants, every variant is examined. In a larger one, a seeded sample represents all,
+and the plan is marked ``estimated``. The number of distinct products is then the Chao1 estimate (Chao 1984,
 www.jstor.org/stable/4615964): with f₁ products seen once and f₂ seen twice among d distinct ones, d + f₁(f₁ − 1) /
-(2(f₂ + 1)); or, where nearly every product was seen once, in proportion.
+(2(f₂ + 1)). Where nearly every product was seen once, the number grows in proportion to the variants.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from valerie import plugins
@@ -22,24 +23,25 @@ from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
 from valerie.perception.base import FunctionCard
 from valerie.runs.costs import Basis, CostKey, CostTable
+from valerie.runs.documents import RunSpec
 from valerie.runs.inputs import FrameDigests, ProductInputs
 from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind, Stage
 from valerie.scene.variation.conditions import sun_by_time
 
-#: Largest number of variants that are all looked at.
+#: Largest number of variants that are all examined.
 EXACT_VARIANTS: Final = 100_000
 #: Variants in a sample.
 SAMPLE: Final = 2_000
-#: Variants that are shown from the beginning and from the end.
+#: Variants that a plan shows from the beginning and from the end.
 SHOWN: Final = 3
-#: Digests that are asked for at once.
-_ASKED: Final = 5_000
+#: Largest number of digests in one query.
+_QUERY_SIZE: Final = 5_000
 
 #: Products of the renderer, whose settings change their cost.
 _BY_ENGINE: Final = (ProductKind.BACKGROUND, ProductKind.LAYER)
-#: Which of some digests are stored already.
+#: Returns those of some digests that are stored.
 Present = Callable[[set[str]], set[str]]
 
 
@@ -47,11 +49,11 @@ class ProductPlan(BaseModel):
     """The products of one kind and maker.
 
     Attributes:
-        kind, maker: what and by which engine or function.
-        needed: distinct products that the run links to.
-        present: of these, stored already; None where that is not known, and nothing counts as stored.
+        kind, maker: of the products; see `valerie.runs.costs.CostKey`.
+        needed: number of distinct products in the run.
+        present: number of these that are stored; None if that is not known, and then none counts as stored.
         cpu_seconds, bytes: of the rest.
-        basis: where the cost is known from.
+        basis: source of the cost.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -66,6 +68,7 @@ class ProductPlan(BaseModel):
 
     @property
     def to_make(self) -> int:
+        """Number of products that are not stored yet."""
         return self.needed - (self.present or 0)
 
 
@@ -73,8 +76,10 @@ class PlannedVariant(BaseModel):
     """One variant, for people.
 
     Attributes:
-        values: by the names that the spec uses.
-        sun: azimuth and elevation in degrees that time and place come to; None where the spec gives the angles themselves.
+        index: in the space.
+        values: by the names in the spec.
+        sun: azimuth and elevation in degrees that follow from time and place; None if the spec gives the angles.
+        rejection: reason why the variant is rejected; None if it is accepted.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -86,28 +91,32 @@ class PlannedVariant(BaseModel):
 
 
 class Plan(BaseModel):
-    """The answer to ``valerie plan``; its fields are those of ``--json``.
+    """The result of ``valerie plan``; ``--json`` prints these fields.
 
     Attributes:
-        variants: in the space, rejected ones included.
-        accepted: variants that frames are made of.
+        name: of the run.
+        asset: name of its asset.
+        spec_digest: digest of the spec.
+        variants: number in the space, rejected ones included.
+        accepted: number of variants that have frames.
         rejected: reason to number of variants.
-        moments: frames of each variant and camera in the run's sequence; 1 without one.
+        cameras: names.
+        moments: frames of each variant and camera in the run's sequence; 1 without a sequence.
         frames: accepted variants × cameras × moments.
         evaluations: frames × sensors × functions.
-        renders: backgrounds, layers, truths and annotations that must still be rendered.
-        inferences: predictions that must still be made.
+        renders: backgrounds, layers, truths and annotations that are still to be rendered.
+        inferences: predictions that are still to be made.
         products: by kind and maker.
-        start_cpu_seconds: of starting the system on one machine, loading the asset and writing the results; 0 where workers
-            run already.
-        cpu_seconds: of all that must still be made, and of the start, on one core.
-        bytes: that it will take in the artifact store.
-        cost_basis: where the costs are known from, in words.
+        start_cpu_seconds: to start the system on one machine, load the asset and write the results; 0 if workers run
+            already.
+        cpu_seconds: of the start and of all products that are still to be made, on one core.
+        bytes: of these products in the artifact store.
+        cost_basis: sources of the costs, in words.
         first, last: variants from the beginning and the end.
         units: name of each parameter in these to its unit.
-        estimated: rejections, frames and products come from a sample of ``sample`` variants.
-        warnings: what the user may not have meant.
-        notes: what was assumed.
+        estimated: True if rejections, frames and products are estimated from a sample of ``sample`` variants.
+        warnings: what the author of the spec may not have intended.
+        notes: assumptions made where the spec leaves something open.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -145,45 +154,39 @@ def plan(
     present: Present | None = None,
     costs: CostTable | None = None,
 ) -> Plan:
-    """Size and cost of a run; stores nothing, needs neither meshes nor GL.
+    """Return the size and cost of a run. Nothing is stored, and neither meshes nor OpenGL are needed.
 
     Args:
         resolved: the run.
-        pins: the numeric classes that it would pin; None where no workers offer them: then nothing counts as present.
-        present: which of some digests are stored; None: none is.
+        pins: the numeric classes that the run would pin; None if no workers offer them, and then no product counts as
+            present.
+        present: tells which of some digests are stored; None if none is.
         costs: recorded timings; None takes the shipped table.
     """
     warnings = list(resolved.warnings)
-    known = pins is not None
+    workers_known = pins is not None
     if pins is None:
         pins, present = _any_pins(resolved), None
-        warnings.append("no running workers offer renderer and functions: what is there already is not known")
-    costs = costs or CostTable()
+        warnings.append("no running workers offer renderer and functions: it is not known what is already there")
     size = resolved.space.size
     indexes = None if size <= EXACT_VARIANTS else _sample(size, resolved.spec.seed)
-    seen = _look(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), indexes)
-    looked_at = size if indexes is None else len(indexes)
-
-    def scaled(count: int) -> int:
-        return count if indexes is None else round(count * size / looked_at)
-
-    rejected = {reason: scaled(count) for reason, count in sorted(seen.rejected.items())}
+    survey = _survey(resolved, ProductInputs(resolved, asset_digest=resolved.asset_digest, pins=pins), indexes)
+    scale = 1.0 if indexes is None else size / len(indexes)
+    rejected = {reason: round(count * scale) for reason, count in sorted(survey.rejected.items())}
     accepted = size - sum(rejected.values())
     moments = len(resolved.times.elapsed)
     frames = accepted * len(resolved.cameras) * moments
-    products = [
-        _product_plan(resolved, kind, maker, digests, scale=None if indexes is None else size / looked_at,
-                      present=present, known=known, costs=costs)
-        for (kind, maker), digests in seen.digests.items()
-    ]  # fmt: skip
-    _add_statics(products, seen, resolved, costs, scale=1.0 if indexes is None else size / looked_at)
-    start = 0.0 if known or not frames else costs.start_seconds
+    forecast = _Forecast(
+        resolved, survey, costs or CostTable(), present, workers_known, None if indexes is None else scale
+    )
+    products = forecast.products()
+    start = 0.0 if workers_known or not frames else forecast.costs.start_seconds
     first = _shown(resolved, range(min(SHOWN, size)))
     last = _shown(resolved, range(max(size - SHOWN, min(SHOWN, size)), size))
     units = {d.name: d.unit for d in resolved.definitions}
     if indexes is not None:
         warnings.append(
-            f"{size:,} variants: rejections, frames and products are estimated from a sample of {looked_at:,}"
+            f"{size:,} variants: rejections, frames and products are estimated from a sample of {len(indexes):,}"
         )
     if size and not accepted:
         warnings.append("every variant is rejected: the run would make no frame")
@@ -200,33 +203,52 @@ def plan(
         evaluations=frames * len(resolved.spec.sensors) * len(resolved.spec.functions),
         renders=sum(product.to_make for product in products if product.kind.stage is Stage.RENDER),
         inferences=sum(product.to_make for product in products if product.kind is ProductKind.PREDICTION),
-        products=tuple(products),
+        products=products,
         start_cpu_seconds=start,
         cpu_seconds=round(start + sum(product.cpu_seconds for product in products), 3),
         bytes=sum(product.bytes for product in products),
-        cost_basis=_basis_text(products, costs),
+        cost_basis=_basis_text(products, forecast.costs),
         first=first,
         last=last,
-        units={name: units[name] for one in (*first, *last) for name in one.values},
+        units={name: units[name] for variant in (*first, *last) for name in variant.values},
         estimated=indexes is not None,
-        sample=None if indexes is None else looked_at,
+        sample=None if indexes is None else len(indexes),
         warnings=tuple(warnings),
         notes=resolved.notes,
     )
 
 
 @dataclass(slots=True)
-class _Seen:
-    """Digests, each as 16 bytes in a row, by kind and maker; rejections; and how often each camera stood where."""
+class _Survey:
+    """Counts over the frames of some variants.
+
+    Attributes:
+        digests: of the products, each 16 bytes, one after the other, by kind and maker.
+        rejected: reason to number of variants.
+        camera_poses: frames by camera index and values of the camera's parameters.
+    """
 
     digests: dict[tuple[ProductKind, str], bytearray]
     rejected: Counter[str]
-    stands: Counter[tuple[Any, ...]]
+    camera_poses: Counter[tuple[Any, ...]]
+
+    def add(self, spec: RunSpec, frame: FrameDigests) -> None:
+        """Add the digests of a frame."""
+        products, digests = frame.products, self.digests
+        digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(products.background)
+        digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(products.layer)
+        digests[ProductKind.TRUTH, ""] += bytes.fromhex(products.truth)
+        for annotation in frame.annotations:
+            digests[annotation.kind, ""] += bytes.fromhex(annotation.product)
+        for evaluation in frame.evaluations:
+            function = spec.functions[evaluation.function_index]
+            digests[ProductKind.PREDICTION, function] += bytes.fromhex(evaluation.prediction)
+            digests[ProductKind.EVALUATION, ""] += bytes.fromhex(evaluation.scores)
 
 
-def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Seen:
+def _survey(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | None) -> _Survey:
     spec = resolved.spec
-    seen = _Seen(
+    survey = _Survey(
         {
             (ProductKind.BACKGROUND, spec.engine): bytearray(),
             (ProductKind.LAYER, spec.engine): bytearray(),
@@ -238,33 +260,20 @@ def _look(resolved: ResolvedRun, inputs: ProductInputs, indexes: list[int] | Non
         Counter(),
         Counter(),
     )
-    of_camera = [
+    camera_paths = [
         [d.path for d in resolved.definitions if d.path.startswith(f"scene.{camera}.")] for camera in resolved.cameras
     ]
     for values in _variants(resolved, indexes):
         reason = resolved.rejection(values)
         if reason is not None:
-            seen.rejected[reason] += 1
+            survey.rejected[reason] += 1
             continue
         for time in range(len(resolved.times.elapsed)):
             moment = resolved.at(values, time)
             for camera in range(len(resolved.cameras)):
-                seen.stands[camera, *(moment.get(path) for path in of_camera[camera])] += 1
-                _note(seen, resolved, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
-    return seen
-
-
-def _note(seen: _Seen, resolved: ResolvedRun, frame: FrameDigests) -> None:
-    spec, digests = resolved.spec, seen.digests
-    products = frame.products
-    digests[ProductKind.BACKGROUND, spec.engine] += bytes.fromhex(products.background)
-    digests[ProductKind.LAYER, spec.engine] += bytes.fromhex(products.layer)
-    digests[ProductKind.TRUTH, ""] += bytes.fromhex(products.truth)
-    for annotation in frame.annotations:
-        digests[annotation.kind, ""] += bytes.fromhex(annotation.product)
-    for one in frame.evaluations:
-        digests[ProductKind.PREDICTION, spec.functions[one.function_index]] += bytes.fromhex(one.prediction)
-        digests[ProductKind.EVALUATION, ""] += bytes.fromhex(one.scores)
+                survey.camera_poses[camera, *(moment.get(path) for path in camera_paths[camera])] += 1
+                survey.add(spec, inputs.frame(moment, camera, near=partial(resolved.near, values, time)))
+    return survey
 
 
 def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapping[str, Value]]:
@@ -277,75 +286,92 @@ def _variants(resolved: ResolvedRun, indexes: list[int] | None) -> Iterator[Mapp
 
 
 def _sample(size: int, seed: int) -> list[int]:
-    """`SAMPLE` different indexes below ``size``, ascending; one from each of as many equal stretches of the space."""
+    """Draw `SAMPLE` different indexes below ``size``, ascending, one from each of `SAMPLE` equal parts of the space."""
     generator = np.random.default_rng(seed)
     places = generator.random(SAMPLE)
-    # Whole-number arithmetic: a space may hold more variants than a float can tell apart.
+    # Integer arithmetic, since a space may have more variants than a float can tell apart.
     return [i * size // SAMPLE + int(place * (size // SAMPLE)) for i, place in enumerate(places.tolist())]
 
 
-def _product_plan(
-    resolved: ResolvedRun,
-    kind: ProductKind,
-    maker: str,
-    digests: bytearray,
-    *,
-    scale: float | None,
-    present: Present | None,
-    known: bool,
-    costs: CostTable,
-) -> ProductPlan:
-    distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
-    found = 0
-    if present is not None:
-        for first in range(0, len(distinct), _ASKED):
-            # numpy drops a byte string's trailing zeros.
-            asked = {d.ljust(DIGEST_LENGTH // 2, b"\0").hex() for d in distinct[first : first + _ASKED].tolist()}
-            found += len(present(asked) & asked)
-    needed = len(distinct)
-    if scale is not None and needed:
-        share = found / needed
-        needed = _estimated_distinct(counts, scale)
-        found = round(needed * share)
-    resolution = resolved.spec.resolution
-    cost, basis = costs.cost(CostKey(kind, maker, resolution.width, resolution.height))
-    work = plugins.engine_cost(maker, resolved.spec.engine_settings) if kind in _BY_ENGINE else 1.0
-    return ProductPlan(
-        kind=kind,
-        maker=maker,
-        needed=needed,
-        present=found if known else None,
-        cpu_seconds=(needed - found) * cost.cpu_seconds * work,
-        bytes=round((needed - found) * cost.bytes),
-        basis=basis,
-    )
+@dataclass(frozen=True, slots=True)
+class _Forecast:
+    """Estimates products and their costs from a survey.
 
-
-def _add_statics(
-    products: list[ProductPlan], seen: _Seen, resolved: ResolvedRun, costs: CostTable, *, scale: float
-) -> None:
-    """Add what the truths share to what they cost: the truth of the statics, once wherever a camera stands.
-
-    Where some truths are there already, as many of these are taken to be.
+    Attributes:
+        resolved: the run.
+        survey: of its variants or a sample of them.
+        costs: of products.
+        present: see `plan`.
+        workers_known: True if the digests are those of the run's products.
+        scale: variants of the run per variant in the survey; None if all were surveyed.
     """
-    place = next(i for i, product in enumerate(products) if product.kind is ProductKind.TRUTH)
-    truth = products[place]
-    if not truth.to_make:
-        return
-    counts = np.array(list(seen.stands.values()))
-    stands = len(counts) if scale == 1.0 else _estimated_distinct(counts, scale)
-    resolution, share = resolved.spec.resolution, truth.to_make / truth.needed
-    cost = costs.statics(resolution.width, resolution.height)
-    products[place] = truth.model_copy(
-        update={
-            "cpu_seconds": truth.cpu_seconds + stands * share * cost.cpu_seconds,
-            "bytes": truth.bytes + round(stands * share * cost.bytes),
-        }
-    )
+
+    resolved: ResolvedRun
+    survey: _Survey
+    costs: CostTable
+    present: Present | None
+    workers_known: bool
+    scale: float | None
+
+    def products(self) -> tuple[ProductPlan, ...]:
+        """Return the products by kind and maker, in the order of the survey."""
+        plans = (self._product(kind, maker, digests) for (kind, maker), digests in self.survey.digests.items())
+        return tuple(self._with_statics(plan) if plan.kind is ProductKind.TRUTH else plan for plan in plans)
+
+    def _product(self, kind: ProductKind, maker: str, digests: bytearray) -> ProductPlan:
+        distinct, counts = np.unique(np.frombuffer(digests, f"S{DIGEST_LENGTH // 2}"), return_counts=True)
+        present = 0
+        if self.present is not None:
+            for start in range(0, len(distinct), _QUERY_SIZE):
+                # numpy drops the trailing zeros of a byte string.
+                query = {
+                    d.ljust(DIGEST_LENGTH // 2, b"\0").hex() for d in distinct[start : start + _QUERY_SIZE].tolist()
+                }
+                present += len(self.present(query) & query)
+        needed = len(distinct)
+        if self.scale is not None and needed:
+            share = present / needed
+            needed = _estimated_distinct(counts, self.scale)
+            present = round(needed * share)
+        spec = self.resolved.spec
+        cost, basis = self.costs.cost(CostKey(kind, maker, spec.resolution.width, spec.resolution.height))
+        factor = plugins.engine_cost(maker, spec.engine_settings) if kind in _BY_ENGINE else 1.0
+        return ProductPlan(
+            kind=kind,
+            maker=maker,
+            needed=needed,
+            present=present if self.workers_known else None,
+            cpu_seconds=(needed - present) * cost.cpu_seconds * factor,
+            bytes=round((needed - present) * cost.bytes),
+            basis=basis,
+        )
+
+    def _with_statics(self, truth: ProductPlan) -> ProductPlan:
+        """Add the cost of the truth of the statics, which is made once for each pose of a camera.
+
+        The share of it that is present is taken to be that of the truths.
+        """
+        if not truth.to_make:
+            return truth
+        counts = np.array(list(self.survey.camera_poses.values()))
+        poses = len(counts) if self.scale is None else _estimated_distinct(counts, self.scale)
+        resolution, share = self.resolved.spec.resolution, truth.to_make / truth.needed
+        cost = self.costs.statics(resolution.width, resolution.height)
+        return truth.model_copy(
+            update={
+                "cpu_seconds": truth.cpu_seconds + poses * share * cost.cpu_seconds,
+                "bytes": truth.bytes + round(poses * share * cost.bytes),
+            }
+        )
 
 
-def _estimated_distinct(counts: Any, scale: float) -> int:
-    """Distinct products among all, from how often each was seen in a sample of 1/``scale`` of them."""
+def _estimated_distinct(counts: NDArray[np.int64], scale: float) -> int:
+    """Estimate the number of distinct products.
+
+    Args:
+        counts: how often each product was seen in a sample.
+        scale: size of the whole per size of the sample.
+    """
     distinct, total = len(counts), int(counts.sum())
     once, twice = int((counts == 1).sum()), int((counts == 2).sum())
     if once > 0.9 * distinct:
@@ -379,7 +405,7 @@ def _any_pins(resolved: ResolvedRun) -> Pins:
     return Pins(engine=render, truth=render, functions=functions)
 
 
-def _basis_text(products: list[ProductPlan], costs: CostTable) -> str:
+def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:
     by_basis: dict[Basis, list[str]] = {}
     for product in products:
         if product.needed:
@@ -387,6 +413,6 @@ def _basis_text(products: list[ProductPlan], costs: CostTable) -> str:
     texts = {
         Basis.RECORDED: "recorded here: {}",
         Basis.SHIPPED: f"shipped table ({costs.machine}): {{}}",
-        Basis.GUESSED: "guessed, since nothing is known of them: {}",
+        Basis.GUESSED: "guessed, since nothing is known about them: {}",
     }
     return "; ".join(texts[basis].format(", ".join(names)) for basis, names in sorted(by_basis.items()))

@@ -1,4 +1,4 @@
-"""A frame: how it is named, and which products show it."""
+"""A frame: its name and its products."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FRAME_ID: Final = r"^[0-9A-Za-z][0-9A-Za-z_-]{0,31}\.[0-9]{1,18}\.[0-9]{1,4}\.[0
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameKey:
-    """The name of a frame; its text, ``run.variant.camera.time``, is the frame id in URLs, tables and on the command line.
+    """The name of a frame. As text, ``run.variant.camera.time``, it is the frame id in URLs, tables and commands.
 
     Attributes:
         run_id: the run.
@@ -46,13 +46,13 @@ class FrameKey:
 
 @dataclass(frozen=True, slots=True)
 class FrameProducts:
-    """The digests of the products that show a frame.
+    """The digests of the products of a frame that do not depend on sensors or functions.
 
     Attributes:
         background: the image without movables.
         layer: what the movables change in it.
         truth: the ground truth.
-        velocity: the motion of every pixel; None where the run measures none.
+        velocity: the velocity of every pixel; None if the run does not need it.
     """
 
     background: str

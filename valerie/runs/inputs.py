@@ -1,18 +1,18 @@
-"""What each product of a frame truly depends on, and the digests that follow: the identity of all stored work.
+"""The inputs of each product of a frame, and the digests over them, which identify all stored work.
 
-Per frame (variant, camera): ::
+The inputs by product: ::
 
     background   asset, everything that is not below a movable node, camera, resolution, engine with its settings
     layer        background, everything of the scene, engine
     truth        asset, poses and characters, camera, resolution, truth pass
-    annotation   truth; of kind light: background, layer, truth, truth pass; of flow and velocity also the truth of a later moment
-    prediction   background, layer, sensor response, function; truth and velocity, where the sensor needs them
-    evaluation   prediction, truth; the classes that the function is judged by, where they are fewer than 19
+    annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment
+    prediction   background, layer, sensor response, function; truth and velocity if the sensor needs them
+    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19
 
-A sensor that distorts is in the prediction's digest, and so in that of the evaluation, which distorts the truth likewise.
-"Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and numeric class, as the run
-pinned them at submission. Names of runs, variants, sensors and parameters are inputs of nothing: equal work has equal
-digests.
+A sensor's distortion is in the digest of the prediction, and through it in that of the evaluation, which distorts the
+truth in the same way. "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and
+numeric class, as the run pinned them at submission. The names of runs, variants, sensors and parameters are never
+inputs, so equal work has equal digests.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
-from valerie.runs.sensors import Response, response, sensor_values
+from valerie.runs.sensors import Response, response_of, sensor_values
 from valerie.runs.states import ProductKind
 from valerie.scene.variation.variant import split
 from valerie.sensing.sensor import REVISION as SENSING_REVISION
 
-#: Raised by hand whenever equal predictions and truths give other counts.
+#: Raised by hand whenever the counts for an equal prediction and truth change.
 EVALUATION_REVISION: Final = 1
-#: Raised by hand whenever an annotation of equal truth differs.
+#: Raised by hand whenever the annotation of an equal truth changes.
 ANNOTATION_REVISIONS: Final = {
     AnnotationKind.NORMALS: 1,
     AnnotationKind.BOXES: 1,
@@ -49,8 +49,7 @@ ANNOTATION_REVISIONS: Final = {
 #: Raised by hand whenever the meaning of the digests below changes.
 _SCHEME: Final = 1
 
-
-#: The assignment of a moment so many seconds later.
+#: Returns the assignment of the moment that is a number of seconds later.
 Near = Callable[[float], Mapping[str, Value]]
 
 
@@ -61,9 +60,9 @@ class EvaluationDigests(NamedTuple):
         sensor_index: place in ``spec.sensors``.
         function_index: place in ``spec.functions``.
         prediction, scores: digests of the prediction and of the evaluation.
-        third: digest of what the prediction waits for beside background and layer: the truth, whose depth its sensor needs, or
-            the velocity, which waited for the truth itself.
-        distorted: the sensor distorts, so the evaluation measures visibility itself.
+        third: digest of the product that the prediction waits for besides background and layer: the truth, if its
+            sensor needs depth, or the velocity, which itself waits for the truth.
+        distorted: True if the sensor distorts, so that the evaluation measures visibility itself.
     """
 
     sensor_index: int
@@ -78,9 +77,9 @@ class AnnotationDigest(NamedTuple):
     """One annotation of a frame.
 
     Attributes:
-        kind: a kind of product.
+        kind: its kind as a product.
         product: its digest.
-        inputs: digests of the products that it is made from, three at most.
+        inputs: digests of the products that it is made from, at most three.
     """
 
     kind: ProductKind
@@ -89,7 +88,13 @@ class AnnotationDigest(NamedTuple):
 
 
 class FrameDigests(NamedTuple):
-    """The digests of all products of one frame."""
+    """The digests of all products of one frame.
+
+    Attributes:
+        products: background, layer, truth and velocity.
+        evaluations: one for each sensor and function.
+        annotations: one for each kind in the run.
+    """
 
     products: FrameProducts
     evaluations: tuple[EvaluationDigests, ...]
@@ -97,7 +102,7 @@ class FrameDigests(NamedTuple):
 
 
 class ProductInputs:
-    """Digests of the products of a run's frames; what frames share is hashed once.
+    """Computes the digests of the products of a run's frames; parts that frames share are hashed once.
 
     Args:
         resolved: the run.
@@ -136,7 +141,7 @@ class ProductInputs:
             for name in spec.functions
         ]
         self._annotations = [
-            # What light arrives somewhere is computed by the engine of the truth pass, whichever made the image.
+            # The truth pass computes the light annotation, whichever engine made the image.
             (
                 kind,
                 _prefix(
@@ -153,12 +158,12 @@ class ProductInputs:
         self._responses = lru_cache(maxsize=1024)(self._respond)
 
     def frame(self, assignment: Mapping[str, Value], camera_index: int, *, near: Near | None = None) -> FrameDigests:
-        """The products of the frame that a camera takes of a variant at a moment.
+        """Return the digests of the products of one frame.
 
         Args:
-            assignment: of the moment (`ResolvedRun.at`).
-            camera_index: of ``resolved.cameras``.
-            near: of later moments (`ResolvedRun.near`), which flow and velocity depend on.
+            assignment: of the frame's moment (`ResolvedRun.at`).
+            camera_index: place in ``resolved.cameras``.
+            near: returns the assignments of later moments (`ResolvedRun.near`), which flow and velocity depend on.
         """
         inputs = split(assignment, self._manifest, self._cameras[camera_index])
         background = self._background_digest(camera_index, inputs.background)
@@ -166,18 +171,19 @@ class ProductInputs:
         truth = self._truth[camera_index].digest(inputs.geometry)
         annotations = []
         for kind, prefix in self._annotations:
-            made_from = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
-            product = prefix.digest(*made_from, *self._later_truth(kind, camera_index, near))
-            annotations.append(AnnotationDigest(ProductKind(kind), product, made_from))
-        velocity = next((one.product for one in annotations if one.kind is ProductKind.VELOCITY), None)
+            sources = (background, layer, truth) if kind is AnnotationKind.LIGHT else (truth,)
+            product = prefix.digest(*sources, *self._later_truth(kind, camera_index, near))
+            annotations.append(AnnotationDigest(ProductKind(kind), product, sources))
+        velocity = next((a.product for a in annotations if a.kind is ProductKind.VELOCITY), None)
         evaluations = []
-        # Only what the variant says of the sensor overrides the setting; the asset's defaults do not.
+        # Only the variant's own values override the sensor setting; the asset's defaults do not.
         sensor = {path: inputs.sensor[path] for path in sensor_values(assignment)}
-        for sensor_index, asked in enumerate(self._responses(canonical_json(sensor))):
-            moving = velocity if asked.needs_velocity else None
-            further = [one for one in (truth if asked.needs_depth else None, moving) if one is not None]
+        for sensor_index, response in enumerate(self._responses(canonical_json(sensor))):
+            further = [truth] if response.needs_depth else []
+            if response.needs_velocity and velocity is not None:
+                further.append(velocity)
             for function_index, prefix in enumerate(self._predictions):
-                prediction = prefix.digest(background, layer, asked.document, *further)
+                prediction = prefix.digest(background, layer, response.document, *further)
                 scores = self._evaluations[function_index].digest(prediction, truth)
                 evaluations.append(
                     EvaluationDigests(
@@ -186,14 +192,14 @@ class ProductInputs:
                         prediction,
                         scores,
                         further[-1] if further else None,
-                        asked.distorts,
+                        response.distorts,
                     )
                 )
         products = FrameProducts(background, layer, truth, velocity)
         return FrameDigests(products, tuple(evaluations), tuple(annotations))
 
     def _later_truth(self, kind: AnnotationKind, camera_index: int, near: Near | None) -> tuple[str, ...]:
-        """Digest of what is seen at the later moment that an annotation depends on; nobody has to make it."""
+        """Return the digest of the truth at the later moment that an annotation depends on; it is never made itself."""
         if kind not in self._later:
             return ()
         assert near is not None, "flow and velocity depend on a later moment too"
@@ -201,13 +207,13 @@ class ProductInputs:
         return (self._truth[camera_index].digest(inputs.geometry),)
 
     def _hash_background(self, camera_index: int, inputs: CanonicalJson) -> str:
-        # As bytes, not as JSON: the digests of all backgrounds so far.
+        # Hashed as bytes, not as JSON: existing digests of backgrounds depend on it.
         return self._background[camera_index].digest(bytes(inputs))
 
     def _respond(self, sensor: bytes) -> list[Response]:
-        """What a prediction depends on behind each sensor of the run; ``sensor`` is the variant's, as canonical JSON."""
+        """Return the response of each sensor of the run for a variant's sensor values, given as canonical JSON."""
         values = orjson.loads(sensor)
-        return [response(setting, values, self._seed, moves=self._moves) for setting in self._sensors]
+        return [response_of(setting, values, self._seed, moves=self._moves) for setting in self._sensors]
 
 
 def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:

@@ -1,4 +1,4 @@
-"""Points in time as people read them: in UTC, and always saying so."""
+"""Points in time in UTC, and as text for people."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from datetime import UTC, datetime
 
 
 def in_utc(moment: datetime) -> datetime:
-    """The same moment in UTC; one without time zone (SQLite keeps none) was written in UTC."""
+    """Return the same moment in UTC; a moment without time zone (SQLite stores none) is in UTC already."""
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
 def moment_text(moment: datetime) -> str:
-    """The one form for people, e.g. ``2026-11-21 14:05 UTC``."""
+    """Return a moment as text for people, e.g. ``2026-11-21 14:05 UTC``."""
     return in_utc(moment).strftime("%Y-%m-%d %H:%M UTC")

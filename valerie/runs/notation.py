@@ -1,29 +1,30 @@
-"""The two notations of a spec, turned into the one form of `valerie.runs.documents`.
+"""Conversion of the two notations of a spec to the canonical form of `valerie.runs.documents`.
 
 The paper's lists::
 
     parameters: [[p1, scene.person-1.pos.x, FLOAT, 0.0, 20.0]]
     vary: [[p1, HOMOGENEOUS, 1.5, 5.5, 1.0]]
 
-and mappings with units::
+Mappings with units::
 
     parameters: {p1: {path: scene.person-1.pos.x, type: FLOAT, from: 0 m, to: 20 m}}
     vary: {p1: {homogeneous: {from: 1.5 m, to: 5.5 m, step: 1 m}}}
 
-One block may be written at the top (``design``, ``count``, ``vary``, ``points``) instead of under ``blocks``. What is
-in the one form already passes unchanged.
+A single block may be written at the top level (``design``, ``count``, ``vary``, ``points``) instead of under
+``blocks``. Parts in canonical form stay unchanged.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.definitions import ParameterType
 from valerie.runs.varied import DISTRIBUTIONS, SHORT_WORDS, VariedHomogeneous
 
-_AT_TOP: Final = ("design", "count", "vary", "points")
+#: Fields of a single block at the top level.
+_TOP_LEVEL: Final = ("design", "count", "vary", "points")
 
 _COUNTED: Final = {1: "{} takes one value", 2: "{} takes two numbers", 3: "{} takes three numbers"}
 #: Short words of the mapping notation.
@@ -31,7 +32,7 @@ _WORDS: Final = {**SHORT_WORDS, "scene_graph_ref": "path"}
 
 
 def normalized(document: dict[str, Any]) -> dict[str, Any]:
-    """The document in its one form; other fields pass unchanged for the model to judge.
+    """Return the document in canonical form; other fields stay unchanged, and the model checks them.
 
     Raises:
         InvalidInputs: every entry that is in neither notation.
@@ -42,17 +43,29 @@ def normalized(document: dict[str, Any]) -> dict[str, Any]:
     return normalization.document
 
 
-#: Reads one entry: as it was written, its name where a mapping gives one, its place.
+#: Converts one entry, given as it was written, with its name if it is in a mapping, and its place.
 _Read = Callable[[Any, str | None, str], dict[str, Any]]
 
 
-class Normalization:
-    """A document in its one form, what was wrong with its notation, and where its parts were written.
+class _EntryKind(NamedTuple):
+    """A kind of entry that both notations have.
 
     Attributes:
-        document: the one form; a harmless entry stands in for each that has a problem, so that indexes stay.
+        read: converts one entry.
+        placeholder: replaces an entry that has a problem.
+    """
+
+    read: _Read
+    placeholder: dict[str, Any]
+
+
+class Normalization:
+    """A document in canonical form, the problems with its notation, and the places of its parts.
+
+    Attributes:
+        document: in canonical form; a placeholder replaces each entry that has a problem, so that indexes stay.
         problems: entries in neither notation.
-        places: dotted place in the one form to the place that the user wrote, where they differ.
+        places: dotted place in canonical form to the place where the user wrote it, where they differ.
     """
 
     def __init__(self, document: dict[str, Any]) -> None:
@@ -60,74 +73,71 @@ class Normalization:
         self.places: dict[str, str] = {}
         self.document = self._spec(dict(document))
 
-    def _spec(self, found: dict[str, Any]) -> dict[str, Any]:
-        at_top: dict[str, Any] = {key: found.pop(key) for key in _AT_TOP if key in found}
-        blocks = found.get("blocks")
-        if at_top and "blocks" in found:
-            message = f"a spec has either blocks or {', '.join(at_top)} at the top"
-            self.problems.append(InvalidInput(message, field=next(iter(at_top))))
-        elif at_top:
-            self.places |= {f"blocks.0.{key}": key for key in _AT_TOP}
-            found["blocks"] = [self._block(at_top, "blocks.0.", "")]
+    def _spec(self, spec: dict[str, Any]) -> dict[str, Any]:
+        top_level: dict[str, Any] = {key: spec.pop(key) for key in _TOP_LEVEL if key in spec}
+        blocks = spec.get("blocks")
+        if top_level and "blocks" in spec:
+            message = f"a spec has either blocks or {', '.join(top_level)} at the top level"
+            self.problems.append(InvalidInput(message, field=next(iter(top_level))))
+        elif top_level:
+            self.places |= {f"blocks.0.{key}": key for key in _TOP_LEVEL}
+            spec["blocks"] = [self._block(top_level, "blocks.0.", "")]
         elif isinstance(blocks, list | tuple):
-            found["blocks"] = [
+            spec["blocks"] = [
                 self._block(block, f"blocks.{i}.", f"blocks.{i}.") if isinstance(block, dict) else block
                 for i, block in enumerate(blocks)
             ]
-        if "parameters" in found:
-            found["parameters"] = self._entries(found["parameters"], "parameters", "parameters", _declared, _ANY_NAME)
-        if "trajectories" in found:
-            found["trajectories"] = self._entries(
-                found["trajectories"], "trajectories", "trajectories", _trajectory, _ANY_TRAJECTORY
-            )
-        if isinstance(found.get("sequence"), list | tuple):
-            found["sequence"] = dict(zip(_SEQUENCE, self._sequence(list(found["sequence"])), strict=False))
+        if "parameters" in spec:
+            spec["parameters"] = self._entries(spec["parameters"], "parameters", "parameters", _DECLARATION)
+        if "trajectories" in spec:
+            spec["trajectories"] = self._entries(spec["trajectories"], "trajectories", "trajectories", _TRAJECTORY)
+        if isinstance(spec.get("sequence"), list | tuple):
+            spec["sequence"] = dict(zip(_SEQUENCE, self._sequence(list(spec["sequence"])), strict=False))
         for key in ("asset", "renderer"):
-            named = found.get(key)
-            if isinstance(named, dict) and set(named) == {"name"}:
-                found[key] = named["name"]
-        return found
+            reference = spec.get(key)
+            if isinstance(reference, dict) and set(reference) == {"name"}:
+                spec[key] = reference["name"]
+        return spec
 
-    def _sequence(self, given: list[Any]) -> list[Any]:
-        if 2 <= len(given) <= len(_SEQUENCE):
-            return given
+    def _sequence(self, numbers: list[Any]) -> list[Any]:
+        if 2 <= len(numbers) <= len(_SEQUENCE):
+            return numbers
         form = f"[{', '.join(_SEQUENCE)}]"
         self.problems.append(
-            InvalidInput("a sequence has two or three numbers", field="sequence", value=given, limit=form)
+            InvalidInput("a sequence has two or three numbers", field="sequence", value=numbers, limit=form)
         )
         return [1, 1]
 
-    def _block(self, block: dict[str, Any], place: str, written: str) -> dict[str, Any]:
-        found = dict(block)
-        if "vary" in found:
-            found["vary"] = self._entries(found["vary"], f"{place}vary", f"{written}vary", _varied, _ANY_VALUE)
-        return found
+    def _block(self, block: dict[str, Any], place: str, written_place: str) -> dict[str, Any]:
+        if "vary" not in block:
+            return block
+        return {**block, "vary": self._entries(block["vary"], f"{place}vary", f"{written_place}vary", _VARIED)}
 
-    def _entries(self, given: Any, place: str, written: str, read: _Read, stand_in: dict[str, Any]) -> Any:
-        """A list of lists or objects, or a mapping, as a list of objects."""
-        if not isinstance(given, dict | list | tuple):
-            return given
-        pairs = list(given.items()) if isinstance(given, dict) else [(None, entry) for entry in given]
-        found: list[dict[str, Any]] = []
+    def _entries(self, entries: Any, place: str, written_place: str, kind: _EntryKind) -> Any:
+        """Return a mapping, or a list of lists or objects, as a list of objects."""
+        if not isinstance(entries, dict | list | tuple):
+            return entries
+        pairs = list(entries.items()) if isinstance(entries, dict) else [(None, entry) for entry in entries]
+        objects: list[dict[str, Any]] = []
         for i, (name, entry) in enumerate(pairs):
-            field = f"{written}.{i if name is None else name}"
+            field = f"{written_place}.{i if name is None else name}"
             self.places[f"{place}.{i}"] = field
             for word in _short_words(entry):
                 self.places[f"{place}.{i}.{_WORDS[word]}"] = f"{field}.{word}"
             try:
-                found.append(read(entry, name, field))
+                objects.append(kind.read(entry, name, field))
             except InvalidInput as problem:
                 self.problems.append(problem)
-                found.append({key: f"{value}{i}" if key == "name" else value for key, value in stand_in.items()})
-        return found
+                # Names must differ, or the model would report a second problem.
+                objects.append(
+                    {key: f"{value}{i}" if key == "name" else value for key, value in kind.placeholder.items()}
+                )
+        return objects
 
 
-#: What stands in for an entry with a problem.
-_ANY_VALUE: Final = {"parameter": "?", "distribution": "CONSTANT", "value": 0}
-_ANY_NAME: Final = {"name": "?", "path": "?", "type": "FLOAT"}
-_ANY_TRAJECTORY: Final = {"path": "?", "keyframes": [{"time": 0, "?": 0}]}
-#: What the numbers of a sequence and of a keyframe in list notation are.
+#: Fields of a sequence in list notation, in order.
 _SEQUENCE: Final = ("frames", "step", "start")
+#: Fields of a keyframe in list notation, in order.
 _KEYFRAME: Final = ("time", "pos.x", "pos.y", "heading")
 
 
@@ -139,20 +149,20 @@ def _varied(entry: Any, name: str | None, field: str) -> Any:
     if isinstance(entry, dict):
         if entry and all(value is None for value in entry.values()):
             raise InvalidInput(
-                "curly brackets make a mapping: write the paper's list in square ones", field=field,
+                "braces make a mapping: write the paper's list in square brackets", field=field,
                 limit="[p1, HOMOGENEOUS, 1.5, 5.5, 1.0]",
             )  # fmt: skip
         if "parameter" not in entry and len(entry) == 1:
             ((name, inner),) = entry.items()
             return _varied_mapping(inner, str(name), field)
         return _spelled(entry, field)
-    raise InvalidInput("not a varied parameter", field=field, value=entry, limit=VariedHomogeneous.list_form("p1"))
+    raise InvalidInput("not an entry of vary", field=field, value=entry, limit=VariedHomogeneous.list_form("p1"))
 
 
 def _varied_list(entry: list[Any], field: str) -> dict[str, Any]:
     if len(entry) < 2 or not all(isinstance(word, str) for word in entry[:2]):
         raise InvalidInput(
-            "a list names parameter, distribution and numbers", field=field, value=entry,
+            "a list has a parameter, a distribution and numbers", field=field, value=entry,
             limit=VariedHomogeneous.list_form("p1"),
         )  # fmt: skip
     name, distribution = entry[0], _distribution(entry[1], field)
@@ -190,8 +200,8 @@ def _varied_mapping(entry: Any, name: str, field: str) -> dict[str, Any]:
 def _declared(entry: Any, name: str | None, field: str) -> Any:
     form = "[p1, scene.person-1.pos.x, FLOAT, minimum, maximum]"
     if isinstance(entry, dict):
-        named = _spelled(entry, field)
-        return named if name is None else {"name": name, **named}
+        declaration = _spelled(entry, field)
+        return declaration if name is None else {"name": name, **declaration}
     if name is not None or not isinstance(entry, list | tuple):
         raise InvalidInput("not a parameter declaration", field=field, value=entry, limit=form)
     words: dict[str, Any] = dict(zip(("name", "path", "type"), entry, strict=False))
@@ -209,30 +219,36 @@ def _trajectory(entry: Any, name: str | None, field: str) -> Any:
     if name is None and isinstance(entry, list | tuple):
         if not entry or not isinstance(entry[0], str):
             raise InvalidInput(
-                "a trajectory in a list names the thing first", field=field, value=list(entry), limit=form
+                "a trajectory in list notation begins with its object", field=field, value=list(entry), limit=form
             )
         name, entry = entry[0], list(entry[1:])
     if isinstance(entry, list | tuple):
         entry = {"keyframes": list(entry)}
     if not isinstance(entry, dict):
         raise InvalidInput("not a trajectory", field=field, value=entry, limit=form)
-    found = dict(entry) if name is None else {"path": name, **entry}
-    if isinstance(found.get("keyframes"), list | tuple):
-        found["keyframes"] = [_keyframe(key, f"{field}.{i}") for i, key in enumerate(found["keyframes"])]
-    return found
+    trajectory = dict(entry) if name is None else {"path": name, **entry}
+    keyframes = trajectory.get("keyframes")
+    if isinstance(keyframes, list | tuple):
+        trajectory["keyframes"] = [_keyframe(keyframe, f"{field}.{i}") for i, keyframe in enumerate(keyframes)]
+    return trajectory
 
 
-def _keyframe(key: Any, field: str) -> Any:
-    if not isinstance(key, list | tuple):
-        return key
-    if not 3 <= len(key) <= len(_KEYFRAME):
+def _keyframe(keyframe: Any, field: str) -> Any:
+    if not isinstance(keyframe, list | tuple):
+        return keyframe
+    if not 3 <= len(keyframe) <= len(_KEYFRAME):
         raise InvalidInput(
-            "a keyframe in a list has three or four numbers",
+            "a keyframe in list notation has three or four numbers",
             field=field,
-            value=list(key),
+            value=list(keyframe),
             limit=f"[{', '.join(_KEYFRAME)}]",
         )
-    return dict(zip(_KEYFRAME, key, strict=False))
+    return dict(zip(_KEYFRAME, keyframe, strict=False))
+
+
+_VARIED: Final = _EntryKind(_varied, {"parameter": "?", "distribution": "CONSTANT", "value": 0})
+_DECLARATION: Final = _EntryKind(_declared, {"name": "?", "path": "?", "type": "FLOAT"})
+_TRAJECTORY: Final = _EntryKind(_trajectory, {"path": "?", "keyframes": [{"time": 0, "?": 0}]})
 
 
 def _distribution(word: Any, field: str) -> str:
@@ -252,7 +268,7 @@ def _mapping_form(distribution: str) -> str:
 
 
 def _short_words(entry: Any) -> Iterator[str]:
-    """The short words that an entry uses, also within its distribution."""
+    """Yield the short words in an entry, including those in its distribution."""
     if isinstance(entry, dict):
         for key, value in entry.items():
             if key in _WORDS:
@@ -261,13 +277,13 @@ def _short_words(entry: Any) -> Iterator[str]:
 
 
 def _spelled(entry: dict[str, Any], field: str) -> dict[str, Any]:
-    """The entry with the long words of the model instead of the short ones of people."""
-    found: dict[str, Any] = {}
+    """Return the entry with the model's field names instead of the short words."""
+    fields: dict[str, Any] = {}
     for key, value in entry.items():
-        word = _WORDS.get(key, key)
-        if word in found:
+        name = _WORDS.get(key, key)
+        if name in fields:
             raise InvalidInput("given twice", field=f"{field}.{key}", value=value)
-        found[word] = value
-    if isinstance(found.get("distribution"), str):
-        found["distribution"] = found["distribution"].upper()
-    return found
+        fields[name] = value
+    if isinstance(fields.get("distribution"), str):
+        fields["distribution"] = fields["distribution"].upper()
+    return fields

@@ -1,4 +1,4 @@
-"""The JSON Schema of a spec file, for editors: both notations, with the descriptions of the model.
+"""The JSON Schema of spec files, for editors. It covers both notations and takes its descriptions from the docstrings.
 
 ``python -m valerie.runs.schema`` prints it; the committed copy is ``docs/run-spec.schema.json``.
 """
@@ -18,23 +18,23 @@ _DESIGNS: Final = ("grid", "latin_hypercube", "sobol", "halton", "random", "poin
 
 
 def run_spec_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of a spec as people write it."""
+    """Return the JSON Schema (2020-12) of a spec in either notation."""
     schema = RunSpec.model_json_schema(mode="validation")
     definitions = schema["$defs"]
     for part in (schema, *definitions.values()):
         _describe(part)
     definitions["Quantity"] = {
-        "description": "a number, or text with a number and a unit",
+        "description": "a number, or a text of a number and a unit",
         "type": ["number", "string"],
     }
-    definitions["Scalar"] = {"description": "any value of any parameter", "type": ["number", "string", "boolean"]}
+    definitions["Scalar"] = {"description": "a value of any parameter", "type": ["number", "string", "boolean"]}
     vary = _vary(definitions)
     block = definitions[BlockDocument.__name__]["properties"]
     block["vary"] = vary
     block["design"] |= {"examples": list(_DESIGNS)}
     properties = schema["properties"]
     for key in ("design", "count", "vary", "points"):
-        # One block may stand at the top.
+        # The fields of a single block may be at the top level.
         properties[key] = block[key]
     properties["parameters"] = _parameters()
     properties["trajectories"] = _trajectories(definitions)
@@ -50,11 +50,11 @@ def run_spec_schema() -> dict[str, Any]:
 
 def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
     definitions["Varied"] = {
-        "description": "one distribution of one parameter, with units",
+        "description": "the distribution of one parameter, with units",
         "oneOf": [_mapping_form(model, definitions) for model in DISTRIBUTIONS.values()],
     }
     definitions["VariedList"] = {
-        "description": "the paper's notation",
+        "description": "the paper's list notation",
         "oneOf": [_list_form(model) for model in DISTRIBUTIONS.values()],
     }
     objects = [{"$ref": f"#/$defs/{model.__name__}"} for model in DISTRIBUTIONS.values()]
@@ -68,22 +68,22 @@ def _vary(definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def _mapping_form(model: type[VariedDocument], definitions: dict[str, Any]) -> dict[str, Any]:
-    """``homogeneous: {from: 0 m, to: 9 m, step: 1 m}``; a distribution of one field takes its value directly."""
-    own = definitions[model.__name__]
-    fields = {key: value for key, value in own["properties"].items() if key not in ("parameter", "distribution")}
+    """Return the schema of ``homogeneous: {from: 0 m, to: 9 m, step: 1 m}``, or of ``choice: [a, b]``."""
+    form = definitions[model.__name__]
+    fields = {key: value for key, value in form["properties"].items() if key not in ("parameter", "distribution")}
     if len(model.listed) == 1:
         arguments = fields[model.listed[0]]
     else:
         spellings = {field: [*(word for word, long in SHORT_WORDS.items() if long == field), field] for field in fields}
         required = [
             {"oneOf": [{"required": [word]} for word in spellings[field]]}
-            for field in own["required"]
+            for field in form["required"]
             if field in fields
         ]
         arguments = {
             "type": "object",
             "additionalProperties": False,
-            "description": own["description"],
+            "description": form["description"],
             "properties": {word: fields[field] for field in fields for word in spellings[field]},
             **({"allOf": required} if required else {}),
         }
@@ -92,7 +92,7 @@ def _mapping_form(model: type[VariedDocument], definitions: dict[str, Any]) -> d
 
 
 def _list_form(model: type[VariedDocument]) -> dict[str, Any]:
-    """``[name, HOMOGENEOUS, minimum, maximum, step]``."""
+    """Return the schema of ``[name, HOMOGENEOUS, minimum, maximum, step]``."""
     least = 2 + len(model.listed)
     return {
         "description": model.list_form("name"),
@@ -104,7 +104,7 @@ def _list_form(model: type[VariedDocument]) -> dict[str, Any]:
 
 
 def _renderers() -> list[dict[str, Any]]:
-    """A name; a name with the settings of a built-in engine; a name with settings that only its package knows."""
+    """Return the schemas of a name, of each built-in engine with settings, and of a plugin with any settings."""
     forms: list[dict[str, Any]] = [
         {"type": "string", "minLength": 1, "maxLength": 200, "examples": list(plugins.RENDERERS)}
     ]
@@ -150,7 +150,8 @@ def _parameters() -> dict[str, Any]:
         "oneOf": [{"required": ["path"]}, {"required": ["scene_graph_ref"]}],
     }
     return {
-        "description": "names of this spec's own: [name, scene_graph_ref, type, minimum, maximum], within the asset's range",
+        "description": "this spec's names for parameters: [name, scene_graph_ref, type, minimum, maximum]; ranges lie within "
+        "the asset's",
         "anyOf": [
             {"type": "object", "additionalProperties": entry},
             {
@@ -175,7 +176,7 @@ def _parameters() -> dict[str, Any]:
 
 
 def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
-    """A mapping by thing or a list; keyframes as mappings or as lists of numbers."""
+    """Return the schema of trajectories by object or in a list, with keyframes as mappings or as lists of numbers."""
     quantity = {"$ref": "#/$defs/Quantity"}
     numbers = {"type": "array", "minItems": 3, "maxItems": 4, "items": quantity, "description": "[time, x, y, heading]"}
     document = definitions["TrajectoryDocument"]
@@ -188,7 +189,7 @@ def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
     listed = {"type": "array", "minItems": 1, "items": numbers}
     in_a_list = {"type": "array", "prefixItems": [{"type": "string"}], "items": numbers, "minItems": 2}
     return {
-        "description": "how things move, by keyframes, beside or instead of what the asset says",
+        "description": "how objects move, by keyframes, in addition to or instead of the asset's trajectories",
         "anyOf": [
             {"type": "object", "additionalProperties": {"anyOf": [named, listed]}},
             {"type": "array", "items": {"anyOf": [{"$ref": "#/$defs/TrajectoryDocument"}, in_a_list]}},
@@ -197,7 +198,7 @@ def _trajectories(definitions: dict[str, Any]) -> dict[str, Any]:
 
 
 def _describe(schema: dict[str, Any]) -> None:
-    """Move what a docstring says of each field from the model's description to the field's."""
+    """Move the text about each attribute from the model's description (its docstring) to the field's description."""
     summary, _, attributes = schema.get("description", "").partition("Attributes:\n")
     if summary:
         schema["description"] = summary.split("\n\n")[0].strip()
@@ -215,7 +216,7 @@ def _describe(schema: dict[str, Any]) -> None:
 
 
 def _without_titles(schema: Any) -> Any:
-    """Pydantic titles every field with its own name, which only makes editors noisy."""
+    """Return a schema without pydantic's titles, which repeat the names of fields."""
     if isinstance(schema, list):
         return [_without_titles(item) for item in schema]
     if not isinstance(schema, dict):
@@ -226,7 +227,7 @@ def _without_titles(schema: Any) -> Any:
 
 
 def schema_text() -> str:
-    """The schema as it is committed."""
+    """Return the schema as the text of its committed file."""
     return json.dumps(run_spec_schema(), indent=2, ensure_ascii=False) + "\n"
 
 

@@ -51,7 +51,7 @@ def setting_of(setting: SensorSetting, assignment: Mapping[str, Any], *, moves: 
     return of_variant if moves else of_variant.without_shutter()
 
 
-def response(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
+def response_of(setting: SensorSetting, sensor: Mapping[str, Any], run_seed: int, *, moves: bool = False) -> Response:
     """Return what a prediction on the picture of a sensor depends on.
 
     Args:

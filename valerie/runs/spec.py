@@ -1,4 +1,4 @@
-r"""Specs: read one from text, resolve it against its asset. The door of this package.
+r"""The entry point of this package: read a spec from text, and resolve it against its asset.
 
 >>> spec = parse("name: first\nasset: urban-street\nvary: [[person-1.pos.x, HOMOGENEOUS, 1.5, 5.5, 1.0]]")
 >>> manifest, asset_digest = asset_manifest(spec.asset)
@@ -40,19 +40,20 @@ __all__ = [
     "resolve",
 ]
 
-#: Tags that pydantic puts into the places of problems in a discriminated union.
+#: Tags that pydantic adds to the places of problems within a discriminated union.
 _TAGS: Final = frozenset(DISTRIBUTIONS)
-_PLAIN: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
+#: Names of types that pydantic adds to the places of problems within a plain union.
+_TYPES: Final = frozenset({"int", "float", "str", "bool", "constrained-str", "dict[str,union[bool,int,float,str]]"})
 
 
 def parse(source: str | bytes | dict[str, Any] | RunSpec) -> RunSpec:
     """Read a spec in either notation.
 
     Args:
-        source: YAML or JSON text, or a document that was read already.
+        source: YAML or JSON text, or a document that has been loaded.
 
     Raises:
-        InvalidInput: the text is no usable document (see `valerie.loading`).
+        InvalidInput: the text is not a usable document (see `valerie.loading`).
         InvalidInputs: every problem of the document, each with its dotted field.
     """
     if isinstance(source, RunSpec):
@@ -73,15 +74,15 @@ def parse(source: str | bytes | dict[str, Any] | RunSpec) -> RunSpec:
 
 
 def _problems(error: ValidationError, places: Mapping[str, str]) -> list[InvalidInput]:
-    found: dict[str, InvalidInput] = {}
+    problems: dict[str, InvalidInput] = {}
     for problem in error.errors(include_url=False):
         if problem["type"] == "too_short" and problem["input"]:
-            continue  # its items were wrong, and are reported themselves
-        loc = [part for part in problem["loc"] if part not in _TAGS and part not in _PLAIN]
-        place = written_place(".".join(map(str, loc)), places)
-        # A union reports one problem for each of its members; one is enough.
-        found.setdefault(place, _problem(problem, place))
-    return list(found.values())
+            continue  # Pydantic dropped its invalid items, which are reported separately.
+        parts = [part for part in problem["loc"] if part not in _TAGS and part not in _TYPES]
+        place = written_place(".".join(map(str, parts)), places)
+        # A union reports a problem for each of its members; the first is enough.
+        problems.setdefault(place, _problem(problem, place))
+    return list(problems.values())
 
 
 def _problem(problem: Any, place: str) -> InvalidInput:
@@ -92,7 +93,7 @@ def _problem(problem: Any, place: str) -> InvalidInput:
 
 
 def _fields(parents: list[Any]) -> list[str]:
-    """The fields that the model at ``parents`` has."""
+    """Return the names of the fields of the model at ``parents``."""
     model: type[BaseModel] = RunSpec
     for part in parents:
         if part in _TAGS:

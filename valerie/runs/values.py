@@ -1,4 +1,4 @@
-"""Base and field types of every document of a spec."""
+"""The base class and the field types of all parts of a spec."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, StringConstraints
 
-#: A number, or text with a number and a unit.
+#: A number, or a text of a number and a unit.
 Quantity = StrictInt | StrictFloat | StrictStr
-#: Any value of any parameter; a number may be a quantity.
+#: A value of any parameter; numbers may be quantities.
 Scalar = StrictBool | StrictInt | StrictFloat | StrictStr
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=200)]
 Text = Annotated[str, StringConstraints(strict=True, max_length=10_000)]
@@ -16,6 +16,6 @@ Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
 
 
 class Document(BaseModel):
-    """Base of all parts of a spec."""
+    """Base class of all parts of a spec."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

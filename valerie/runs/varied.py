@@ -1,6 +1,6 @@
-"""Distributions as a spec writes them: both notations and the JSON Schema follow from the classes below.
+"""Distributions as specs write them. Both notations and the JSON Schema are derived from the classes below.
 
-A distribution of the same name in `valerie.parameters.distributions` holds the mathematics.
+The mathematics is in the class of the same name in `valerie.parameters.distributions`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ SHORT_WORDS: Final = MappingProxyType({"from": "minimum", "to": "maximum", "sigm
 
 
 class VariedDocument(Document):
-    """A varied parameter, by name or path.
+    """A varied parameter.
 
     Attributes:
         makes: the distribution that this document describes.
-        listed: fields in the order of the list notation ``[parameter, DISTRIBUTION, …]``. A distribution with one such
-            field also takes its value directly in the mapping notation: ``choice: [a, b]``.
-        repeated: True if the list notation ends with any number of values of the one listed field.
+        listed: fields in the order of the list notation ``[parameter, DISTRIBUTION, …]``. In the mapping notation, a
+            distribution with a single listed field takes its value directly: ``choice: [a, b]``.
+        repeated: True if the list notation takes any number of values for the listed field.
+        parameter: name or path.
     """
 
     makes: ClassVar[type[distributions.Distribution]]
@@ -47,7 +48,7 @@ class VariedDocument(Document):
 
 
 class VariedHomogeneous(VariedDocument):
-    """minimum + k · step ≤ maximum."""
+    """Values minimum + k · step ≤ maximum."""
 
     makes = distributions.Homogeneous
     listed = ("minimum", "maximum", "step")
@@ -59,7 +60,7 @@ class VariedHomogeneous(VariedDocument):
 
 
 class VariedGaussian(VariedDocument):
-    """Normal, truncated to the declared range; ``count`` mid-quantiles in a grid."""
+    """Normal distribution, truncated to the declared range; a grid takes ``count`` mid-quantiles."""
 
     makes = distributions.Gaussian
     listed = ("mean", "standard_deviation")
@@ -71,7 +72,7 @@ class VariedGaussian(VariedDocument):
 
 
 class VariedUniform(VariedDocument):
-    """Equally likely between the ends, by default the declared ones; ``count`` mid-quantiles in a grid."""
+    """Uniform distribution over a range, by default the declared one; a grid takes ``count`` mid-quantiles."""
 
     makes = distributions.Uniform
     listed = ("minimum", "maximum")
@@ -83,7 +84,7 @@ class VariedUniform(VariedDocument):
 
 
 class VariedChoice(VariedDocument):
-    """One of the listed values."""
+    """Listed values."""
 
     makes = distributions.Choice
     listed = ("values",)
@@ -94,7 +95,7 @@ class VariedChoice(VariedDocument):
 
 
 class VariedConstant(VariedDocument):
-    """One value."""
+    """A single value."""
 
     makes = distributions.Constant
     listed = ("value",)
@@ -108,7 +109,7 @@ Varied = Annotated[
     Field(discriminator="distribution"),
 ]
 
-#: Distribution to its document.
+#: Name of a distribution to its document.
 DISTRIBUTIONS: Final[Mapping[str, type[VariedDocument]]] = MappingProxyType(
     {model.word(): model for model in get_args(get_args(Varied)[0])}
 )

@@ -129,10 +129,10 @@ def test_three_numbers_of_a_gaussian_are_refused_with_the_right_form() -> None:
     [
         (["p1", "HOMOGENEOUS", 1, 2], "[p1, HOMOGENEOUS, minimum, maximum, step]"),
         (["p1", "HOMOGENOUS", 1, 2, 1], "did you mean HOMOGENEOUS"),
-        (["p1"], "a list names parameter"),
-        ([1, 2, 3], "a list names parameter"),
-        (3, "not a varied parameter"),
-        ({"p1": None, "HOMOGENEOUS": None, "1.5": None}, "write the paper's list in square ones"),
+        (["p1"], "a list has a parameter"),
+        ([1, 2, 3], "a list has a parameter"),
+        (3, "not an entry of vary"),
+        ({"p1": None, "HOMOGENEOUS": None, "1.5": None}, "write the paper's list in square brackets"),
         ({"p1": {"homogeneous": 3}}, "takes a mapping"),
         ({"p1": {"homogeneous": {}, "uniform": {}}}, "has one distribution"),
         ({"p1": {"homogenous": {}}}, "did you mean homogeneous"),
@@ -237,5 +237,5 @@ def test_a_renderer_is_a_name_or_a_mapping_with_settings() -> None:
     assert given("cycles").engine_settings == {}
     assert given({"name": "cycles", "samples": 16}).engine == "cycles"
     assert given({"name": "cycles", "samples": 16}).engine_settings == {"samples": 16}
-    with pytest.raises(InvalidInputs, match="a renderer mapping has a name"):
+    with pytest.raises(InvalidInputs, match="a renderer mapping needs a name"):
         given({"samples": 16})
