@@ -27,9 +27,12 @@ from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
 from valerie.pipeline.base.context import open_context
+from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.control.feeding import Feeder
 from valerie.pipeline.control.submit import submit
+from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.runs.spec import parse
+from valerie.runs.states import RunState
 from valerie.settings import load_settings
 
 SIZES = (1_000, 10_000, 30_000, 100_000)
@@ -127,15 +130,12 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
         redis_server.wait_until_it_answers(socket, seconds=30)
         context = open_context(settings)
         migrate(context.engine)
-        offer = {"name": "blank", "numeric_class": "blank", "revision": 1, "digest": "0" * 64}
-        pins = {
-            "engine": {**offer, "route": "render.blank.blank"},
-            "truth": {**offer, "route": "render.truth.blank"},
-            "functions": {"blank": {**offer, "route": "infer.blank"}},
-        }
-        run_id = submit(context, parse(document(FED)))
+        spec = parse(document(FED))
+        pins, reason = choose_pins(spec, [*probe_engine("blank"), *probe_function("blank")], {})
+        assert pins is not None, reason
+        run_id = submit(context, spec)
         with writing(context.engine) as connection:
-            runs.change_state(connection, run_id, expected=("submitted",), state="running", pins=pins)
+            runs.change_state(connection, run_id, expected=(RunState.SUBMITTED,), state=RunState.RUNNING, pins=pins)
         with reading(context.engine) as connection:
             run = runs.get(connection, run_id)
         rows = messages = 0.0
@@ -146,9 +146,10 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
             fed = feeder.feed(context.engine, following, time.time())
             written = time.process_time()
             context.broker.send_products(fed.ready)
-            following = fed.next_index
             rows += written - started
             messages += time.process_time() - written
+            with reading(context.engine) as connection:
+                following = runs.fed(connection, run_id).next_index
     finally:
         server.terminate()
         server.wait()

@@ -90,13 +90,16 @@ def measured(settings: Settings, run_id: str) -> dict[str, Any]:
     try:
         with reading(context.engine) as connection:
             run = runs.get(connection, run_id)
-            functions = resolve_stored(run, settings).spec.functions
-            found = {name: predictions(connection, run_id, 0, index) for index, name in enumerate(functions)}
+            stored = resolve_stored(run, settings)
+            found = {
+                name: predictions(connection, run_id, 0, index)
+                for index, name in enumerate(stored.resolved.spec.functions)
+            }
     finally:
         context.engine.dispose()
     return {
         name: {
-            "digest": run.pins["functions"][name]["digest"],
+            "digest": stored.pins.functions[name].digest,
             **statistics([codecs.decode_counts(packed) for _, packed in rows.values()]),
         }
         for name, rows in found.items()

@@ -45,7 +45,7 @@ class SketchMaker:
         if self._broken(job):
             raise RenderingError("sketch: the image is constant (every sampled pixel is 0)")
         with reading(self._context.engine) as connection:
-            resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings)
+            resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings).resolved
         values = {d.path: d.default for d in resolved.definitions} | job.frame.assignment
         size = resolved.spec.resolution
         view = View(resolved.cameras[job.frame.key.camera], size.width, size.height)

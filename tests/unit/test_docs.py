@@ -348,7 +348,7 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
     look_again()
     try:
         (offered,) = probe_function("dark-is-person")
-        assert (offered["name"], offered["revision"], offered["numeric_class"]) == ("dark-is-person", 1, "numpy-uint8")
+        assert (offered.name, offered.revision, offered.numeric_class) == ("dark-is-person", 1, "numpy-uint8")
         assert "warm" in plugins.renderer_names()
         assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
     finally:

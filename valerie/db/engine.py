@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import orjson
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
@@ -21,11 +20,11 @@ _BUSY_TIMEOUT_MS = 30_000
 _CACHE_KIB = 32 * 1024
 #: Pages in the log before they are copied into the database (40 MB): the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
-#: Documents are written by the thousand; orjson is several times faster than the standard library.
 _OPTIONS: dict[str, Any] = {
     "hide_parameters": True,  # thousands of rows do not belong into a log
-    "json_serializer": lambda value: orjson.dumps(value).decode(),
-    "json_deserializer": orjson.loads,
+    # `valerie.db.documents` reads and writes JSON text itself.
+    "json_serializer": lambda text: text,
+    "json_deserializer": lambda text: text,
 }
 #: Held by `unforked`, and by every fork while it happens.
 _FORK = threading.Lock()

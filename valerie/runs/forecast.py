@@ -20,8 +20,10 @@ from pydantic import BaseModel, ConfigDict
 from valerie import plugins
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
+from valerie.perception.base import FunctionCard
 from valerie.runs.costs import Basis, CostKey, CostTable
 from valerie.runs.inputs import FrameDigests, ProductInputs
+from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind, Stage
 from valerie.scene.variation.conditions import sun_by_time
@@ -139,7 +141,7 @@ class Plan(BaseModel):
 def plan(
     resolved: ResolvedRun,
     *,
-    pins: Mapping[str, Any] | None = None,
+    pins: Pins | None = None,
     present: Present | None = None,
     costs: CostTable | None = None,
 ) -> Plan:
@@ -364,11 +366,17 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
     )
 
 
-def _any_pins(resolved: ResolvedRun) -> dict[str, Any]:
-    """Pins that keep different products apart and equal none that is stored."""
-    pin = {"numeric_class": "", "revision": 0}
-    functions = {name: {**pin, "digest": name} for name in resolved.spec.functions}
-    return {"engine": pin, "truth": pin, "functions": functions}
+def _any_pins(resolved: ResolvedRun) -> Pins:
+    """Return pins that keep different products apart and equal none that is stored."""
+    render = Offer(stage=Stage.RENDER, name="", numeric_class="", revision=0, route="")
+    functions = {
+        name: FunctionPin(
+            stage=Stage.INFER, name=name, numeric_class="", revision=0, route="", digest=name,
+            card=FunctionCard(name, name, "", "", "", {}),
+        )
+        for name in resolved.spec.functions
+    }  # fmt: skip
+    return Pins(engine=render, truth=render, functions=functions)
 
 
 def _basis_text(products: list[ProductPlan], costs: CostTable) -> str:

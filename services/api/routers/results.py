@@ -13,15 +13,15 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.db import results, runs
+from valerie.db import results
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput, UnknownName
+from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
+from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.runs.spec import ResolvedRun
-from valerie.storage.keys import run_key
 
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 
@@ -112,11 +112,7 @@ def points(
     "/summary", responses=problems(404, 409, 422), summary="The table of the paper's section 6.2, and the findings"
 )
 def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
-    with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-    if run.summary is None:
-        raise Conflict(f"run {run_id} is {run.state}; it has a summary when it has ended")
-    return SummaryRead.model_validate(run.summary)
+    return SummaryRead.model_validate_json(context.store.get(artifact_key(context, run_id, SUMMARY)))
 
 
 @router.get(
@@ -126,11 +122,7 @@ def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
     summary="The self-contained HTML report",
 )
 def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDependency) -> Response:
-    with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-    if run.summary is None:
-        raise Conflict(f"run {run_id} is {run.state}; it has a report when it has ended")
-    key = run_key(run_id, "report.html")
+    key = artifact_key(context, run_id, REPORT)
     info = context.store.head(key)
     return send(
         conditions,

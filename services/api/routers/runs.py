@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
@@ -168,7 +169,7 @@ def progress(run_id: RunId, context: ContextDependency) -> Progress:
 )
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
     with reading(context.engine) as connection:
-        runs.get(connection, run_id)
+        runs.require(connection, run_id)
         failed = results.failures(connection, run_id, limit=limit)
     return [
         Failure(
@@ -177,7 +178,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
             time_index=link.frame.time,
             digest=link.digest,
             kind=link.kind,
-            error=link.error,
+            error=link.error.model_dump(mode="json"),
         )
         for link in failed
     ]
@@ -190,7 +191,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
 )
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     with reading(context.engine) as connection:
-        runs.get(connection, run_id)
+        runs.require(connection, run_id)
         return runs.rejections(connection, run_id)
 
 
@@ -229,9 +230,14 @@ def _read(context: Context, run_id: str) -> RunRead:
         return _run(runs.get(connection, run_id))
 
 
-def _run(row: Any) -> RunRead:
+def _run(row: runs.RunRow) -> RunRead:
     return RunRead.model_validate(_members(row))
 
 
-def _members(row: Any) -> dict[str, Any]:
-    return {**row._mapping, "stages": (row.progress or {}).get("stages", {})}  # noqa: SLF001  # public in SQLAlchemy
+def _members(row: runs.RunRow) -> dict[str, Any]:
+    return {
+        **{field.name: getattr(row, field.name) for field in fields(row)},
+        "spec": row.spec.model_dump(mode="json"),
+        "pins": None if row.pins is None else row.pins.model_dump(mode="json", exclude_none=True),
+        "stages": {} if row.progress is None else row.progress.stages,
+    }

@@ -11,12 +11,13 @@ from typing import Any
 from sqlalchemy import select
 
 from tests.acceptance.system import spec, write_box_street
-from valerie.broker import route_of
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
-from valerie.db.products import Finished, Job, Ready
+from valerie.db.processes import WorkerRow
+from valerie.db.products import Finished, Job
+from valerie.db.runs import RunRow
 from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
@@ -27,7 +28,10 @@ from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
+from valerie.runs.pins import AnyOffer
+from valerie.runs.products import Ready
 from valerie.runs.spec import parse
+from valerie.runs.states import Stage, stage_of
 from valerie.settings import load_settings
 
 #: 12 places, two cameras: 24 frames.
@@ -53,7 +57,7 @@ class RecordingBroker:
         self.finish.append(run_id)
 
     def queue_length(self, route: str) -> int:
-        return sum(1 for item in self.ready if item[2] == route)
+        return sum(1 for item in self.ready if item.route == route)
 
 
 class Watched:
@@ -102,15 +106,14 @@ class Pipeline:
             self.add_worker()
 
     def add_worker(self) -> None:
-        offers = [
-            {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
-            for o in probe_engine("blank")
-        ]
-        offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
+        self.offer("w", *probe_engine("blank"), *probe_function("blank"))
+
+    def offer(self, worker: str, *offers: AnyOffer) -> None:
+        """Register a worker that never dies."""
         now = time.time()
-        row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": now}
+        row = WorkerRow(worker, Stage.RENDER, "h", 1, offers, started_at=now, seen_at=now + 1e6)
         with writing(self.context.engine) as connection:
-            processes.register_worker(connection, {**row, "seen_at": now + 1e6})
+            processes.register_worker(connection, row)
 
     def submit(self, document: dict[str, Any] = SMALL, **keywords: Any) -> str:
         return submit(self.context, parse(document), **keywords)
@@ -121,7 +124,7 @@ class Pipeline:
         self.loop.tick()
         batch, self.broker.ready = self.broker.ready, []
         for stage, maker in self.makers.items():
-            digests = [digest for digest, _, route, _ in batch if route.partition(".")[0] == stage]
+            digests = [ready.digest for ready in batch if stage_of(ready.route) == stage]
             if digests:
                 run_stage(self.context, maker, digests)
         finishing, self.broker.finish = self.broker.finish, []
@@ -140,12 +143,12 @@ class Pipeline:
             time.sleep(0.01)
         raise AssertionError(f"still {self.state(run_id)}: {self.row(run_id).progress}")
 
-    def row(self, run_id: str) -> Any:
+    def row(self, run_id: str) -> RunRow:
         with reading(self.context.engine) as connection:
             return runs.get(connection, run_id)
 
     def state(self, run_id: str) -> str:
-        return str(self.row(run_id).state)
+        return self.row(run_id).state
 
     def products(self) -> list[Any]:
         with reading(self.context.engine) as connection:

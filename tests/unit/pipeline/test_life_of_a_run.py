@@ -12,15 +12,17 @@ from valerie.db import results, runs
 from valerie.db.engine import reading
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.products import FailedInput, Fault
 from valerie.runs.spec import parse
+from valerie.runs.states import ProductKind, Stage
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
 from valerie.storage.keys import product_key
@@ -51,9 +53,8 @@ class TestAnUndisturbedRun:
         names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(f"runs/{run}")}
         assert names == {"report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
         progress = pipeline.row(run).progress
-        assert {name: stage["done"] for name, stage in progress["stages"].items()} == dict.fromkeys(
-            ("render", "infer", "eval"), FRAMES
-        )
+        assert progress is not None
+        assert {stage: done.done for stage, done in progress.stages.items()} == dict.fromkeys(Stage, FRAMES)
 
     def test_a_small_window_feeds_a_run_piece_by_piece(
         self, pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
@@ -137,14 +138,11 @@ class TestFailures:
         assert len(rows(pipeline, run)) == 2 * (FRAMES - 1)
         with reading(pipeline.context.engine) as connection:
             failures = {link.kind: link.error for link in results.failures(connection, run)}
-        assert failures["layer"] == {
-            "stage": "layer",
-            "type": "RenderingError",
-            "message": "the image is constant",
-            "attempts": 1,
-        }
-        assert failures["prediction"] == {"cause": broken[0]}
-        assert set(failures) == {"layer", "prediction", "evaluation"}
+        layer, prediction, evaluation = ProductKind.LAYER, ProductKind.PREDICTION, ProductKind.EVALUATION
+        fault = Fault(stage=layer, type="RenderingError", message="the image is constant", attempts=1)
+        assert failures[layer] == fault
+        assert failures[prediction] == FailedInput(cause=broken[0])
+        assert set(failures) == {layer, prediction, evaluation}
 
         pipeline.makers["render"].before = lambda _job: None
         lifecycle.retry(pipeline.context, run)
@@ -172,7 +170,7 @@ class TestFailures:
         run = pipeline.submit()
         assert pipeline.run(run) == "completed-with-failures"
         with reading(pipeline.context.engine) as connection:
-            errors = {link.error["type"] for link in results.failures(connection, run)}
+            errors = {link.error.type for link in results.failures(connection, run) if isinstance(link.error, Fault)}
         assert errors == {"ZeroDivisionError"}
 
     def test_a_lost_object_is_made_again(self, pipeline: Pipeline) -> None:

@@ -11,13 +11,14 @@ from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.selection import choose_frames, run_where
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.states import Stage
 
 
 def moving(**more: Any) -> dict[str, Any]:
@@ -38,8 +39,9 @@ def test_each_moment_is_a_frame_and_equal_moments_share_their_products(pipeline:
         ("0", 0.0), ("1", 0.5), ("2", 1.0), ("3", 1.5), ("4", 2.0),
     ]  # fmt: skip
     assert len({row["distance_m"] for row in rows if row["instance_id"] == 24001}) == 3
-    assert pipeline.row(run_id).progress["stages"]["render"]["done"] == 5
-    assert pipeline.row(run_id).summary is not None
+    progress = pipeline.row(run_id).progress
+    assert progress is not None
+    assert progress.stages[Stage.RENDER].done == 5
 
 
 def test_every_frame_of_a_sequence_can_be_made_again(pipeline: Pipeline) -> None:

@@ -57,7 +57,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[s
         "splits": counts,
         "asset": resolved.spec.model_dump(mode="json")["asset"],
         "asset_digest": resolved.asset_digest,
-        "pins": plan.run.pins,
+        "pins": plan.run.pins.model_dump(mode="json", exclude_none=True),
         "sensor": resolved.spec.sensors[plan.sensor].model_dump(mode="json"),
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},

@@ -15,8 +15,8 @@ from valerie.db.results import StoredPrediction
 from valerie.errors import Conflict, InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.annotation_files import chosen_annotations
-from valerie.pipeline.reading.run_cache import StoredRun
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     choose_frames,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.db.engine import reading
@@ -15,6 +14,7 @@ from valerie.perception.running.opening import open_function, require_payload
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.payload_cache import PayloadCache
+from valerie.runs.pins import FunctionPin
 from valerie.settings import Settings
 
 _FOLDER: Final = "functions"
@@ -30,12 +30,12 @@ class FunctionLoader:
             context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
         )
 
-    def open(self, name: str, pin: Mapping[str, Any], *, threads: int | None = None) -> PerceptionFunction:
+    def open(self, name: str, pin: FunctionPin, *, threads: int | None = None) -> PerceptionFunction:
         """Load a function as a run pinned it.
 
         Args:
             name: in the run's spec.
-            pin: see `valerie.pipeline.base.pins`.
+            pin: of the run.
             threads: of the inference engine; None: as many as this deployment's workers have.
 
         Raises:
@@ -45,18 +45,18 @@ class FunctionLoader:
         """
         settings = self._context.settings
         threads = threads or settings.inference_threads
-        if "kind" in pin:  # registered
-            function = self._registered(pin["digest"], name, threads)
+        if pin.kind is not None:  # registered
+            function = self._registered(pin.digest, name, threads)
         else:
             function = plugins.create_function(name, threads=threads, device=settings.infer_device)
-        if function.card.digest != pin["digest"]:
-            has, wants = function.card.digest[:12], pin["digest"][:12]
+        if function.card.digest != pin.digest:
+            has, wants = function.card.digest[:12], pin.digest[:12]
             function.close()
             raise TransientError(f"{name} has digest {has} here; the run pinned {wants}")
-        if function.numeric_class != pin["numeric_class"]:
+        if function.numeric_class != pin.numeric_class:
             runs_as = function.numeric_class
             function.close()
-            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin['numeric_class']}")
+            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin.numeric_class}")
         return function
 
     def _registered(self, digest: str, name: str, threads: int) -> PerceptionFunction:

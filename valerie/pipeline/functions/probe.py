@@ -5,13 +5,11 @@ This is a process of its own, since a driver may crash and a worker's supervisin
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.errors import ValerieError
@@ -20,6 +18,8 @@ from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH
 from valerie.pipeline.functions.loader import open_document
+from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer, Offer
+from valerie.runs.states import Stage, route_of
 from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 from valerie.testing.onnx_function import small_onnx
@@ -28,20 +28,29 @@ from valerie.testing.onnx_function import small_onnx
 HTTP: Final = "http"
 
 
-def probe_engine(name: str) -> list[dict[str, Any]]:
+def probe_engine(name: str) -> list[AnyOffer]:
     """Return the offers of one render engine and of the truth pass beside it."""
     renderer = plugins.create_renderer(name)
     try:
-        offers = [{"name": name, "numeric_class": renderer.numeric_class, "revision": renderer.revision}]
+        engine = _rendering(name, renderer.numeric_class, renderer.revision)
     finally:
         renderer.close()
     truth = plugins.create_truth_pass(BLANK if name == BLANK else "")
-    offers.append({"name": TRUTH, "numeric_class": truth.numeric_class, "revision": truth.revision})
-    return offers
+    return [engine, _rendering(TRUTH, truth.numeric_class, truth.revision)]
 
 
-def probe_function(name: str) -> list[dict[str, Any]]:
-    """Return the offer of one installed function under test, or of an inference engine (see `inference_names`)."""
+def _rendering(name: str, numeric_class: str, revision: int) -> Offer:
+    return Offer(
+        stage=Stage.RENDER,
+        name=name,
+        numeric_class=numeric_class,
+        revision=revision,
+        route=route_of(Stage.RENDER, name, numeric_class),
+    )
+
+
+def probe_function(name: str) -> list[AnyOffer]:
+    """Return the offer of an installed function under test, or of an inference engine (see `inference_names`)."""
     if name in inference_names():
         return probe_inference(name)
     settings = load_settings()
@@ -49,20 +58,22 @@ def probe_function(name: str) -> list[dict[str, Any]]:
     try:
         card = function.card
         return [
-            {
-                "name": name,
-                "digest": card.digest,
-                "revision": function.revision,
-                "numeric_class": function.numeric_class,
-                "card": asdict(card),
-            }
+            FunctionOffer(
+                stage=Stage.INFER,
+                name=name,
+                numeric_class=function.numeric_class,
+                revision=function.revision,
+                route=route_of(Stage.INFER, function.numeric_class),
+                digest=card.digest,
+                card=card,
+            )
         ]
     finally:
         function.close()
 
 
-def probe_inference(name: str) -> list[dict[str, Any]]:
-    """Return the offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+def probe_inference(name: str) -> list[AnyOffer]:
+    """Return the offer of an inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
     settings = load_settings()
     if name == HTTP:
         if not settings.http_addresses:
@@ -70,15 +81,25 @@ def probe_inference(name: str) -> list[dict[str, Any]]:
         parse_allowed(settings.http_addresses, field="VALERIE_HTTP_FUNCTIONS")
         from valerie.perception.running.http_function import HttpFunction
 
-        return [{"name": HTTP, "revision": HttpFunction.revision, "numeric_class": HTTP}]
+        return [_inference(HTTP, HTTP, HttpFunction.revision)]
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
         function = open_document(document, path, settings, threads=settings.inference_threads)
         try:
-            return [{"name": name, "revision": function.revision, "numeric_class": function.numeric_class}]
+            return [_inference(name, function.numeric_class, function.revision)]
         finally:
             function.close()
+
+
+def _inference(name: str, numeric_class: str, revision: int) -> Offer:
+    return Offer(
+        stage=Stage.INFER,
+        name=name,
+        numeric_class=numeric_class,
+        revision=revision,
+        route=route_of(Stage.INFER, numeric_class),
+    )
 
 
 def inference_names() -> tuple[str, ...]:
@@ -96,16 +117,16 @@ def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument
     return small_onnx(folder, engine=engine, precision=precision)
 
 
-_PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
-    "render": probe_engine,
-    "infer": probe_function,
+_PROBES: Final[dict[str, Callable[[str], Sequence[AnyOffer]]]] = {
+    Stage.RENDER: probe_engine,
+    Stage.INFER: probe_function,
 }
 
 
 def main(arguments: Sequence[str]) -> int:
     """Print the offers of all names that work, and errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
-    offers: list[dict[str, Any]] = []
+    offers: list[AnyOffer] = []
     for name in names:
         try:
             offers += _PROBES[stage](name)
@@ -113,7 +134,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
         except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
-    print(json.dumps(offers))  # noqa: T201
+    print(OFFERS.dump_json(tuple(offers)).decode())  # noqa: T201
     return 0 if offers else 1
 
 

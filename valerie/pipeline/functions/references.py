@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.db.engine import reading
@@ -19,6 +18,7 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.functions.registry import SHORT
+from valerie.runs.pins import FunctionPin
 from valerie.spelling import plain_name
 
 _SUFFIX: Final = ".safetensors"
@@ -29,12 +29,12 @@ def is_file(reference: str) -> bool:
     return "/" in reference or reference.endswith(_SUFFIX)
 
 
-def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tuple[FunctionDocument, Path]:
+def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[FunctionDocument, Path]:
     """Return document and weights of a network as a run pinned it.
 
     Args:
         name: in the run's spec.
-        pin: see `valerie.pipeline.base.pins`.
+        pin: of the run.
         context: of the deployment, where functions are registered.
 
     Raises:
@@ -42,9 +42,9 @@ def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tu
         NotFound: this version was removed.
         Conflict: it ships with VALERIE, and the run used other weights than are installed now.
     """
-    if "kind" in pin:
+    if pin.kind is not None:
         with reading(context.engine) as connection:
-            document = registry.of_digest(connection, pin["digest"], name).document
+            document = registry.of_digest(connection, pin.digest, name).document
         require_trainable(document)
         return document, FunctionLoader(context).file(document)
     if name not in FUNCTIONS:
@@ -52,9 +52,9 @@ def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tu
     path = function_path(name)
     document = file_document(name, path)
     assert document.payload is not None, "a document of a file has a payload"
-    if document.payload.sha256 != pin["digest"]:
+    if document.payload.sha256 != pin.digest:
         raise Conflict(
-            f"the run used other weights of {name} ({pin['digest'][:SHORT]}) than are installed now "
+            f"the run used other weights of {name} ({pin.digest[:SHORT]}) than are installed now "
             f"({document.payload.sha256[:SHORT]}); run the validation again"
         )
     return document, path
@@ -65,12 +65,12 @@ def display_name(reference: str) -> str:
     return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
-def open_pinned(name: str, pin: Mapping[str, Any], *, context: Context, threads: int | None = None) -> BoundedFunction:
+def open_pinned(name: str, pin: FunctionPin, *, context: Context, threads: int | None = None) -> BoundedFunction:
     """Load exactly the function that a run used, within bounds (see `open_bounded`), to compare with the run's scores.
 
     Args:
         name: in the run's spec.
-        pin: see `valerie.pipeline.base.pins`.
+        pin: of the run.
         context: of the deployment, where functions are registered.
         threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have.
 
@@ -100,15 +100,14 @@ def open_reference(reference: str, *, context: Context, threads: int | None = No
     return open_bounded(lambda: _open(reference, context, threads), context.settings, name=display_name(reference))
 
 
-def _open_pinned(name: str, pin: Mapping[str, Any], context: Context, threads: int | None) -> PerceptionFunction:
+def _open_pinned(name: str, pin: FunctionPin, context: Context, threads: int | None) -> PerceptionFunction:
     try:
         function = FunctionLoader(context).open(name, pin, threads=threads)
     except TransientError as error:
         raise _not_comparable(str(error)) from None
-    pinned = pin.get("revision", 1)
-    if function.revision != pinned:
+    if function.revision != pin.revision:
         function.close()
-        raise _not_comparable(f"{name} is in revision {function.revision} here; the run pinned {pinned}")
+        raise _not_comparable(f"{name} is in revision {function.revision} here; the run pinned {pin.revision}")
     return function
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import Connection
 
@@ -71,15 +71,8 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:
-        new = functions.register(
-            connection,
-            name=document.name,
-            digest=document.digest,
-            document=document.model_dump(mode="json"),
-            payload=None if document.payload is None else document.payload.sha256,
-            now=runs.now_utc(),
-        )
-        return _registered(functions.get(connection, document.name, document.digest)), new
+        new = functions.register(connection, document, runs.now_utc())
+        return find(connection, f"{document.name}@{document.digest}"), new
 
 
 def require_free(name: str) -> None:
@@ -209,13 +202,12 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
     return data
 
 
-def _needs(connection: Connection, run: Any, version: Registered) -> bool:
+def _needs(connection: Connection, run: functions.UnfinishedRun, version: Registered) -> bool:
     """Return whether an unfinished run pinned this version, or would pin it when it starts."""
     if run.pins is not None:
-        pinned: Mapping[str, Any] = run.pins["functions"]
-        return any(pin["digest"] == version.digest for pin in pinned.values())
-    documents = known(connection, run.spec["functions"]).values()
-    return any((known.name, known.digest) == (version.document.name, version.digest) for known in documents)
+        return any(pin.digest == version.digest for pin in run.pins.functions.values())
+    documents = known(connection, run.spec.functions).values()
+    return any((one.name, one.digest) == (version.document.name, version.digest) for one in documents)
 
 
 def _store_payload(context: Context, document: FunctionDocument, path: Path | None) -> None:
@@ -238,5 +230,5 @@ def _require_digest(sha256: str, document: FunctionDocument) -> None:
         )
 
 
-def _registered(row: Any) -> Registered:
-    return Registered(FunctionDocument.model_validate(row.document), row.version, in_utc(row.created_at))
+def _registered(row: functions.FunctionRow) -> Registered:
+    return Registered(row.document, row.version, in_utc(row.created_at))

@@ -12,8 +12,8 @@ from valerie.db.links import StoredFrame
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import TableRow, character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -115,7 +115,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     with reading(context.engine) as connection:
         frame = results.frame(connection, key)
         products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = [results.product(connection, digest).state for digest in products]
+        states = [results.product_state(connection, digest) for digest in products]
         annotations = results.frame_annotations(connection, key)
         persons = results.person_views(connection, frame.products.truth)
         light = annotations.get("light")

@@ -72,12 +72,12 @@ def find_picture(
         Conflict: what the picture needs is not made yet.
     """
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
         frame = results.frame(connection, key)
         annotations = results.frame_annotations(connection, key)
         evaluations = results.frame_evaluations(connection, key)
         products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = {product: results.product(connection, product).state for product in products}
+        states = {product: results.product_state(connection, product) for product in products}
     states |= {link.product: link.state for link in annotations.values()}
     place = (sensor_index(sensor, resolved), function_index(function, resolved))
     evaluation = next((row for row in evaluations if (row.sensor_index, row.function_index) == place), None)

@@ -17,6 +17,7 @@ from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import Stage
 from valerie.scene.light.solar import ANGLES
 from valerie.scene.variation.conditions import Conditions, conditions, varied_conditions
 
@@ -128,11 +129,11 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
+        resolved = resolve_stored(run, context.settings).resolved
         axes = plot_axes(resolved)
         if column not in [axis.column for axis in axes]:
             raise UnknownName("column to plot over", column, [axis.column for axis in axes], field="column")
-        evaluated = (run.progress or {}).get("stages", {}).get("eval", {}).get("done", 0)
+        evaluated = run.progress.stages[Stage.EVAL].done if run.progress is not None else 0
         share = min(1.0, limit / max(evaluated * max(len(resolved.manifest.persons), 1), 1))
         stored = column if column in results.COLUMNS else None
         rows = results.points(connection, run_id, stored, share=share)

@@ -19,7 +19,7 @@ from valerie.measures import OF_PERSON, Source, names_from
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
-from valerie.pipeline.reading.run_cache import StoredRun
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation.conditions import conditions

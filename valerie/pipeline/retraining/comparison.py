@@ -23,11 +23,11 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     evaluated_rows,
@@ -137,7 +137,7 @@ def compare_versions(
 
 def _known(reference: str, run: StoredRun, open_function: Callable[[str], PerceptionFunction]) -> _Version:
     if reference in run.resolved.spec.functions:
-        card, numeric_class = pinned_card(run.pins, reference), str(run.pins["functions"][reference]["numeric_class"])
+        card, numeric_class = pinned_card(run.pins, reference), run.pins.functions[reference].numeric_class
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
     function = open_function(reference)
     try:

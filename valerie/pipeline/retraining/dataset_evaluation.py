@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +23,7 @@ from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput
+from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
@@ -35,9 +35,10 @@ from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
@@ -273,7 +274,7 @@ class RunSide:
     """
 
     called: str
-    pin: Mapping[str, Any]
+    pin: FunctionPin
     scores: CollectionScores
 
 
@@ -290,11 +291,9 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
         Conflict: the run has not started yet.
     """
     run = read_run(context, run_id)
-    if not run.pins:
-        raise Conflict(f"run {run_id} has not started yet")
     called = as_called(function, run)
     with reading(context.engine) as connection:
         predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
     judged = pinned_card(run.pins, called).judged_ids
     scores = collection_scores([codecs.decode_counts(one.confusion) for one in predictions.values()], judged)
-    return RunSide(called, run.pins["functions"][called], scores)
+    return RunSide(called, run.pins.functions[called], scores)

@@ -15,9 +15,9 @@ from valerie.perception.shipped import FUNCTIONS
 from valerie.perception.training.frame_folder import SEEDS
 from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.spec import ResolvedRun
@@ -87,7 +87,7 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
     name = _function(run.resolved, function)
     asset, arguments, seed = _generated(run.resolved)
     region, evaluated = _region(context, run, where, name)
-    document, file = pinned_network(name, run.pins["functions"][name], context=context)  # what has rows has pins
+    document, file = pinned_network(name, run.pins.functions[name], context=context)
     return Weakness(
         run_id=run_id,
         function=name,

@@ -7,7 +7,7 @@ what is missing has failed for good, with the deadline as the reason.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.label_png import decode_labels
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.work.stages import run_stage
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -49,18 +49,18 @@ def put_prediction(
         Conflict: there is another label map for this frame already, the frame is not rendered yet, or the deadline passed.
     """
     with reading(context.engine) as connection:
-        run = runs.get(connection, key.run_id)
-        resolved = resolve_stored(run, context.settings)
-        place = _place(run, resolved, function, sensor)
+        run = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        resolved = run.resolved
+        place = _place(run, function, sensor)
         rows = results.frame_evaluations(connection, key)
         if not rows:
             raise NotFound("frame", key)
         digest = next(one.prediction for one in rows if (one.sensor_index, one.function_index) == place)
         name = resolved.spec.functions[place[1]]
-        registered = functions.of_digest(connection, run.pins["functions"][name]["digest"])
+        registered = functions.of_digest(connection, run.pins.functions[name].digest)
     if registered is None:
         raise NotFound("version of the function", f"{name}: it was removed")
-    encoded, pixels = _encoded(data, FunctionDocument.model_validate(registered.document), resolved)
+    encoded, pixels = _encoded(data, registered.document, resolved)
     return _publish(context, digest, encoded, pixels)
 
 
@@ -76,8 +76,9 @@ class _Given:
         return Finished(job.digest, len(self._data), self._pixels, 0.0)
 
 
-def _place(run: Any, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
+def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[int, int]:
     """(sensor index, function index)."""
+    resolved = run.resolved
     awaited = tuple(deadlines(run.pins))
     if not awaited:
         raise Conflict(f"run {run.id} waits for no predictions")
@@ -133,7 +134,7 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
 
 def _state(context: Context, digest: str) -> str:
     with reading(context.engine) as connection:
-        return str(results.product(connection, digest).state)
+        return results.product_state(connection, digest)
 
 
 _WHY_NOT: Final = {

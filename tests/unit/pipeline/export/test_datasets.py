@@ -256,7 +256,7 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
 
 def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    digest = pipeline.row(run_id).pins["functions"]["blank"]["digest"]
+    digest = pipeline.row(run_id).pins.functions["blank"].digest
     by_name, by_digest = (run_side(pipeline.context, run_id, name) for name in ("blank", f"blank@{digest[:12]}"))
     assert by_digest.called == by_name.called == "blank"
     assert by_digest.scores.as_document() == by_name.scores.as_document()

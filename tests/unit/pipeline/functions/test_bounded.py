@@ -101,7 +101,7 @@ class TestMemory:
         assert pipeline.run(run_id) == "completed"
         assert memory_limit() == MANY_MB << 20
         resource.setrlimit(resource.RLIMIT_DATA, (before, resource.getrlimit(resource.RLIMIT_DATA)[1]))
-        open_pinned("blank", pipeline.row(run_id).pins["functions"]["blank"], context=pipeline.context)
+        open_pinned("blank", pipeline.row(run_id).pins.functions["blank"], context=pipeline.context)
         assert memory_limit() == MANY_MB << 20
 
 

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from tests.unit.pipeline.harness import SMALL, Pipeline
-from valerie.broker import route_of
-from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
@@ -25,28 +23,22 @@ from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.pins import AnyOffer
 from valerie.testing.onnx_function import small_onnx
 
 CLASS = "onnxruntime/fp32"
 
 
 @pytest.fixture(scope="session")
-def engine_offer() -> dict[str, Any]:
+def engine_offer() -> AnyOffer:
     (offer,) = probe_inference(CLASS)
-    return {"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer}
+    return offer
 
 
 @pytest.fixture
-def served(pipeline: Pipeline, engine_offer: dict[str, Any]) -> Pipeline:
+def served(pipeline: Pipeline, engine_offer: AnyOffer) -> Pipeline:
     """A worker that offers the blank engine, the blank function and one inference engine, before anything is registered."""
-    offers = [
-        {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
-        for o in probe_engine("blank")
-    ]
-    offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
-    row = {"id": "w", "stage": "infer", "host": "h", "pid": 1, "offers": [*offers, engine_offer], "started_at": 0.0}
-    with writing(pipeline.context.engine) as connection:
-        processes.register_worker(connection, {**row, "seen_at": 1e12})
+    pipeline.offer("w", *probe_engine("blank"), *probe_function("blank"), engine_offer)
     return pipeline
 
 
@@ -146,10 +138,10 @@ class TestARun:
         newest = register(served, tmp_path, provenance={"trained": "longer"})
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
-        pin = served.row(run).pins["functions"]["small"]
-        assert (pin["digest"], pin["kind"]) == (newest.digest, "onnx")
-        assert pin["numeric_class"].startswith("onnxruntime-")
-        assert pin["card"]["name"] == "small"
+        pin = served.row(run).pins.functions["small"]
+        assert (pin.digest, pin.kind) == (newest.digest, "onnx")
+        assert pin.numeric_class.startswith("onnxruntime-")
+        assert pin.card.name == "small"
         assert [one.verdict for one in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
@@ -158,7 +150,7 @@ class TestARun:
         served.step()
         register(served, tmp_path, provenance={"trained": "longer"})
         assert served.run(run) == "completed"
-        assert served.row(run).pins["functions"]["small"]["digest"] == first.digest
+        assert served.row(run).pins.functions["small"].digest == first.digest
 
     def test_compares_two_versions_of_one_name(self, served: Pipeline, tmp_path: Path) -> None:
         one, two = register(served, tmp_path), register(served, tmp_path, input={"mean": [0.4, 0.4, 0.4]})
@@ -206,7 +198,7 @@ class TestARun:
         assert served.run(run) == "completed-with-failures"
         failed = [one for one in served.products() if one.kind == "prediction"]
         assert {one.state for one in failed} == {"failed"}
-        assert all("it was removed" in one.error["message"] for one in failed)
+        assert all("it was removed" in one.error.message for one in failed)
 
     def test_is_served_although_the_copy_on_this_machine_is_damaged(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
@@ -225,7 +217,7 @@ class TestARun:
         run = served.submit(named("small"))
         assert served.run(run) == "completed-with-failures"
         error = next(one.error for one in served.products() if one.kind == "prediction")
-        assert error["type"] == "CorruptArtifact"
+        assert error.type == "CorruptArtifact"
 
 
 def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
@@ -272,7 +264,7 @@ class TestBesideARun:
         side = run_side(served.context, run, "small")
         with closing(open_pinned(side.called, side.pin, context=served.context)) as function:
             assert function.card.digest == first.digest != newest.digest
-            assert function.numeric_class == side.pin["numeric_class"]
+            assert function.numeric_class == side.pin.numeric_class
         assert run_side(served.context, run, first.reference).called == "small"
         with pytest.raises(UnknownName, match="unknown function of the run"):
             run_side(served.context, run, newest.reference)

@@ -8,8 +8,8 @@ import pytest
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.points import plot_axes, read_points
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 
 VARIED = "scene.person-1.trajectory.key-2.pos.x"

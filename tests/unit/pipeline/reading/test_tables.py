@@ -10,8 +10,8 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_classes
 from valerie.storage.keys import run_key
 

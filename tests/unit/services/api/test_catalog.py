@@ -80,12 +80,12 @@ def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
 
     context, bell = open_sketch(settings_of(tmp_path))
     work(context, bell, spec("some"), products=5)
-    queues = {one["route"]: one for one in monitoring.queues(context)}
+    queues = {queue.route: queue for queue in monitoring.queues(context)}
     assert set(queues) == {"eval", f"infer.{CLASS}", f"render.raster.{CLASS}", f"render.truth.{CLASS}"}
-    assert {one["workers"] for one in queues.values()} == {1}
+    assert {queue.workers for queue in queues.values()} == {1}
     raster = queues[f"render.raster.{CLASS}"]
-    assert raster["messages"] == raster["ready"] > 0
-    assert queues["eval"]["waiting"] > 0
+    assert raster.messages == raster.ready > 0
+    assert queues["eval"].waiting > 0
 
 
 def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest
         raise TransientError("the broker does not answer")
 
     monkeypatch.setattr(bell, "queue_length", down)
-    assert {one["messages"] for one in monitoring.queues(context)} == {None}
+    assert {queue.messages for queue in monitoring.queues(context)} == {None}
     assert len(asked) == 1, "one time-out is enough"
 
 

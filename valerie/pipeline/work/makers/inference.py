@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from numpy import uint8
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -66,7 +66,7 @@ class InferMaker:
         started = time.process_time()
         run, look = self._runs.run(job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
-        function = self._function(name, run.pins["functions"][name])
+        function = self._function(name, run.pins.functions[name])
         pictures = {job.digest: self._picture(job)}
         # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
         size = function.batch_size if job.attempts == 1 else 1
@@ -114,8 +114,8 @@ class InferMaker:
         resolved = self._runs.run(job.frame.key.run_id).resolved
         return capture_of(resolved, job.frame, _look(job).sensor).picture(self._reader)
 
-    def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
-        key = (name, pin["digest"], pin["numeric_class"])
+    def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
+        key = (name, pin.digest, pin.numeric_class)
         if self._loaded is None or self._loaded[0] != key:
             if self._loaded is not None:
                 self._loaded[1].close()

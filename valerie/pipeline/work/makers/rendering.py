@@ -21,6 +21,7 @@ from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import ProductKind
 from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
@@ -29,7 +30,7 @@ from valerie.storage.store import ArtifactStore
 #: Truths of statics whose digests are kept: as many as the truth pass keeps.
 _KEPT_STATICS: Final = 4
 
-_ANNOTATIONS: Final = frozenset(AnnotationKind)
+_ANNOTATIONS: Final = frozenset(ProductKind(kind) for kind in AnnotationKind)
 
 
 class RenderMaker:
@@ -57,20 +58,20 @@ class RenderMaker:
         part: Part | None = None
         lights: tuple[dict[str, Any], ...] = ()
         data = b""
-        if job.kind == "truth":
+        if job.kind is ProductKind.TRUTH:
             from valerie.rendering.visibility import measure
 
-            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             statics, layer = truth_pass.parts(scene, view)
             truth = layer.over(statics)
             views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
             part = self._statics.stored(statics, again=job.attempts > 1)
             data = codecs.encode_truth_layer(layer, part.digest)
-        elif job.kind == AnnotationKind.LIGHT:
-            light = self._light_pass(run.pins["truth"]["numeric_class"])
+        elif job.kind is ProductKind.LIGHT:
+            light = self._light_pass(run.pins.truth.numeric_class)
             lights = light_rows(job, scene, view, reader=self._reader, light=light)
         elif job.kind in _ANNOTATIONS:
-            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
             data = annotate(
                 kind,
@@ -83,9 +84,9 @@ class RenderMaker:
                 truth_pass=truth_pass,
             )
         else:
-            engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
+            engine = self._engine(resolved, run.pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
-            if job.kind == "background":
+            if job.kind is ProductKind.BACKGROUND:
                 data = codecs.encode_image(engine.background(scene, view))
             else:
                 data = codecs.encode_layer(engine.layer(scene, view))
@@ -146,7 +147,7 @@ class _Statics:
         key = product_key("statics", digest)
         if again or not self._store.exists(key):
             self._store.put(key, codecs.encode_truth(statics))
-        return Part(digest, "statics", self._store.head(key).size, statics.class_map.size)
+        return Part(digest, self._store.head(key).size, statics.class_map.size)
 
 
 def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
