@@ -142,16 +142,22 @@ def example_of(schema: Mapping[str, Any], models: Mapping[str, Any] | None = Non
     if "examples" in schema:
         return schema["examples"][0]
     if "$ref" in schema:
-        return example_of(models[schema["$ref"].rpartition("/")[2]], models)
+        return example_of(_referred(schema, models), models)
     if "anyOf" in schema:
         references = [one for one in schema["anyOf"] if "$ref" in one]
         return example_of(references[0], models) if references else schema.get("default")
     if "properties" in schema:
         return {name: example_of(one, models) for name, one in schema["properties"].items()}
     if "propertyNames" in schema:
-        names = schema["propertyNames"]["enum"]
+        names = _referred(schema["propertyNames"], models)["enum"]
         return dict.fromkeys(names, example_of(schema["additionalProperties"], models))
     return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
+
+
+def _referred(schema: Mapping[str, Any], models: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the definition that a schema refers to, or the schema itself."""
+    definition: Mapping[str, Any] = models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+    return definition
 
 
 def _response(status: int) -> dict[str, Any]:

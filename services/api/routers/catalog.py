@@ -25,7 +25,6 @@ from valerie.labels import CITYSCAPES
 from valerie.measures import MEASURES
 from valerie.pipeline.control import monitoring
 from valerie.pipeline.functions import catalog
-from valerie.runs.pins import OFFERS
 
 router = APIRouter(prefix="/v1", tags=["catalog"])
 
@@ -71,10 +70,7 @@ def measures() -> list[MeasureRead]:
 @router.get("/workers", responses=problems(422), summary="Living worker processes")
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
-        rows = processes.workers(connection, now=time.time())
-    return [
-        WorkerRead.model_validate({**vars(row), "offers": OFFERS.dump_python(row.offers, mode="json")}) for row in rows
-    ]
+        return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=time.time())]
 
 
 @router.get(

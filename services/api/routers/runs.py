@@ -178,7 +178,7 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
             time_index=link.frame.time,
             digest=link.digest,
             kind=link.kind,
-            error=link.error.model_dump(mode="json"),
+            error=link.error,
         )
         for link in failed
     ]
@@ -238,6 +238,5 @@ def _members(row: runs.RunRow) -> dict[str, Any]:
     return {
         **{field.name: getattr(row, field.name) for field in fields(row)},
         "spec": row.spec.model_dump(mode="json"),
-        "pins": None if row.pins is None else row.pins.model_dump(mode="json", exclude_none=True),
         "stages": {} if row.progress is None else row.progress.stages,
     }
