@@ -1,11 +1,12 @@
-"""A small client of the REST API: typed where the command line needs it, with problems as readable errors."""
+"""A small client of the REST API for the command line, with typed answers and problems as readable errors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
 import httpx
@@ -13,14 +14,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from valerie.errors import InvalidInput, TransientError, ValerieError
 
+if TYPE_CHECKING:
+    from valerie.runs.forecast import Plan
+
 
 class ServerProblemError(ValerieError):
-    """The server refused: an RFC 9457 problem document.
+    """A problem that the server reported as an RFC 9457 document.
 
     Attributes:
         status: HTTP status.
         title: kind of error, e.g. ``Unknown name``.
-        detail: what the server said, field, value and limit included.
+        detail: message with field, value and limit.
     """
 
     def __init__(self, status: int, title: str, detail: str) -> None:
@@ -29,24 +33,30 @@ class ServerProblemError(ValerieError):
 
     @property
     def is_callers_fault(self) -> bool:
-        """Whether another request, not another server, would help."""
+        """True if the request is at fault, not the server."""
         return 400 <= self.status < 500
 
 
 class ServerUnavailableError(TransientError):
-    """No server answers at the address, or it broke off."""
+    """No server answers at the address, or the connection broke."""
 
 
 class _Read(BaseModel):
-    # A newer server may say more.
+    # A newer server may send more fields.
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
-Model = TypeVar("Model", bound=_Read)
+Model = TypeVar("Model", bound=BaseModel)
 
 
 class StageProgress(_Read):
-    """One stage: counts, rate (per second) and remaining seconds; None while nothing is known."""
+    """Progress of one stage.
+
+    Attributes:
+        done, total, failed, running: numbers of products.
+        rate_per_s: products per second.
+        eta_s: remaining seconds; None while unknown.
+    """
 
     done: int
     total: int
@@ -57,7 +67,13 @@ class StageProgress(_Read):
 
 
 class VariantProgress(_Read):
-    """Variants of the spec, those that were given to the queues, and those that are illegal."""
+    """Progress through the variants of a run.
+
+    Attributes:
+        total: variants of the spec.
+        fed: variants whose work has been queued.
+        rejected: variants that are illegal or break a constraint.
+    """
 
     total: int
     fed: int
@@ -65,7 +81,7 @@ class VariantProgress(_Read):
 
 
 class Progress(_Read):
-    """How far a run is."""
+    """Progress of a run."""
 
     state: str
     reason: str | None = None
@@ -75,40 +91,78 @@ class Progress(_Read):
 
 
 class Run(_Read):
-    """A run as the list shows it."""
+    """A run in the server's list."""
 
     id: str
     name: str
     state: str
     reason: str | None = None
     variant_count: int
-    rejected_count: int = 0
+    rejected_count: int
     created_at: str
     started_at: str | None = None
     finished_at: str | None = None
 
 
+class Frame(_Read):
+    """A frame of a run.
+
+    Attributes:
+        id: run.variant.camera.time.
+        state: of its products.
+    """
+
+    id: str
+    state: str
+
+
+class FailureError(_Read):
+    """Why a product failed for good.
+
+    Attributes:
+        message: the error; None if an input failed.
+        attempts: number of attempts; None if an input failed.
+        cause: digest of the input that failed; None if the product failed itself.
+    """
+
+    message: str | None = None
+    attempts: int | None = None
+    cause: str | None = None
+
+
+class Failure(_Read):
+    """A product that failed for good.
+
+    Attributes:
+        kind: of the product.
+        error: why it failed; None if not recorded.
+    """
+
+    kind: str
+    error: FailureError | None
+
+
 class Client:
-    """One server; a context manager.
+    """A connection to one server; a context manager.
 
     Every method may raise `ServerUnavailableError` and `ServerProblemError`.
     """
 
     def __init__(self, url: str, *, token: str | None = None, transport: httpx.BaseTransport | None = None) -> None:
-        """Connect lazily.
+        """Prepare the connection; it opens with the first request.
 
         Args:
             url: e.g. ``http://127.0.0.1:8700``.
-            token: bearer token, where the server wants one.
-            transport: another way to the server, for tests.
+            token: bearer token, if the server requires one.
+            transport: replaces the network, for tests.
 
         Raises:
-            InvalidInput: ``url`` is no address.
+            InvalidInput: ``url`` is not the address of a server.
         """
         self.url = _address(url)
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         timeout = httpx.Timeout(30.0, connect=5.0)
-        # A proxy of the environment must not see what goes to this machine.
+        # A proxy from the environment must not see requests to this machine.
         local = httpx.URL(self.url).host in ("127.0.0.1", "localhost", "::1")
         self._http = httpx.Client(
             base_url=self.url, headers=headers, timeout=timeout, transport=transport, trust_env=not local
@@ -122,9 +176,11 @@ class Client:
     ) -> None:
         self._http.close()
 
-    def plan(self, spec: bytes) -> dict[str, Any]:
-        """What a spec would cost."""
-        return self._document("POST", "/v1/plan", content=spec, headers=_SPEC)
+    def plan(self, spec: bytes) -> Plan:
+        """Return the size and cost of a spec (YAML or JSON text)."""
+        from valerie.runs.forecast import Plan
+
+        return self._read(Plan, "POST", "/v1/plan", content=spec, headers=_SPEC)
 
     def submit(self, spec: bytes, *, idempotency_key: str | None = None) -> Run:
         """Start a run of a spec (YAML or JSON text)."""
@@ -132,54 +188,46 @@ class Client:
         return self._read(Run, "POST", "/v1/runs", content=spec, headers=headers)
 
     def runs(self, *, limit: int = 20) -> Iterator[Run]:
-        """Runs, newest first."""
-        cursor: str | None = None
-        while limit > 0:
-            parameters: dict[str, str | int] = {"limit": min(limit, 100), **({"cursor": cursor} if cursor else {})}
-            page = self._document("GET", "/v1/runs", params=parameters)
-            for item in page["items"]:
-                yield _validated(Run, item)
-            limit -= len(page["items"])
-            cursor = page.get("next")
-            if not cursor:
-                return
+        """Yield runs, newest first."""
+        for item in islice(self._pages("/v1/runs", page_size=min(limit, 100)), limit):
+            yield _validated(Run, item)
 
     def run(self, run_id: str) -> Run:
-        """One run."""
+        """Return a run."""
         return self._read(Run, "GET", f"/v1/runs/{run_id}")
 
     def spec(self, run_id: str) -> dict[str, Any]:
-        """The spec of a run."""
-        found: dict[str, Any] = self._document("GET", f"/v1/runs/{run_id}")["spec"]
-        return found
+        """Return the spec of a run as a document."""
+        spec: dict[str, Any] = self._document("GET", f"/v1/runs/{run_id}")["spec"]
+        return spec
 
     def progress(self, run_id: str) -> Progress:
-        """How far a run is."""
+        """Return the progress of a run."""
         return self._read(Progress, "GET", f"/v1/runs/{run_id}/progress")
 
-    def failures(self, run_id: str) -> list[dict[str, Any]]:
-        """What failed for good, with stage, error and attempts."""
-        found: list[dict[str, Any]] = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
-        return found
+    def failures(self, run_id: str) -> list[Failure]:
+        """Return the products of a run that failed for good, at most 1000."""
+        documents = self._send("GET", f"/v1/runs/{run_id}/failures", params={"limit": 1000}).json()
+        return [_validated(Failure, document) for document in documents]
 
     def summary(self, run_id: str) -> dict[str, Any]:
-        """The summary document of an ended run."""
+        """Return the ``summary`` and the ``findings`` of an ended run, as JSON documents."""
         return self._document("GET", f"/v1/runs/{run_id}/summary")
 
     def report(self, run_id: str) -> bytes:
-        """The self-contained HTML report of an ended run."""
+        """Return the self-contained HTML report of an ended run."""
         return self._send("GET", f"/v1/runs/{run_id}/report").content
 
     def cancel(self, run_id: str) -> Run:
-        """Stop a run; what is done stays."""
+        """Stop a run; finished products stay."""
         return self._read(Run, "POST", f"/v1/runs/{run_id}/cancel")
 
     def resume(self, run_id: str) -> Run:
-        """Let a paused or cancelled run go on."""
+        """Continue a paused or cancelled run."""
         return self._read(Run, "POST", f"/v1/runs/{run_id}/resume")
 
     def retry(self, run_id: str) -> Run:
-        """Try again what failed for good."""
+        """Retry the products of a run that failed for good."""
         return self._read(Run, "POST", f"/v1/runs/{run_id}/retry")
 
     def delete(self, run_id: str) -> None:
@@ -187,67 +235,64 @@ class Client:
         self._send("DELETE", f"/v1/runs/{run_id}")
 
     def functions(self) -> list[dict[str, Any]]:
-        """Functions under test with their cards."""
-        found: list[dict[str, Any]] = self._send("GET", "/v1/functions").json()
-        return found
+        """Return the functions under test with their cards."""
+        functions: list[dict[str, Any]] = self._send("GET", "/v1/functions").json()
+        return functions
 
     def function(self, reference: str) -> dict[str, Any]:
-        """One function with its card and document."""
+        """Return a function with its card and document."""
         return self._document("GET", f"/v1/functions/{quote(reference)}")
 
     def function_payload(self, reference: str) -> bytes:
-        """The file of a registered function."""
+        """Return the file of a registered function."""
         return self._send("GET", f"/v1/functions/{quote(reference)}/payload").content
 
     def register_function(
         self, texts: Mapping[str, str], payload: Path | None = None, *, filename: str | None = None
     ) -> tuple[dict[str, Any], bool]:
-        """Register a function; what is registered, and whether it is new.
+        """Register a function.
 
         Args:
-            texts: ``document``, ``name``, ``engine``, ``precision``: what is known.
+            texts: any of ``document``, ``name``, ``engine``, ``precision``.
             payload: its file.
-            filename: what the file is called; None: its own name.
+            filename: name of the file on the server; None takes that of ``payload``.
+
+        Returns:
+            (the registered function, True if it is new).
         """
         fields: list[tuple[str, Any]] = [(name, (None, text)) for name, text in texts.items()]
-        # Converting and trying out a large network takes minutes.
-        patient = httpx.Timeout(3600.0, connect=5.0)
+        # Converting and testing a large network takes minutes.
+        timeout = httpx.Timeout(3600.0, connect=5.0)
         if payload is None:
-            response = self._send("POST", "/v1/functions", files=fields, timeout=patient)
+            response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         else:
             with payload.open("rb") as stream:
                 fields.append(("payload", (filename or payload.name, stream)))
-                response = self._send("POST", "/v1/functions", files=fields, timeout=patient)
+                response = self._send("POST", "/v1/functions", files=fields, timeout=timeout)
         return response.json(), response.status_code == httpx.codes.CREATED
 
     def remove_function(self, reference: str) -> None:
         """Remove one version of a registered function."""
         self._send("DELETE", f"/v1/functions/{quote(reference)}")
 
-    def frames(self, run_id: str) -> Iterator[dict[str, Any]]:
-        """Frames of a run in order, with their states."""
-        cursor: str | None = None
-        while True:
-            parameters: dict[str, str | int] = {"limit": 1000, **({"cursor": cursor} if cursor else {})}
-            page = self._document("GET", f"/v1/runs/{run_id}/frames", params=parameters)
-            yield from page["items"]
-            cursor = page.get("next")
-            if not cursor:
-                return
+    def frames(self, run_id: str) -> Iterator[Frame]:
+        """Yield the frames of a run, in order."""
+        for item in self._pages(f"/v1/runs/{run_id}/frames", page_size=1000):
+            yield _validated(Frame, item)
 
     def picture(self, frame_id: str, *, sensor: str | None = None) -> bytes:
-        """What functions see of a frame, as PNG."""
+        """Return the picture of a frame as PNG."""
         parameters = {"kind": "picture", **({"sensor": sensor} if sensor else {})}
         return self._send("GET", f"/v1/frames/{frame_id}/image", params=parameters).content
 
     def annotation(self, frame_id: str, kind: str) -> bytes:
-        """An annotation of a frame, as a file that ``numpy.load`` reads."""
+        """Return an annotation of a frame as a file for ``numpy.load``."""
         return self._send("GET", f"/v1/frames/{frame_id}/annotations/{quote(kind, safe='')}").content
 
     def put_prediction(
         self, frame_id: str, data: bytes, *, function: str | None = None, sensor: str | None = None
     ) -> bool:
-        """Upload the label map of a frame (PNG); return whether it is new."""
+        """Upload the label map of a frame (PNG); return True if it is new."""
         parameters = {name: value for name, value in (("function", function), ("sensor", sensor)) if value}
         path = f"/v1/frames/{quote(frame_id)}/prediction"
         headers = {"Content-Type": "image/png"}
@@ -256,9 +301,18 @@ class Client:
     def _read(self, model: type[Model], method: str, path: str, **options: Any) -> Model:
         return _validated(model, self._document(method, path, **options))
 
+    def _pages(self, path: str, *, page_size: int) -> Iterator[object]:
+        """Yield the items of all pages; a page is read when its first item is needed."""
+        cursor: str | None = ""
+        while cursor is not None:
+            parameters: dict[str, str | int] = {"limit": page_size, **({"cursor": cursor} if cursor else {})}
+            page = self._document("GET", path, params=parameters)
+            yield from page["items"]
+            cursor = page["next"]
+
     def _document(self, method: str, path: str, **options: Any) -> dict[str, Any]:
-        found: dict[str, Any] = self._send(method, path, **options).json()
-        return found
+        document: dict[str, Any] = self._send(method, path, **options).json()
+        return document
 
     def _send(self, method: str, path: str, **options: Any) -> httpx.Response:
         try:
@@ -276,13 +330,13 @@ _SPEC = {"Content-Type": "application/yaml"}
 
 
 def _address(url: str) -> str:
-    """An address without the slash at its end."""
+    """Return an address without a trailing slash."""
     try:
         parsed = httpx.URL(url)
-        usable = parsed.scheme in ("http", "https") and bool(parsed.host)
+        is_address = parsed.scheme in ("http", "https") and bool(parsed.host)
     except httpx.InvalidURL:
-        usable = False
-    if not usable:
+        is_address = False
+    if not is_address:
         raise InvalidInput("not the address of a server", field="url", value=url, limit="http://HOST:PORT or https://…")
     return url.rstrip("/")
 
@@ -305,5 +359,5 @@ def _validated(model: type[Model], document: object) -> Model:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         raise ServerProblemError(
-            502, "Unexpected answer", f"the server's answer is not understood: {place}: {first['msg']}"
+            502, "Unexpected answer", f"the server sent an unexpected answer: {place}: {first['msg']}"
         ) from None

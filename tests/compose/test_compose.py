@@ -188,8 +188,8 @@ def test_the_results_are_whole(stack: Stack, finished: str) -> None:
 def test_the_same_spec_again_makes_nothing(stack: Stack, finished: str) -> None:
     with stack.client() as client:
         plan = client.plan(SPEC.read_bytes())
-        assert plan["renders"] == 0
-        assert plan["cpu_seconds"] == 0
+        assert plan.renders == 0
+        assert plan.cpu_seconds == 0
         again = client.submit(SPEC.read_bytes())
         _wait(client, again.id, until=lambda progress: progress.state == "completed", seconds=120)
         first, second = client.summary(finished), client.summary(again.id)

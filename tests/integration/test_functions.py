@@ -64,6 +64,6 @@ def test_functions_of_the_user_from_files_to_results(tmp_path: Path) -> None:
         for path in frames.glob("*.png"):
             (labels / path.name).write_bytes(encode_png(np.ones((36, 64), np.uint8)))
         put = command(system, "predictions", "put", run, str(labels))
-        assert put.stdout == "8 predictions uploaded, 0 were there, 0 refused\n", put.stderr
+        assert put.stdout == "8 predictions uploaded, 0 already there, 0 refused\n", put.stderr
         assert system.wait(run) == "completed"
         assert {row["pacc"] for row in system.rows(run)} - {None} == {1.0}, "everything was called a person"

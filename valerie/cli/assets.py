@@ -13,13 +13,15 @@ from valerie.cli.shell import Exit, Json, command_name, console, say, settings_o
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from valerie.scene.assets.asset import SceneAsset
     from valerie.scene.variation.traverse import PathEntry
 
 app = typer.Typer(no_args_is_help=True, help="Show, check, list, export, draft and convert scene assets.")
 
 Asset = Annotated[
-    str, typer.Argument(metavar="ASSET", help="Name of an asset (urban-street), or a folder with a manifest.")
+    str, typer.Argument(metavar="ASSET", help="Name of an asset (urban-street), or path of a folder with a manifest.")
 ]
 Argument = Annotated[
     list[str] | None, typer.Option("--with", metavar="NAME=VALUE", help="Argument of a generator, e.g. --with seed=7.")
@@ -28,27 +30,29 @@ Argument = Annotated[
 
 @app.command("list")
 def list_(as_json: Json = False) -> None:
-    """List the assets that a spec may name."""
+    """List the assets that a spec can name."""
     from valerie.scene.assets.asset import asset_manifest, asset_names
 
     folder = settings_of().asset_dir
-    found: list[dict[str, Any]] = []
+    assets: list[dict[str, str]] = []
     for name in asset_names(folder):
         manifest, digest = asset_manifest(name, asset_dir=folder)
-        found.append({"name": name, "title": manifest.title, "digest": digest})
+        assets.append({"name": name, "title": manifest.title, "digest": digest})
     if as_json:
-        typer.echo(json.dumps(found, ensure_ascii=False, indent=1))
+        typer.echo(json.dumps(assets, ensure_ascii=False, indent=1))
         return
-    for one in found:
-        typer.echo(f"{one['name']}  {one['title']}")
-    if found:
-        say(f"see one with: {command_name()} asset show {found[0]['name']}")
+    for asset in assets:
+        typer.echo(f"{asset['name']}  {asset['title']}")
+    if assets:
+        say(f"show one with: {command_name()} asset show {assets[0]['name']}")
 
 
 @app.command()
 def show(
     asset: Asset,
-    declared: Annotated[bool, typer.Option("--declared", help="Only what specs may vary; reads no meshes.")] = False,
+    declared: Annotated[
+        bool, typer.Option("--declared", help="List only the parameters that specs may vary; reads no meshes.")
+    ] = False,
     arguments: Argument = None,
     as_json: Json = False,
 ) -> None:
@@ -79,20 +83,21 @@ def show(
     out.print(f"{manifest.description}\n" if manifest.description else "")
     out.print(f"cameras: {', '.join(manifest.cameras)}; persons: {', '.join(manifest.persons)}")
     out.print(f"movable: {', '.join(manifest.movable)}")
-    for one in manifest.trajectories:
-        ends = f"{one.keyframes[0]['time']:g}…{one.keyframes[-1]['time']:g} s"
-        out.print(f"trajectory of {one.name}: {len(one.keyframes)} keyframes, {ends}, {', '.join(one.channels)}")
+    for trajectory in manifest.trajectories:
+        keyframes, channels = trajectory.keyframes, ", ".join(trajectory.channels)
+        ends = f"{keyframes[0]['time']:g}…{keyframes[-1]['time']:g} s"
+        out.print(f"trajectory of {trajectory.name}: {len(keyframes)} keyframes, {ends}, {channels}")
     out.print()
     out.print(_table(rows, declared=declared))
-    for who, choices in _choices(rows).items():
-        out.print(Padding(Text.assemble((who, "bold"), f": {' | '.join(choices)}"), (1, 0, 0, 0)))
+    for name, choices in _choices(rows).items():
+        out.print(Padding(Text.assemble((name, "bold"), f": {' | '.join(choices)}"), (1, 0, 0, 0)))
 
 
 @app.command()
 def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> None:
-    """Read a whole asset and say what it holds, and everything that is wrong with it or looks so.
+    """Read a whole asset, and report its contents, errors and warnings.
 
-    Exits with 2 when a run with the asset would be refused or fail.
+    Exits with 2 if a run with the asset would be refused or fail.
     """
     from valerie.scene.assets.asset_folder import MANIFEST_FILE
     from valerie.scene.checks import Severity, asset_findings, scene_findings
@@ -104,10 +109,10 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
     else:
         loaded = _load(asset, arguments)
         findings = list(scene_findings(loaded))
-    bad = any(finding.severity is Severity.ERROR for finding in findings)
-    summary = {} if bad else _summary(loaded or _load(asset, arguments))
+    ok = all(finding.severity is not Severity.ERROR for finding in findings)
+    summary = _summary(loaded or _load(asset, arguments)) if ok else {}
     if as_json:
-        document = {"ok": not bad, **summary, "findings": [finding.document() for finding in findings]}
+        document = {"ok": ok, **summary, "findings": [finding.document() for finding in findings]}
         typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
     else:
         for finding in findings:
@@ -117,15 +122,15 @@ def check(asset: Asset, arguments: Argument = None, as_json: Json = False) -> No
                 "{name}: {nodes:,} nodes, {triangles:,} visible triangles, {materials:,} materials, {cameras} cameras, "
                 "{parameters} parameters; digest {digest}".format(**summary)
             )
-    if bad:
+    if not ok:
         raise typer.Exit(Exit.INVALID_INPUT)
 
 
 @app.command()
 def draft(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with glTF files, and no manifest yet.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with glTF files and without a manifest.")],
 ) -> None:
-    """Write a first manifest for a folder of glTF files, to be corrected."""
+    """Write a first manifest for a folder of glTF files, for you to correct."""
     from valerie.scene.checks.manifest_draft import draft_manifest
 
     if not folder.is_dir():
@@ -136,12 +141,14 @@ def draft(
 
 @app.command()
 def convert(
-    file: Annotated[Path, typer.Argument(metavar="FILE.blend", help="File of Blender.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder of the asset, made if it is not there.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.blend", help="Blender file.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FOLDER", help="Folder of the asset; created if it does not exist.")
+    ],
 ) -> None:
-    """Convert a .blend file once into a glTF file with a first manifest; nothing that the file brings is run.
+    """Convert a .blend file to a glTF file with a first manifest. Scripts in the file are not run.
 
-    Needs Blender's environment (`make cycles`).
+    Requires Blender's environment (`make cycles`).
     """
     from valerie.rendering.cycles.conversion import convert_blend
     from valerie.scene.assets.asset_folder import MANIFEST_FILE
@@ -150,11 +157,11 @@ def convert(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"the folder cannot be made ({error.strerror})", field="--out", value=str(out)) from error
-    made = convert_blend(file, out / f"{file.stem}.glb", settings_of())
-    for note in made.notes:
+        raise InvalidInput(f"the folder cannot be created ({error.strerror})", field="--out", value=str(out)) from error
+    conversion = convert_blend(file, out / f"{file.stem}.glb", settings_of())
+    for note in conversion.notes:
         say(f"note: {note}")
-    say(f"wrote {made.path} with Blender {made.version}")
+    say(f"wrote {conversion.path} with Blender {conversion.version}")
     if not (out / MANIFEST_FILE).exists():
         say(f"wrote {draft_manifest(out)}")
     say(f"check it with: {command_name()} asset check {_as_folder(out)}")
@@ -166,11 +173,11 @@ def export(
     path: Annotated[Path, typer.Argument(metavar="FILE.glb", help="Binary glTF 2.0 file to write.")],
     arguments: Argument = None,
 ) -> None:
-    """Write an asset as one binary glTF file."""
+    """Write an asset as a binary glTF file."""
     from valerie.scene.gltf.writer import save_gltf
 
     if path.suffix.lower() != ".glb":
-        raise InvalidInput("not a file name of binary glTF", field="FILE.glb", value=str(path), limit="….glb")
+        raise InvalidInput("not the name of a binary glTF file", field="FILE.glb", value=str(path), limit="….glb")
     try:
         save_gltf(_load(asset, arguments).base, path)
     except OSError as error:
@@ -179,12 +186,12 @@ def export(
 
 
 def _as_folder(folder: Path) -> str:
-    """As an argument that is taken for a folder, not for a name."""
+    """Return an argument that commands read as a folder, not as the name of an asset."""
     return str(folder) if "/" in str(folder) else f"./{folder}"
 
 
 def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str, Any], Path | None]:
-    """What `load_asset` takes: a folder given by its path is read where it is."""
+    """Return the arguments of `load_asset`; a folder given by its path is read in place."""
     folder: Path | None = settings_of().asset_dir
     if "/" in asset and Path(asset).is_dir():
         return asset, None
@@ -192,13 +199,13 @@ def _reference(asset: str, arguments: list[str] | None) -> tuple[str | dict[str,
         return asset, folder
     from valerie.loading import load_document
 
-    given: dict[str, Any] = {"name": asset}
+    reference: dict[str, Any] = {"name": asset}
     for argument in arguments:
         name, equals, value = argument.partition("=")
         if not equals or name == "name":
             raise InvalidInput("not an argument", field="--with", value=argument, limit="NAME=VALUE, e.g. seed=7")
-        given.update(load_document(f"{name}: {value}"))
-    return given, folder
+        reference.update(load_document(f"{name}: {value}"))
+    return reference, folder
 
 
 def _load(asset: str, arguments: list[str] | None) -> SceneAsset:
@@ -225,8 +232,8 @@ def _row(entry: PathEntry) -> dict[str, Any]:
     return {**asdict(entry), "type": str(entry.type), "affects": str(entry.affects)}
 
 
-def _table(rows: list[dict[str, Any]], *, declared: bool) -> Any:
-    """One line per path; where all of them may vary, no column says so."""
+def _table(rows: list[dict[str, Any]], *, declared: bool) -> Table:
+    """Return a table with one line per path; ``declared``: all may vary, so the column about it is left out."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
@@ -245,16 +252,16 @@ def _table(rows: list[dict[str, Any]], *, declared: bool) -> Any:
 
 
 def _choices(rows: list[dict[str, Any]]) -> dict[str, list[str]]:
-    """What the values may be that are one of several: by attribute, or by path where two of the same attribute differ."""
-    found: dict[str, dict[str, list[str]]] = {}
+    """Return choices by attribute, or by path if two paths with the same attribute have different choices."""
+    by_attribute: dict[str, dict[str, list[str]]] = {}
     for row in rows:
         if row["choices"]:
-            found.setdefault(row["path"].rpartition(".")[2], {})[row["path"]] = row["choices"]
-    named: dict[str, list[str]] = {}
-    for attribute, paths in found.items():
-        first = next(iter(paths.values()))
-        named.update({attribute: first} if all(one == first for one in paths.values()) else paths)
-    return named
+            by_attribute.setdefault(row["path"].rpartition(".")[2], {})[row["path"]] = row["choices"]
+    by_name: dict[str, list[str]] = {}
+    for attribute, by_path in by_attribute.items():
+        first = next(iter(by_path.values()))
+        by_name.update({attribute: first} if all(choices == first for choices in by_path.values()) else by_path)
+    return by_name
 
 
 def _range(row: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Finding the server that a command talks to, or starting one for as long as the command runs."""
+"""Find the server for a command, or start one that ends with the command."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from valerie.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A server that answers.
+    """A running server.
 
     Attributes:
-        client: to talk to it.
-        owned: whether it ends with this command.
-        check: raises when a process of an owned system was given up.
+        client: of the server.
+        owned: True if this command started it and will end it.
+        check: raises if a process of an owned system keeps ending.
         supervisor: of an owned system.
     """
 
@@ -32,39 +32,40 @@ class System:
 
 
 def client_of(settings: Settings, url: str | None = None) -> Client:
-    """A client of the named server, else of the one that runs on the data folder, else of the configured address.
+    """Return a client of the server at ``url``, else on the data folder, else at the configured address.
 
     Raises:
-        ServerUnavailableError: a data folder was named on which none runs; another folder's server is not asked.
+        ServerUnavailableError: the user named a data folder, and no server runs on it.
     """
     if url is None:
-        found = running.find(settings.data_dir)
-        given = settings.model_fields_set
-        if found is None and "data_dir" in given and given.isdisjoint(("api_host", "api_port")):
+        server = running.find(settings.data_dir)
+        explicit = settings.model_fields_set
+        if server is None and "data_dir" in explicit and explicit.isdisjoint(("api_host", "api_port")):
+            # The server at the configured address may be that of another folder.
             start = f"{command_name()} up --data-dir {shlex.quote(str(settings.data_dir))}"
             raise ServerUnavailableError(
                 f"no server runs on the data folder {settings.data_dir}; start one with `{start}`, "
                 "or name another with --url"
             )
-        url = found.url if found is not None else f"http://{settings.api_host}:{settings.api_port}"
+        url = server.url if server is not None else f"http://{settings.api_host}:{settings.api_port}"
     return Client(url, token=_token(settings))
 
 
 @contextmanager
 def system_of(settings: Settings) -> Iterator[System]:
-    """The system that runs on the data folder; one is started, and ended again, if there is none.
+    """Open the system that runs on the data folder; if there is none, start one and end it afterwards.
 
     Raises:
-        ValerieError: it cannot be started; says why.
+        ValerieError: the system cannot be started.
     """
-    found = running.acquire(settings.data_dir)
-    if isinstance(found, running.Running):
-        say(f"using the server that runs at {found.url} (process {found.pid})")
-        with Client(found.url, token=_token(settings)) as client:
+    server = running.acquire(settings.data_dir)
+    if isinstance(server, running.Running):
+        say(f"using the server at {server.url} (process {server.pid})")
+        with Client(server.url, token=_token(settings)) as client:
             yield System(client, owned=False, check=lambda: None)
         return
     say(f"starting Redis, the API and the workers (logs: {settings.data_dir / 'logs'})")
-    with Supervisor(settings, found) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
+    with Supervisor(settings, server) as supervisor, Client(supervisor.url, token=_token(settings)) as client:
         yield System(client, owned=True, check=supervisor.check, supervisor=supervisor)
 
 

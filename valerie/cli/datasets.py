@@ -1,4 +1,4 @@
-"""Commands about data sets in files: exporting a run's frames."""
+"""The command that exports a run as a data set."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LINE_SECONDS: Final = 5.0
 Where = Annotated[
     str,
     typer.Option(
-        "--where", metavar="EXPRESSION", help='Only frames with a person that meets it: "occlusion_rate < 0.5".'
+        "--where", metavar="EXPRESSION", help='Only frames with a person that meets this: "occlusion_rate < 0.5".'
     ),
 ]
 
@@ -32,30 +32,34 @@ Where = Annotated[
 @app.command()
 def export(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to make.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to create.")],
     formats: Annotated[
         list[str] | None,
-        typer.Option("--format", metavar="cityscapes|coco|parquet", help="May be repeated; all by default."),
+        typer.Option("--format", metavar="cityscapes|coco|parquet", help="Can be repeated; by default all."),
     ] = None,
     where: Where = "",
     splits: Annotated[
         str, typer.Option("--split", metavar="SPLITS", help="One split, or shares: train=0.8,val=0.2.")
     ] = "val",
     sensor: Annotated[
-        str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; the run's first by default.")
+        str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; by default the run's first.")
     ] = None,
     predictions: Annotated[
         list[str] | None,
-        typer.Option("--predictions", metavar="FUNCTION", help="Also what a function made of the frames."),
+        typer.Option(
+            "--predictions", metavar="FUNCTION", help="Include the predictions of a function; can be repeated."
+        ),
     ] = None,
     annotations: Annotations = None,
-    polygons: Annotated[bool, typer.Option("--polygons", help="Also Cityscapes' polygons (larger, slower).")] = False,
+    polygons: Annotated[
+        bool, typer.Option("--polygons", help="Include Cityscapes polygons (larger and slower).")
+    ] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Write a run's frames with their labels in Cityscapes layout, as COCO, and as a Parquet index.
+    """Write the frames of a run with their labels in Cityscapes layout, as COCO, and as a Parquet index.
 
-    The folder appears when it is complete; an interrupted export goes on when it is asked for again.
+    The folder appears when it is complete. Run the same command again to continue an interrupted export.
     """
     from valerie.pipeline.export.datasets import export_run
     from valerie.pipeline.export.plan import FORMATS, ExportSettings
@@ -75,24 +79,24 @@ def export(
     lines = Lines("frames")
 
     def tell(now: ExportProgress) -> None:
-        lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} were there" if now.resumed else "")
+        lines.tell(now.done, now.total, now.frames_per_s, f"{now.resumed:,} already there" if now.resumed else "")
 
     with context_of(data_dir) as context:
-        made = export_run(context, run, out, settings, progress=tell)
+        dataset = export_run(context, run, out, settings, progress=tell)
     if as_json:
-        document = {"folder": str(made.folder), "frames": dict(made.frames), "left_out": made.left_out}
+        document = {"folder": str(dataset.folder), "frames": dict(dataset.frames), "left_out": dataset.left_out}
         typer.echo(json.dumps(document))
         return
-    split_text = ", ".join(f"{count:,} {split}" for split, count in made.frames.items())
-    rest = f"; {made.left_out:,} finished frames do not meet the expression" if made.left_out else ""
-    typer.echo(f"{made.folder}: {split_text}{rest}")
+    split_text = ", ".join(f"{count:,} {split}" for split, count in dataset.frames.items())
+    rest = f"; {dataset.left_out:,} finished frames do not meet the expression" if dataset.left_out else ""
+    typer.echo(f"{dataset.folder}: {split_text}{rest}")
 
 
 def parse_splits(text: str) -> dict[str, float]:
-    """``val`` or ``train=0.8,val=0.2`` as split to share.
+    """Return split to share for ``val`` or ``train=0.8,val=0.2``.
 
     Raises:
-        InvalidInput: not of that form.
+        InvalidInput: the text has neither form.
     """
     if "=" not in text:
         return {text: 1.0}
@@ -107,13 +111,13 @@ def parse_splits(text: str) -> dict[str, float]:
 
 
 class Lines:
-    """Progress as one line now and then: how many, how fast, how long."""
+    """Prints progress as one line every few seconds: how many, how fast, how long."""
 
     def __init__(self, what: str) -> None:
         self._what, self._shown_at = what, time.monotonic()
 
     def tell(self, done: int, total: int, per_s: float, note: str = "") -> None:
-        """Print a line if some seconds went by, or all is done."""
+        """Print a line if the last one is a few seconds old, or everything is done."""
         if time.monotonic() - self._shown_at < _LINE_SECONDS and done < total:
             return
         self._shown_at = time.monotonic()

@@ -34,15 +34,15 @@ def context_of(data_dir: Path | None) -> Iterator[Context]:
     """
     settings = settings_of(data_dir)
     if not has_database(settings):
-        made_by = f"`{command_name()} run` and `{command_name()} up` make one"
-        raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {made_by}")
+        hint = f"`{command_name()} run` and `{command_name()} up` create one"
+        raise NotFound("database", f"{settings.database_url.removeprefix(_SQLITE)}: {hint}")
     with _opened(settings) as context:
         yield context
 
 
 @contextmanager
 def deployment_or_empty(settings: Settings) -> Iterator[Context]:
-    """Open the deployment; before there is one, open an empty one that leaves nothing behind.
+    """Open the deployment; if there is none, open an empty one that leaves no files.
 
     Raises:
         ValerieError: the database is of another version.
@@ -60,7 +60,7 @@ def deployment_or_empty(settings: Settings) -> Iterator[Context]:
 
 
 def migrate_database(settings: Settings) -> None:
-    """Create the tables, or bring them to this version."""
+    """Create the tables, or migrate them to this version."""
     from valerie.db.engine import open_engine
     from valerie.db.migrate import migrate
 

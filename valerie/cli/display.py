@@ -1,4 +1,4 @@
-"""Showing how far a run is: a live table on a terminal, a line now and then elsewhere, JSON lines for machines."""
+"""The progress of a run: a live table on a terminal, occasional lines elsewhere, JSON lines for machines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rich.text import Text
 from valerie.cli.shell import console
 from valerie.client import Progress, StageProgress
 
-#: Stage → what it counts.
+#: Stage to the name of its products.
 STAGES: Final = {"render": "frames", "infer": "predictions", "eval": "evaluations"}
 _LINE_SECONDS: Final = 5.0
 _BAR: Final = 24
@@ -33,12 +33,12 @@ class Display(Protocol):
     ) -> None: ...
 
     def update(self, progress: Progress) -> None:
-        """Show what is known now."""
+        """Show the current progress."""
         ...
 
 
 class LiveDisplay:
-    """A table that is drawn again in place."""
+    """A table that is redrawn in place."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -54,12 +54,12 @@ class LiveDisplay:
         self._live.__exit__(kind, error, trace)
 
     def update(self, progress: Progress) -> None:
-        """Draw again."""
+        """Redraw the table."""
         self._live.update(progress_table(self._title, progress))
 
 
 class LineDisplay:
-    """One line when something changed and some seconds went by, and whenever the state changes."""
+    """Prints a line whenever the state changes, and every few seconds if anything else changed."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -76,7 +76,7 @@ class LineDisplay:
         pass
 
     def update(self, progress: Progress) -> None:
-        """Print a line if it is time."""
+        """Print a line if one is due."""
         counts = (*((stage.done, stage.failed) for stage in progress.stages.values()), progress.reason)
         now = time.monotonic()
         if progress.state == self._state and (counts == self._shown or now - self._shown_at < _LINE_SECONDS):
@@ -87,7 +87,7 @@ class LineDisplay:
 
 
 class JsonDisplay:
-    """One JSON object per line on standard output whenever something changed."""
+    """Prints a line with a JSON object to standard output whenever something changed."""
 
     def __init__(self, run_id: str) -> None:
         self._run_id = run_id
@@ -102,7 +102,7 @@ class JsonDisplay:
         pass
 
     def update(self, progress: Progress) -> None:
-        """Print what is new."""
+        """Print the progress if it has changed."""
         document = progress.model_dump(mode="json", exclude={"updated_at"})
         if document != self._shown:
             self._shown = document
@@ -110,24 +110,24 @@ class JsonDisplay:
 
 
 def display_of(title: str, run_id: str, *, json_lines: bool) -> Display:
-    """The display that fits where the output goes."""
+    """Return the display that fits the output."""
     if json_lines:
         return JsonDisplay(run_id)
     return LiveDisplay(title) if sys.stderr.isatty() else LineDisplay(title)
 
 
 def print_event(event: str, **values: Any) -> None:
-    """One line of ``--json``."""
+    """Print a line of ``--json``."""
     sys.stdout.write(json.dumps({"event": event, **values}, ensure_ascii=False, separators=(",", ":")) + "\n")
     sys.stdout.flush()
 
 
 def progress_table(title: str, progress: Progress) -> RenderableType:
-    """Per stage: a bar, done of total, rate, remaining time, failures."""
+    """Return a table with one row per stage: a bar, counts, rate, remaining time and failures."""
     head = Text.assemble((title, "bold"), "  ", (progress.state, _style(progress.state)), "  ", _variants(progress))
     table = Table.grid(padding=(0, 1))
     table.add_column(no_wrap=True)
-    table.add_column(max_width=_BAR)  # the only one that becomes narrower with the terminal
+    table.add_column(max_width=_BAR)  # the only column that shrinks with the terminal
     for _ in range(4):
         table.add_column(justify="right", no_wrap=True)
     for name, unit in STAGES.items():
@@ -151,7 +151,7 @@ def progress_table(title: str, progress: Progress) -> RenderableType:
 
 
 def progress_line(title: str, progress: Progress) -> str:
-    """The same in one line."""
+    """Return the progress as one line."""
     parts = [f"{title}: {progress.state}"]
     for name, stage in progress.stages.items():
         text = f"{name} {stage.done:,}/{stage.total:,}"
@@ -169,14 +169,14 @@ def progress_line(title: str, progress: Progress) -> str:
 
 
 def remaining(stage: StageProgress) -> str:
-    """Time that a stage still takes, as far as one can tell."""
+    """Return the remaining time of a stage as text: empty if it is done, ``…`` if unknown."""
     if stage.done + stage.failed >= stage.total:
         return ""
     return f"{duration(stage.eta_s)} left" if stage.eta_s is not None else "…"
 
 
 def duration(seconds: float) -> str:
-    """Seconds for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
+    """Return a duration as text for people: ``42 s``, ``3 min 20 s``, ``5 h 10 min``, ``3 d 4 h``."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"

@@ -1,4 +1,4 @@
-"""`valerie evaluate`: functions under test on an annotated data set of real pictures."""
+"""`valerie evaluate`: evaluate functions under test on an annotated data set of real pictures."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ if TYPE_CHECKING:
 
 def evaluate(
     dataset: Annotated[
-        Path, typer.Option("--dataset", metavar="DIR", help="Folder with leftImg8bit and gtFine, as Cityscapes has it.")
+        Path, typer.Option("--dataset", metavar="DIR", help="Folder in Cityscapes layout (leftImg8bit, gtFine).")
     ],
     functions: Annotated[
         list[str],
-        typer.Option("--function", metavar="NAME", help="A function, or a function file; may be repeated."),
+        typer.Option("--function", metavar="NAME", help="A function, or a function file; can be repeated."),
     ],
     split: Annotated[
-        str | None, typer.Option("--split", metavar="NAME", help="Which split; the only one, or val, by default.")
+        str | None, typer.Option("--split", metavar="NAME", help="Split to evaluate; by default the only one, or val.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Also write evaluation.json and Parquet tables there.")
+        Path | None, typer.Option("--out", metavar="DIR", help="Also write evaluation.json and Parquet tables here.")
     ] = None,
     beside: Annotated[
-        str | None, typer.Option("--beside", metavar="RUN", help="Show a run's scores of the versions that it saw too.")
+        str | None,
+        typer.Option("--beside", metavar="RUN", help="Compare with a run's scores of the same function versions."),
     ] = None,
     threads: InferenceThreads = None,
     as_json: Json = False,
@@ -42,8 +43,8 @@ def evaluate(
 ) -> None:
     """Evaluate functions on a data set in Cityscapes layout, with the metrics of runs.
 
-    Ignores what cityscapesScripts ignores. Every score stands there as frame mean and pooled. Beside a run a
-    function is the version that the run saw, run as it was there.
+    Ignores the same pixels as cityscapesScripts. Shows every score as frame mean and pooled. With --beside, each
+    function is the version that the run evaluated, with the same numeric class.
     """
     from valerie.cli.datasets import Lines
     from valerie.cli.deployment import deployment_or_empty
@@ -54,34 +55,34 @@ def evaluate(
     folder = CityscapesFolder(dataset, split or _split(dataset))
     lines = Lines("frames")
     with deployment_or_empty(settings_of(data_dir)) as deployment:
-        seen = {} if beside is None else {name: run_side(deployment, beside, name) for name in functions}
+        sides = {} if beside is None else {name: run_side(deployment, beside, name) for name in functions}
 
-        def opened(name: str) -> PerceptionFunction:
-            if name in seen:
-                return open_pinned(seen[name].called, seen[name].pin, context=deployment, threads=threads)
+        def open_function(name: str) -> PerceptionFunction:
+            if name in sides:
+                return open_pinned(sides[name].called, sides[name].pin, context=deployment, threads=threads)
             return open_reference(name, context=deployment, threads=threads)
 
-        for name in seen:  # before hours of work: they may be gone, or run otherwise here
-            opened(name).close()
+        for name in sides:  # fails before hours of work if one is gone or has another numeric class here
+            open_function(name).close()
         result = evaluate_dataset(
             folder,
             functions,
-            open_function=opened,
+            open_function=open_function,
             progress=lambda now: lines.tell(now.done, now.total, now.frames_per_s, now.function),
         )
-    also = {name: side.scores for name, side in seen.items()}
+    run_scores = {name: side.scores for name, side in sides.items()}
     if out is not None:
         for path in result.write(out):
             say(f"wrote {path}")
     if as_json:
         document = result.as_document()
         if beside is not None:
-            document["beside"] = {"run": beside} | {name: one.as_document() for name, one in also.items()}
+            document["beside"] = {"run": beside} | {name: scores.as_document() for name, scores in run_scores.items()}
         typer.echo(json.dumps(document, ensure_ascii=False))
         return
-    shown = console()
-    for part in _parts(result, beside, also):
-        shown.print(part)
+    output = console()
+    for part in renderables(result, beside, run_scores):
+        output.print(part)
 
 
 def _split(dataset: Path) -> str:
@@ -95,16 +96,27 @@ def _split(dataset: Path) -> str:
     return splits[0] if len(splits) == 1 else "val"
 
 
-def _parts(result: DatasetResult, beside: str | None, also: dict[str, CollectionScores]) -> list[RenderableType]:
-    from rich.table import Table
-    from rich.text import Text
+def renderables(
+    result: DatasetResult, beside: str | None, run_scores: dict[str, CollectionScores]
+) -> list[RenderableType]:
+    """Return the tables and the notes of an evaluation.
 
-    from valerie.analysis.wording import classes_text
+    Args:
+        result: the evaluation.
+        beside: id of the run to compare with, or None.
+        run_scores: function to its scores in that run.
+    """
+    return [*_tables(result, beside, run_scores), *_notes(result)]
+
+
+def _tables(result: DatasetResult, beside: str | None, run_scores: dict[str, CollectionScores]) -> list[RenderableType]:
+    from rich.table import Table
+
     from valerie.labels import TRAIN_LABELS
 
-    here = f"{result.root.name}/{result.split}"
-    columns = [(f"{one.name}\n{here}", one.scores) for one in result.functions]
-    columns += [(f"{name}\nrun {beside}", scores) for name, scores in also.items()]
+    dataset = f"{result.root.name}/{result.split}"
+    columns = [(f"{function.name}\n{dataset}", function.scores) for function in result.functions]
+    columns += [(f"{name}\nrun {beside}", scores) for name, scores in run_scores.items()]
 
     persons = Table(box=None, pad_edge=False, header_style="dim", padding=(0, 2, 0, 0))
     for name in ("person", "frames", "pACC mean", "min", "max", "pACC pooled"):
@@ -112,14 +124,14 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
     for name in ("precision mean", "pooled", "IoU mean", "pooled", "mIoU mean", "pooled", "as Cityscapes"):
         persons.add_column(name, justify="right")
     for title, scores in columns:
-        one, all_classes = scores.of(), scores.overall
-        frames = one.pacc.frames
+        person, all_classes = scores.of(), scores.overall
+        frames = person.pacc.frames
         persons.add_row(
             title.replace("\n", ", "),
             f"{frames.defined} of {scores.frames}",
-            *(_percent(value) for value in (frames.mean, frames.minimum, frames.maximum, one.pacc.pooled)),
-            *_both(one.precision),
-            *_both(one.iou),
+            *(_percent(value) for value in (frames.mean, frames.minimum, frames.maximum, person.pacc.pooled)),
+            *_both(person.precision),
+            *_both(person.iou),
             *_both(all_classes["miou"]),
             _percent(all_classes["miou_cityscapes"].pooled),
         )
@@ -130,30 +142,42 @@ def _parts(result: DatasetResult, beside: str | None, also: dict[str, Collection
         classes.add_column(title, justify="right")
     for label in TRAIN_LABELS:
         judged = {title: scores.of(label) for title, scores in columns if label.train_id in scores.judged}
-        if any(one.counts.tp + one.counts.fn + one.counts.fp for one in judged.values()):
+        if any(score.counts.tp + score.counts.fn + score.counts.fp for score in judged.values()):
             cells = [judged.get(title) for title, _ in columns]
             classes.add_row(
                 label.name,
                 *("–" if c is None else f"{_percent(c.iou.pooled)} / {_percent(c.pacc.pooled)}" for c in cells),
             )
-    people = [
-        f"{one.name}: {one.person_pacc.defined:,} persons, mean pACC {_percent(one.person_pacc.mean)}"
-        for one in result.functions
-        if one.person_pacc.defined
-    ]
+    return [persons, "", classes, ""]
+
+
+def _notes(result: DatasetResult) -> list[RenderableType]:
+    from rich.text import Text
+
+    from valerie.analysis.wording import classes_text
+
     notes = [
         "In per cent. Mean, min and max are over the frames that show a person; pooled sums the pixels of all frames."
     ]
-    ran = {one.name: one.numeric_class for one in result.functions}
-    if len(set(ran.values())) == 1:
-        notes.append(f"Run as {next(iter(ran.values()))}.")
+    numeric_classes = {function.name: function.numeric_class for function in result.functions}
+    if len(set(numeric_classes.values())) == 1:
+        notes.append(f"Run as {next(iter(numeric_classes.values()))}.")
     else:
-        notes.append(f"Run as {'; '.join(f'{name}: {one}' for name, one in ran.items())}: numeric classes differ.")
-    partial = {one.name: one.card.judged_by for one in result.functions if one.card.judged_by}
-    notes += [f"{name} is judged by {classes_text(by)}: that is what its mIoU is over." for name, by in partial.items()]
-    if people:
-        notes.append("Each person weighing the same: " + "; ".join(people) + ".")
-    return [persons, "", classes, "", *(Text(note, style="dim") for note in notes)]
+        by_function = "; ".join(f"{name}: {numeric_class}" for name, numeric_class in numeric_classes.items())
+        notes.append(f"Run as {by_function}: numeric classes differ.")
+    notes += [
+        f"{function.name} is judged by {classes_text(function.card.judged_by)}; its mIoU covers only these."
+        for function in result.functions
+        if function.card.judged_by
+    ]
+    persons = [
+        f"{function.name}: {function.person_pacc.defined:,} persons, mean pACC {_percent(function.person_pacc.mean)}"
+        for function in result.functions
+        if function.person_pacc.defined
+    ]
+    if persons:
+        notes.append("Each person weighted equally: " + "; ".join(persons) + ".")
+    return [Text(note, style="dim") for note in notes]
 
 
 def _both(score: Averages) -> tuple[str, str]:

@@ -1,24 +1,24 @@
-"""Watching a run to its end, and showing what came of it."""
+"""Follow a run to its end, and show its result."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
 from valerie.cli.shell import Exit, console
-from valerie.client import Client, Progress, ServerUnavailableError
+from valerie.client import Client, Failure, Progress, ServerUnavailableError
 from valerie.errors import StorageUnavailable
 from valerie.runs.states import RunState
 from valerie.settings import Settings
 from valerie.spelling import plain_name
 
 _POLL_SECONDS: Final = 0.5
-#: A server that is started again after a crash is back within this.
-_PATIENCE_SECONDS: Final = 60.0
-#: Workers of an own system that offer nothing for longer than this do not merely start.
+#: Longest restart of a server after a crash.
+_RESTART_SECONDS: Final = 60.0
+#: Longest start of the workers of a system that this command started.
 _START_SECONDS: Final = 60.0
 
 _EXIT: Final = {
@@ -30,14 +30,14 @@ _EXIT: Final = {
 
 
 def follow(system: System, run_id: str, display: Display) -> Progress:
-    """Show a run's progress until it has ended.
+    """Show a run's progress until it ends, and return the final progress.
 
     Raises:
-        ServerUnavailableError: the server is away for longer than a restart takes.
-        ValerieError: a process of the own system does not stay alive.
+        ServerUnavailableError: the server has been unreachable for longer than a restart takes.
+        ValerieError: a process of a system that this command started keeps ending.
     """
     lost_at: float | None = None
-    began = time.monotonic()
+    started_at = time.monotonic()
     with display:
         while True:
             system.check()
@@ -45,12 +45,12 @@ def follow(system: System, run_id: str, display: Display) -> Progress:
                 progress = system.client.progress(run_id)
             except ServerUnavailableError:
                 lost_at = lost_at or time.monotonic()
-                if time.monotonic() - lost_at > _PATIENCE_SECONDS:
+                if time.monotonic() - lost_at > _RESTART_SECONDS:
                     raise
             else:
                 lost_at = None
                 starting = system.owned and progress.state == RunState.SUBMITTED
-                if starting and time.monotonic() - began < _START_SECONDS:
+                if starting and time.monotonic() - started_at < _START_SECONDS:
                     progress = progress.model_copy(update={"reason": "the workers are starting"})
                 display.update(progress)
                 if RunState(progress.state).is_final:
@@ -59,12 +59,20 @@ def follow(system: System, run_id: str, display: Display) -> Progress:
 
 
 def exit_code(state: str) -> Exit:
-    """The exit code that tells how a run ended."""
+    """Return the exit code for the final state of a run."""
     return _EXIT[RunState(state)]
 
 
 def show_result(client: Client, run_id: str, progress: Progress, report: Path | None, *, json_lines: bool) -> None:
-    """The table of the paper's section 6.2, what failed, and where the report is."""
+    """Show the result of an ended run: the table of the paper's section 6.2, the failures and the path of the report.
+
+    Args:
+        client: of the server.
+        run_id: of the run.
+        progress: final progress of the run.
+        report: file for the report; None writes none.
+        json_lines: True prints one JSON line instead.
+    """
     has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
     summary = client.summary(run_id) if has_results else None
     path = save_report(client, run_id, report) if has_results and report is not None else None
@@ -89,19 +97,19 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
-        _show_trouble(client, run_id, progress)
+        _show_failures(client, run_id, progress)
     if path is not None:
         out.print(f"\nReport    {path}")
 
 
 def report_path(settings: Settings, name: str, run_id: str) -> Path:
-    """Where a run's report goes by itself: ``reports/<name>-<run>.html`` beside the data folder."""
+    """Return the default path of a run's report: ``reports/<name>-<run>.html`` next to the data folder."""
     plain = plain_name(name, longest=60).lower() or "run"
     return settings.data_dir.parent / "reports" / f"{plain}-{run_id}.html"
 
 
 def save_report(client: Client, run_id: str, path: Path) -> Path:
-    """Fetch a run's report into a file; returns its path as people would type it.
+    """Fetch a run's report into a file, and return its path as people would type it.
 
     Raises:
         StorageUnavailable: the file cannot be written.
@@ -115,26 +123,29 @@ def save_report(client: Client, run_id: str, path: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def _show_trouble(client: Client, run_id: str, progress: Progress) -> None:
+def _show_failures(client: Client, run_id: str, progress: Progress) -> None:
     out = console(stderr=True)
     out.print(f"\nThe run is {progress.state}" + (f": {progress.reason}" if progress.reason else "."), style="red")
     for line in failure_lines(client.failures(run_id)):
         out.print(line)
 
 
-def failure_lines(failures: list[dict[str, Any]], *, limit: int = 5) -> list[str]:
-    """What failed for good, alike things together: kind, error, how many, after how many attempts."""
-    groups: dict[tuple[str, str], list[int]] = {}
+def failure_lines(failures: list[Failure], *, limit: int = 5) -> list[str]:
+    """Return one line for each kind of product and error, the most frequent first.
+
+    Products that failed because an input failed are left out; the input has its own line.
+    """
+    attempts: dict[tuple[str, str], list[int]] = {}
     for failure in failures:
-        error = failure.get("error") or {}
-        if "cause" in error:
-            continue  # it failed because its input did, which stands in the list itself
-        key = (str(failure.get("kind", "")), str(error.get("message", "unknown error")))
-        groups.setdefault(key, []).append(int(error.get("attempts", 0)))
-    ranked = sorted(groups.items(), key=lambda item: -len(item[1]))
+        error = failure.error
+        if error is None:
+            attempts.setdefault((failure.kind, "unknown error"), []).append(0)
+        elif error.cause is None:
+            attempts.setdefault((failure.kind, str(error.message)), []).append(error.attempts or 0)
+    ranked = sorted(attempts.items(), key=lambda item: -len(item[1]))
     lines = [
-        f"  {len(attempts):,} × {kind}: {message} (after {max(attempts)} attempts)"
-        for (kind, message), attempts in ranked[:limit]
+        f"  {len(counts):,} × {kind}: {message} (after {max(counts)} attempts)"
+        for (kind, message), counts in ranked[:limit]
     ]
     if len(ranked) > limit:
         lines.append(f"  … and {len(ranked) - limit} other errors; the report lists all")

@@ -1,4 +1,4 @@
-"""The command that writes the frames of a run as files."""
+"""The command that exports the frames of a run as files."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from valerie.cli.shell import DataDir, Url, command_name, say, settings_of
 if TYPE_CHECKING:
     from valerie.client import Client
 
-frames_app = typer.Typer(no_args_is_help=True, help="The frames of a run as pictures.")
+frames_app = typer.Typer(no_args_is_help=True, help="Export the frames of a run as pictures.")
 
 RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run.")]
 Sensor = Annotated[
-    str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; the run's only one by default.")
+    str | None, typer.Option("--sensor", metavar="NAME", help="Sensor setting; by default the run's only one.")
 ]
 Annotations = Annotated[
     str | None,
     typer.Option(
         "--annotations",
         metavar="KINDS",
-        help="Which to take along: a,b or none; all that the run asked for by default.",
+        help="Annotations to include: a,b or none; by default all of the run.",
     ),
 ]
 
@@ -35,16 +35,16 @@ Annotations = Annotated[
 @frames_app.command("export")
 def export(
     run_id: RunId,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write into; made if need be.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write to; created if it does not exist.")],
     sensor: Sensor = None,
     annotations: Annotations = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Write what functions see of every rendered frame of a run, `FRAME.png`, and its annotations, `FRAME_KIND.npz`.
+    """Write the picture of every rendered frame of a run as `FRAME.png`, and its annotations as `FRAME_KIND.npz`.
 
-    What is in the folder already is left alone, so that the same command fetches the
-    rest later.
+    Existing files are kept, so the same command can fetch the remaining ones
+    later.
     """
     from valerie.cli.connecting import client_of
     from valerie.client import ServerProblemError
@@ -55,38 +55,38 @@ def export(
         kinds = annotation_names(annotations)
         if kinds is None:
             kinds = tuple(client.spec(run_id).get("annotations", ()))
-        written, there, missing = 0, 0, Counter[str]()
+        written, existing, missing = 0, 0, Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
         for frame in client.frames(run_id):
-            if frame["state"] != "done":
-                missing["failed" if frame["state"] == "failed" else "are not rendered yet"] += 1
+            if frame.state != "done":
+                missing["failed" if frame.state == "failed" else "not rendered yet"] += 1
                 continue
             try:
-                new = _fetch(client, frame["id"], folder, sensor, kinds)
+                new = _fetch(client, frame.id, folder, sensor, kinds)
             except ServerProblemError as error:
                 if error.status != HTTPStatus.CONFLICT:
                     raise
                 missing[f"without all annotations ({error})"] += 1
                 continue
-            written, there = written + new, there + (not new)
-    rest = [f"{count:,} {why}" for why, count in missing.items()]
+            written, existing = written + new, existing + (not new)
+    rest = [f"{count:,} {reason}" for reason, count in missing.items()]
     frames = "frame" if written == 1 else "frames"
-    typer.echo(f"{folder}: {', '.join([f'{written:,} {frames} written', f'{there:,} were there', *rest])}")
+    typer.echo(f"{folder}: {', '.join([f'{written:,} {frames} written', f'{existing:,} already there', *rest])}")
     if missing:
-        say("the same command fetches the rest when it is there")
+        say("run the same command later to fetch the rest")
     if run.reason is not None and run.reason.startswith(AWAITING):
         say(f"upload label maps of the same names with: {command_name()} predictions put {run_id} LABELS")
 
 
 def annotation_names(text: str | None) -> tuple[str, ...] | None:
-    """``a,b`` as names, ``none`` as no names, and None where nothing is said."""
+    """Return the names in ``a,b``; an empty tuple for ``none``; None for None."""
     if text is None:
         return None
     return () if text == "none" else tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _fetch(client: Client, frame: str, folder: Path, sensor: str | None, kinds: tuple[str, ...]) -> bool:
-    """Write the files of a frame that are not there; whether there were any."""
+    """Write the missing files of a frame; return True if there were any."""
     files: dict[str, Callable[[], bytes]] = {f"{frame}.png": partial(client.picture, frame, sensor=sensor)}
     files |= {f"{frame}_{kind}.npz": partial(client.annotation, frame, kind) for kind in kinds}
     missing = {folder / name: read for name, read in files.items() if not (folder / name).exists()}

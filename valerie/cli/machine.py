@@ -1,4 +1,4 @@
-"""Commands about this machine: one worker, one frame again, tidying up."""
+"""Commands that work on this machine: run a worker, replay a frame, free storage, migrate the database."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 def worker(
-    stage: Annotated[str, typer.Argument(metavar="render|infer|eval", help="Which work it takes.")],
+    stage: Annotated[str, typer.Argument(metavar="render|infer|eval", help="Stage of the worker.")],
     engines: Annotated[
         str | None,
         typer.Option(
-            "--engines", help="Engines that a render worker offers, e.g. cycles; default VALERIE_RENDER_ENGINES."
+            "--engines", help="Engines that a render worker offers, e.g. cycles; by default VALERIE_RENDER_ENGINES."
         ),
     ] = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Run one worker process here, for a server that runs elsewhere or by itself.
+    """Run one worker process on this machine.
 
-    Reads VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL;
-    where `valerie up` runs on the same data folder, it joins that server.
+    Joins the server that `valerie up` runs on the same data folder, or the one that
+    VALERIE_DATABASE_URL, VALERIE_BROKER_URL and VALERIE_ARTIFACTS_URL describe.
     """
     from valerie import plugins
     from valerie.embedded import running
@@ -43,50 +43,52 @@ def worker(
     settings = settings_of(data_dir)
     if engines is not None:
         if stage != "render":
-            raise InvalidInput("only a render worker has engines", field="--engines", value=engines)
+            raise InvalidInput("only a render worker takes engines", field="--engines", value=engines)
         for engine in engines.split(","):
             plugins.require_renderer(engine, field="--engines")
         settings = settings.model_copy(update={"render_engines": engines})
-    found = running.find(settings.data_dir)
-    if found is not None and "broker_url" not in settings.model_fields_set:
-        settings = settings.model_copy(update={"broker_url": found.broker_url})
+    server = running.find(settings.data_dir)
+    if server is not None and "broker_url" not in settings.model_fields_set:
+        settings = settings.model_copy(update={"broker_url": server.broker_url})
     command = python_command(WORKERS[stage])
-    # This process becomes the worker: signals and exit status are the worker's own.
+    # This process becomes the worker, so that signals and the exit status are the worker's.
     os.execve(command[0], list(command), service_environment(stage, settings))  # noqa: S606
 
 
 def replay(
     frame: Annotated[
         str,
-        typer.Argument(metavar="FRAME", help="Id of a frame: run.variant.camera.time, as the API and dashboard show."),
+        typer.Argument(
+            metavar="FRAME", help="Id of a frame, as in the API and the dashboard: run.variant.camera.time."
+        ),
     ],
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Render and infer one frame again here, and compare it byte for byte with what is stored.
+    """Recompute all products of a frame on this machine, and compare them byte for byte with the stored ones.
 
-    Exits with 3 when something differs.
+    Exits with 3 if any differs.
     """
     key = FrameKey.parse(frame, field="FRAME")
     with context_of(data_dir) as context:
         from valerie.pipeline.work.replay import replay_frame
 
-        made = replay_frame(context, key)
+        products = replay_frame(context, key)
     if as_json:
-        for one in made:
-            typer.echo(json.dumps(_document(one), ensure_ascii=False))
+        for product in products:
+            typer.echo(json.dumps(_document(product), ensure_ascii=False))
     else:
-        _show(made)
-    if not all(one.agrees for one in made):
+        _show(products)
+    if not all(product.agrees for product in products):
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)
 
 
 def gc(
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be removed.")] = False,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
-    """Free what no run links to: products, their objects, and objects that belong to nothing."""
+    """Remove products that no run links to, with their objects, and orphaned objects."""
     with context_of(data_dir) as context:
         from valerie.pipeline.control.gc import collect
 
@@ -94,15 +96,15 @@ def gc(
     if as_json:
         typer.echo(json.dumps({"products": freed.products, "objects": freed.objects, "bytes": freed.bytes}))
         return
-    word = "would remove" if dry_run else "removed"
+    verb = "would remove" if dry_run else "removed"
     typer.echo(
-        f"{word} {freed.products:,} products that no run needs, and {freed.objects:,} orphaned objects "
+        f"{verb} {freed.products:,} products that no run needs, and {freed.objects:,} orphaned objects "
         f"({freed.bytes / 1e6:,.1f} MB)"
     )
 
 
 def migrate(data_dir: DataDir = None) -> None:
-    """Bring the database to this version's tables; `run`, `up` and the API do it by themselves."""
+    """Migrate the database to this version; `run`, `up` and the API do so themselves."""
     from valerie.db.engine import open_engine
     from valerie.db.migrate import migrate as migrate_database
 
@@ -116,19 +118,19 @@ def migrate(data_dir: DataDir = None) -> None:
     typer.echo(f"up to date: {engine.url.render_as_string()}")
 
 
-def _document(one: Replayed) -> dict[str, object]:
+def _document(product: Replayed) -> dict[str, object]:
     return {
-        "kind": one.kind,
-        "name": one.name,
-        "digest": one.digest,
-        "verdict": one.verdict,
-        "equal": one.agrees,
-        "cpu_seconds": round(one.cpu_seconds, 4),
-        "details": one.details,
+        "kind": product.kind,
+        "name": product.name,
+        "digest": product.digest,
+        "verdict": product.verdict,
+        "equal": product.agrees,
+        "cpu_seconds": round(product.cpu_seconds, 4),
+        "details": product.details,
     }
 
 
-def _show(made: list[Replayed]) -> None:
+def _show(products: list[Replayed]) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -136,8 +138,8 @@ def _show(made: list[Replayed]) -> None:
     for column in ("product", "function / sensor", "compared with the stored one"):
         table.add_column(column)
     table.add_column("CPU", justify="right")
-    for one in made:
-        verdict = Text(one.verdict, "green" if one.agrees else "bold red")
-        table.add_row(one.kind, one.name, verdict, f"{one.cpu_seconds:.2f} s")
+    for product in products:
+        verdict = Text(product.verdict, "green" if product.agrees else "bold red")
+        table.add_row(product.kind, product.name, verdict, f"{product.cpu_seconds:.2f} s")
     console().print(table)
     sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""The command line: which commands there are, in the order of a first acquaintance."""
+"""The command line: all commands, in the order in which a new user needs them."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ _HELP = """Validation of perception DNNs of automated vehicles by systematic var
 \b
 First steps:
   valerie new first.yaml       write a commented spec
-  valerie plan first.yaml      see what it would cost
-  valerie run first.yaml       run it on this machine, see the table, get the report
+  valerie plan first.yaml      show what it would cost
+  valerie run first.yaml       run it on this machine, show the table, write the report
   valerie up                   server and dashboard, until Ctrl-C
 
 \b
 Exit codes:
   0         done; the run completed
-  1         a defect of VALERIE
+  1         a bug in VALERIE
   2         wrong usage or input
   3         completed, but some products failed for good; a replayed frame differs
   4         the run was cancelled or failed
-  5         something is missing, full or not reachable here
+  5         something on this machine is missing, full or unreachable
   124       a function took longer than VALERIE_INFER_SECONDS
   130, 143  interrupted (Ctrl-C), terminated
 
-Settings are environment variables VALERIE_…; docs/operations.md lists them."""
+Settings are environment variables (VALERIE_…); docs/operations.md lists them."""
 
 app = typer.Typer(
     name="valerie",
@@ -54,7 +54,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
-_RUN, _WATCH, _PARTS = "Specs and runs", "Follow and steer", "Parts and machines"
+_RUN, _WATCH, _PARTS = "Specs and runs", "Follow and control runs", "Parts and machines"
 app.command(rich_help_panel=_RUN)(specs.new)
 app.command(rich_help_panel=_RUN)(specs.plan)
 app.command(rich_help_panel=_RUN)(runs.run)
@@ -81,8 +81,8 @@ app.command(rich_help_panel=_PARTS)(machine.gc)
 app.command(rich_help_panel=_PARTS)(machine.migrate)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import PackageNotFoundError, version
 
         try:
@@ -94,18 +94,18 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    debug: Annotated[  # taken from the arguments before anything can go wrong
+    debug: Annotated[  # handled by `main`, before anything can fail
         bool, typer.Option("--debug", help="Show stack traces.")
     ] = False,
     version: Annotated[  # handled by its callback
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Options of all commands."""
+    """Declare the options of all commands."""
 
 
 def main() -> None:
-    """Entry point of the ``valerie`` command."""
+    """Run the ``valerie`` command."""
     debug = "--debug" in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     guarded(lambda: app(args=arguments, prog_name="valerie"), debug=debug)

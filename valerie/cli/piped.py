@@ -1,4 +1,4 @@
-"""What people read where nobody looks at a screen: in a file, or behind a pipe."""
+"""Output for people that goes to a file or a pipe."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from typing import Any, Final
 
 from rich.console import Console
 
-#: Wider than anything: no path is folded and nothing is cut to a screen that nobody looks at.
+#: Wider than any line, so that nothing is folded or cut.
 _ANY_WIDTH: Final = 10_000
 
 
 class PipedConsole(Console):
-    """A console whose lines are as long as what they say: rich fills tables and paragraphs with spaces."""
+    """A console without trailing spaces, with which rich fills tables and paragraphs."""
 
     def __init__(self, *, stderr: bool) -> None:
         super().__init__(stderr=stderr, highlight=False, markup=False, width=_ANY_WIDTH)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """As rich's, without spaces at the ends of lines."""
+        """Print as rich does, without spaces at the ends of lines."""
         with self.capture() as captured:
             super().print(*objects, **options)
         self.file.write("\n".join(line.rstrip(" ") for line in captured.get().split("\n")))

@@ -1,4 +1,4 @@
-"""Commands that upload predictions; `valerie.cli.frames` writes the frames that they are of."""
+"""The command that uploads predictions; `valerie.cli.frames` exports the frames that they belong to."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from valerie.cli.frames import RunId, Sensor
 from valerie.cli.shell import DataDir, Exit, Url, settings_of, show_error
 from valerie.errors import InvalidInput, NotFound
 
-predictions_app = typer.Typer(no_args_is_help=True, help="Label maps that were predicted elsewhere.")
+predictions_app = typer.Typer(no_args_is_help=True, help="Upload label maps that were predicted elsewhere.")
 
 
 @predictions_app.command("put")
 def put(
     run_id: RunId,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Label maps `FRAME.png`: 8 bits, ids of the classes.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of label maps `FRAME.png` with 8-bit class ids.")
+    ],
     function: Annotated[
-        str | None, typer.Option("--function", metavar="NAME", help="The run's only one of this kind by default.")
+        str | None,
+        typer.Option("--function", metavar="NAME", help="Function of kind predictions; by default the run's only one."),
     ] = None,
     sensor: Sensor = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Upload predictions for frames of a run; exits with 3 when some were refused."""
+    """Upload predictions for frames of a run. Exits with 3 if any is refused."""
     from valerie.cli.connecting import client_of
     from valerie.client import ServerProblemError
 
@@ -35,22 +38,22 @@ def put(
     foreign = [path.name for path in paths if not path.name.startswith(f"{run_id}.")]
     if foreign or not paths:
         shown = ", ".join(foreign[:3]) or "no PNG"
-        raise InvalidInput("files are named after frames", field="DIR", value=shown, limit=f"{run_id}.0.0.0.png")
-    new = there = refused = 0
+        raise InvalidInput("files must be named after frames", field="DIR", value=shown, limit=f"as {run_id}.0.0.0.png")
+    new = existing = refused = 0
     with client_of(settings_of(data_dir), url) as client:
-        client.run(run_id)  # an unknown run is one message, not one per file
+        client.run(run_id)  # so that an unknown run gives one error, not one per file
         for path in paths:
             try:
                 if client.put_prediction(path.stem, path.read_bytes(), function=function, sensor=sensor):
                     new += 1
                 else:
-                    there += 1
+                    existing += 1
             except ServerProblemError as error:
                 if not error.is_callers_fault:
                     raise
                 refused += 1
                 if refused <= 10:
                     show_error(f"{path.name}: {error}")
-    typer.echo(f"{new:,} predictions uploaded, {there:,} were there, {refused:,} refused")
+    typer.echo(f"{new:,} predictions uploaded, {existing:,} already there, {refused:,} refused")
     if refused:
         raise typer.Exit(Exit.COMPLETED_WITH_FAILURES)

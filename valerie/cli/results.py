@@ -1,4 +1,4 @@
-"""Commands that show or take away the numbers of a run; they work here, and need no server."""
+"""Commands that show or export the numbers of a run. They need no server."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from valerie.errors import InvalidInput
 
 
 def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Show the table and the findings of an ended run again."""
+    """Show the table and the findings of an ended run."""
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable
@@ -28,24 +28,26 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
         typer.echo(text)
         return
     document = json.loads(text)
-    numbers, found = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
+    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out = console()
-    out.print(summary_renderable(numbers, found, most=None))
-    if not found.items:
-        why = f"none of {found.examined:,} comparisons holds" if found.examined else "too few situations to compare"
-        out.print(f"\nNo findings: {why}.", style="dim")
+    out.print(summary_renderable(summary, findings, most=None))
+    if not findings.items:
+        reason = (
+            f"none of {findings.examined:,} comparisons holds" if findings.examined else "too few situations to compare"
+        )
+        out.print(f"\nNo findings: {reason}.", style="dim")
 
 
 def rows(
     run_id: RunId,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="FILE.csv or FILE.parquet; standard output by default."),
+        typer.Option("--output", "-o", metavar="FILE", help="FILE.csv or FILE.parquet; by default standard output."),
     ] = None,
     where: Where = "",
     data_dir: DataDir = None,
 ) -> None:
-    """Write the long table of a run: one row per person in an evaluation, of what is evaluated so far."""
+    """Write the long table of a run: one row per person in each evaluation that is done."""
     import io
 
     import numpy as np
@@ -56,16 +58,16 @@ def rows(
     from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
-        raise InvalidInput("the ending tells the format", field="--output", value=output, limit=".csv or .parquet")
+        raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv or .parquet")
     with context_of(data_dir) as context:
         run = read_run(context, run_id)
         table = read_table(context.engine, run)
         if where:
-            chosen = run_where(where, run.resolved, field="--where")
+            expression = run_where(where, run.resolved, field="--where")
             with reading(context.engine) as connection:
-                met = [chosen.holds(row) for _, row in evaluated_rows(connection, run)]
-            # A run that is at work may have more rows by now.
-            table = table.select(np.array(met[: len(table)], np.bool_))
+                selected = [expression.holds(row) for _, row in evaluated_rows(connection, run)]
+            # A running run may have more rows by now.
+            table = table.select(np.array(selected[: len(table)], np.bool_))
     if output is None:
         buffer = io.BytesIO()
         table.to_csv(buffer)

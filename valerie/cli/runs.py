@@ -1,4 +1,4 @@
-"""Commands that start, follow and steer runs."""
+"""Commands that start, follow and control runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from valerie.cli.specs import Functions, require_resolvable, spec_text
 
 if TYPE_CHECKING:
     from valerie.cli.connecting import System
-    from valerie.client import Run
+    from valerie.client import Client, Run
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
 RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
@@ -39,7 +39,7 @@ def run(
     functions: Functions = None,
     report: Annotated[
         Path | None,
-        typer.Option("--report", help="Where the report goes.", show_default="reports/ beside the data folder"),
+        typer.Option("--report", help="File for the report.", show_default="reports/ next to the data folder"),
     ] = None,
     json_lines: Json = False,
     data_dir: DataDir = None,
@@ -48,8 +48,8 @@ def run(
     """Run a validation on this machine and show its result.
 
     Uses the server that runs on the data folder, or starts one (Redis, API and
-    one worker per queue) that ends with this command. Running the same spec
-    again makes nothing twice, also after Ctrl-C.
+    one worker per queue) that ends with this command. Finished products are
+    reused when you run the same spec again, also after Ctrl-C.
     """
     from valerie.cli.connecting import system_of
     from valerie.cli.display import display_of, print_event
@@ -66,7 +66,7 @@ def run(
         try:
             progress = follow(system, run.id, display_of(f"{run.name} ({run.id})", run.id, json_lines=json_lines))
         except Stopped as stopped:
-            _leave(system, run.id, stopped, data_dir)
+            _stop_following(system, run.id, stopped, data_dir)
             raise
         path = report or report_path(settings, run.name, run.id)
         show_result(system.client, run.id, progress, path, json_lines=json_lines)
@@ -78,20 +78,20 @@ def run(
 
 
 def up(data_dir: DataDir = None, end_with_parent: EndWithParent = False) -> None:
-    """Start server, workers and dashboard on this machine, and stay until Ctrl-C.
+    """Start server, workers and dashboard on this machine, and keep them running until Ctrl-C.
 
-    Unfinished runs go on. Other commands find this server by its data folder.
+    Unfinished runs continue. Other commands find this server by its data folder.
     """
     from valerie.cli.connecting import system_of
 
     _bind_to_parent(end_with_parent)
     with system_of(settings_of(data_dir)) as system:
         url = system.client.url
-        submitting = _again("submit", "SPEC", data_dir=data_dir)
-        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/openapi.json\nSubmit     {submitting}")
+        submit_command = _command_line("submit", "SPEC", data_dir=data_dir)
+        say(f"\nDashboard  {url}/dashboard/\nREST API   {url}/openapi.json\nSubmit     {submit_command}")
         if not system.owned:
             return
-        say("\nCtrl-C ends it; unfinished runs go on with the next start.")
+        say("\nPress Ctrl-C to stop; unfinished runs continue with the next start.")
         while True:
             system.check()
             time.sleep(0.5)
@@ -102,13 +102,14 @@ def submit(
     functions: Functions = None,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Follow the run to its end.")] = False,
     key: Annotated[
-        str | None, typer.Option("--key", help="Idempotency key: submitting again with it makes no second run.")
+        str | None,
+        typer.Option("--key", help="Idempotency key: submitting again with the same key starts no second run."),
     ] = None,
     json_lines: Json = False,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Give a spec to a running server; prints the run's id."""
+    """Submit a spec to a running server, and print the run's id."""
     from valerie.cli.connecting import client_of
 
     settings = settings_of(data_dir)
@@ -116,8 +117,8 @@ def submit(
         text = spec_text(spec, functions, lambda: nullcontext(Remote(client)))
         run = client.submit(text, idempotency_key=key)
         if not watch:
-            _print(run.model_dump(mode="json"), run.id, as_json=json_lines)
-            say(f"follow it with: {_again('status', run.id, '--watch', data_dir=data_dir, url=url)}")
+            typer.echo(run.model_dump_json() if json_lines else run.id)
+            say(f"follow it with: {_command_line('status', run.id, '--watch', data_dir=data_dir, url=url)}")
             return
     status(run.id, watch=True, json_lines=json_lines, url=url, data_dir=data_dir)
 
@@ -133,9 +134,9 @@ def status(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Show the latest runs, or how far one is.
+    """Show the latest runs, or the progress of one.
 
-    With --watch the exit code is that of the run, as with `valerie run`.
+    With --watch, the exit code is that of the run, as with `valerie run`.
     """
     from valerie.cli.connecting import System, client_of
     from valerie.cli.display import display_of, progress_table
@@ -168,12 +169,12 @@ def report(
     run_id: RunId,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="File to write.", show_default="reports/ beside the data folder"),
+        typer.Option("--output", "-o", help="File to write.", show_default="reports/ next to the data folder"),
     ] = None,
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Fetch the self-contained HTML report of an ended run; prints its path."""
+    """Fetch the self-contained HTML report of an ended run, and print its path."""
     from valerie.cli.connecting import client_of
     from valerie.cli.following import report_path, save_report
 
@@ -184,66 +185,68 @@ def report(
 
 
 def cancel(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Stop a run; what is done stays, and `resume` lets it go on."""
-    _steer("cancel", run_id, url, data_dir)
+    """Stop a run. Finished products stay, and `resume` continues the run."""
+    with _client(url, data_dir) as client:
+        _say_state(client.cancel(run_id))
 
 
 def resume(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Let a paused or cancelled run go on."""
-    _steer("resume", run_id, url, data_dir)
+    """Continue a paused or cancelled run."""
+    with _client(url, data_dir) as client:
+        _say_state(client.resume(run_id))
 
 
 def retry(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Try again what failed for good in a run."""
-    _steer("retry", run_id, url, data_dir)
+    """Retry the products of a run that failed for good."""
+    with _client(url, data_dir) as client:
+        _say_state(client.retry(run_id))
 
 
 def delete(run_id: RunId, url: Url = None, data_dir: DataDir = None) -> None:
-    """Delete an ended run; `valerie gc` frees what no other run needs."""
-    from valerie.cli.connecting import client_of
-
-    with client_of(settings_of(data_dir), url) as client:
+    """Delete an ended run. `valerie gc` then removes products that no other run needs."""
+    with _client(url, data_dir) as client:
         client.delete(run_id)
-    gc = _again("gc", data_dir=data_dir)
-    say(f"run {run_id} is deleted; `{gc}` frees what no other run needs")
+    gc = _command_line("gc", data_dir=data_dir)
+    say(f"run {run_id} is deleted; `{gc}` removes products that no other run needs")
 
 
-def _steer(action: str, run_id: str, url: str | None, data_dir: Path | None) -> None:
+def _client(url: str | None, data_dir: Path | None) -> Client:
     from valerie.cli.connecting import client_of
 
-    with client_of(settings_of(data_dir), url) as client:
-        actions = {"cancel": client.cancel, "resume": client.resume, "retry": client.retry}
-        run = actions[action](run_id)
+    return client_of(settings_of(data_dir), url)
+
+
+def _say_state(run: Run) -> None:
     say(f"run {run.id} is {run.state}" + (f": {run.reason}" if run.reason else ""))
 
 
-def _bind_to_parent(wanted: bool) -> None:
-    """End with whoever started this command, e.g. ``make``, also when that is killed."""
-    if wanted:
+def _bind_to_parent(requested: bool) -> None:
+    """End this command when its parent ends, e.g. ``make``, even if the parent is killed."""
+    if requested:
         from valerie.embedded.guard import end_with_parent
 
         end_with_parent()
 
 
-def _leave(system: System, run_id: str, stopped: Stopped, data_dir: Path | None) -> None:
-    """Somebody wants this command to end while its run goes on."""
+def _stop_following(system: System, run_id: str, stopped: Stopped, data_dir: Path | None) -> None:
+    """Cancel the run of an interrupted command if its system ends too, and tell the user how to continue."""
     import signal
 
     from valerie.errors import ValerieError
 
     if not system.owned:
-        follow = _again("status", run_id, "--watch", data_dir=data_dir)
-        say(f"\nrun {run_id} goes on in the server; follow it with: {follow}")
+        follow = _command_line("status", run_id, "--watch", data_dir=data_dir)
+        say(f"\nrun {run_id} continues in the server; follow it with: {follow}")
         return
     if stopped.signum != signal.SIGINT:
-        say(f"\nrun {run_id} goes on with the next `{command_name()} up` or `run` on this data folder")
+        say(f"\nrun {run_id} continues with the next `{command_name()} up` or `run` on this data folder")
         return
-    try:  # an interrupted run shall not take the time of the next one
+    try:  # so that an interrupted run does not compete with the next one
         system.client.cancel(run_id)
     except ValerieError as error:
         say(f"\nrun {run_id} could not be cancelled: {error}")
     else:
-        say(f"\nrun {run_id} is cancelled; the same command makes only what is missing")
+        say(f"\nrun {run_id} is cancelled; the same command continues where it stopped")
 
 
 def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> None:
@@ -253,7 +256,7 @@ def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None
     dashboard = f"{system.client.url}/dashboard/"
     table = Table.grid(padding=(0, 1))
     table.add_row(
-        "Dashboard", Text(f"{_again('up', data_dir=data_dir)}  then {dashboard}" if system.owned else dashboard)
+        "Dashboard", Text(f"{_command_line('up', data_dir=data_dir)}  then {dashboard}" if system.owned else dashboard)
     )
     if str(spec) != "-":
         table.add_row("Try next", Text(next_step(spec, text, functions=functions, data_dir=data_dir)))
@@ -261,35 +264,35 @@ def _show_next(system: System, spec: Path, text: bytes, *, functions: str | None
 
 
 def next_step(spec: Path, text: bytes, *, functions: str | None, data_dir: Path | None) -> str:
-    """A change to a spec file that costs little, and the command that was just given, to run it again."""
+    """Return a suggestion for the user: a cheap change to the spec file, and the command that runs it."""
     from valerie.runs.spec import parse
 
     dusk = "{name: dusk, exposure_ev: -2}"
     has_sensors = "sensors" in parse(text).model_fields_set
-    # The first of the two is what the run had so far.
+    # The first of the two equals the sensor of the finished run.
     line = f"sensors: [{{name: day}}, {dusk}]"
     change = f"add  {dusk}  to the sensors in {spec}" if has_sensors else f"add the line  {line}  to {spec}"
     command = ["run", str(spec), *([] if functions is None else ["--functions", functions])]
     return (
-        f"{change}; then {_again(*command, data_dir=data_dir)}\n"
-        "renders nothing: the functions only look again, at darker pictures"
+        f"{change}; then {_command_line(*command, data_dir=data_dir)}\n"
+        "renders nothing new: the functions only evaluate darker pictures"
     )
 
 
-def _again(*command: str, data_dir: Path | None, url: str | None = None) -> str:
-    """A command line on the same data folder or server, to be copied."""
+def _command_line(*command: str, data_dir: Path | None, url: str | None = None) -> str:
+    """Return a command line for the same data folder or server, for the user to copy."""
     import shlex
 
-    where = [*([] if url is None else ["--url", url]), *([] if data_dir is None else ["--data-dir", str(data_dir)])]
-    return f"{command_name()} " + shlex.join([*command, *where])
+    options = [*([] if url is None else ["--url", url]), *([] if data_dir is None else ["--data-dir", str(data_dir)])]
+    return f"{command_name()} " + shlex.join([*command, *options])
 
 
-def _list(found: list[Run], *, as_json: bool) -> None:
+def _list(runs: list[Run], *, as_json: bool) -> None:
     if as_json:
-        for run in found:
+        for run in runs:
             typer.echo(run.model_dump_json())
         return
-    if not found:
+    if not runs:
         say(f"no runs yet; start one with: {command_name()} run SPEC")
         return
     from datetime import datetime
@@ -304,15 +307,11 @@ def _list(found: list[Run], *, as_json: bool) -> None:
     table.add_column("state", no_wrap=True)
     table.add_column("variants", justify="right", no_wrap=True)
     table.add_column("created", no_wrap=True)
-    for run in found:
+    for run in runs:
         created = moment_text(datetime.fromisoformat(run.created_at))
         table.add_row(run.id, run.name, run.state, f"{run.variant_count:,}", created)
     out = console()
     out.print(table)
-    for run in found:
+    for run in runs:
         if run.reason:
             out.print(f"{run.id}: {run.reason}", style="yellow")
-
-
-def _print(document: dict[str, object], text: str, *, as_json: bool) -> None:
-    typer.echo(json.dumps(document, ensure_ascii=False) if as_json else text)

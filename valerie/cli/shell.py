@@ -1,4 +1,4 @@
-"""How commands talk to a shell: exit codes, errors in one message, signals, settings and consoles."""
+"""What commands share: exit codes, error messages, signals, common options, settings and consoles."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Exit(IntEnum):
     TOOK_TOO_LONG = 124
 
 
-class Stopped(SystemExit):  # no error: somebody asked for the end
-    """A signal asked this process to end; unwinds like an exception, exits with 128 + its number."""
+class Stopped(SystemExit):  # not an error: the user asked for the end
+    """A signal asked this process to end. It unwinds like an exception and exits with 128 + signal number."""
 
     def __init__(self, signum: int) -> None:
         self.signum = signum
@@ -45,7 +45,7 @@ class Stopped(SystemExit):  # no error: somebody asked for the end
 
 DataDir = Annotated[
     Path | None,
-    typer.Option("--data-dir", help="Folder of database, artifacts and logs.", show_default="var/valerie"),
+    typer.Option("--data-dir", help="Folder for database, artifacts and logs.", show_default="var/valerie"),
 ]
 Url = Annotated[
     str | None,
@@ -53,17 +53,17 @@ Url = Annotated[
 ]
 InferenceThreads = Annotated[
     int | None,
-    typer.Option("--threads", min=1, help="CPU threads of the inference engine.", show_default="as workers have"),
+    typer.Option("--threads", min=1, help="CPU threads of the inference engine.", show_default="the same as workers"),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 EndWithParent = Annotated[bool, typer.Option("--end-with-parent", hidden=True)]
 
 
 def settings_of(data_dir: Path | None = None) -> Settings:
-    """Settings of this process; an option wins over the environment.
+    """Return the settings of this process; options override the environment.
 
     Raises:
-        InvalidInput: a variable is not accepted.
+        InvalidInput: an environment variable is invalid.
     """
     from valerie.settings import load_settings
 
@@ -71,7 +71,7 @@ def settings_of(data_dir: Path | None = None) -> Settings:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console for people; plain text when it is no terminal or NO_COLOR is set."""
+    """Return a console for people; it prints plain text if it is not a terminal or NO_COLOR is set."""
     from rich.console import Console
 
     from valerie.cli.piped import PipedConsole
@@ -81,13 +81,13 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def say(text: str = "") -> None:
-    """One line for people beside the result: to standard error."""
+    """Print a line for people to standard error, since standard output is for results."""
     sys.stderr.write(text + "\n")
     sys.stderr.flush()
 
 
 def exit_code_of(error: ValerieError) -> Exit:
-    """Which exit code tells this error."""
+    """Return the exit code for an error."""
     from valerie.client import ServerProblemError
 
     if isinstance(error, ServerProblemError):
@@ -96,7 +96,7 @@ def exit_code_of(error: ValerieError) -> Exit:
 
 
 def show_error(text: str) -> None:
-    """One message in red, without a stack trace."""
+    """Print an error message in red, without a stack trace."""
     from rich.text import Text
 
     message = Text("error: ", style="bold red")
@@ -105,7 +105,7 @@ def show_error(text: str) -> None:
 
 
 def guarded(command: Callable[[], None], *, debug: bool) -> NoReturn:
-    """Run a command line and end the process with the exit code that fits."""
+    """Run a command line, and end the process with the exit code for its result."""
     stop_on_signals()
     sys.stdout, sys.stderr = _Stream.of(sys.stdout), _Stream.of(sys.stderr)
     try:
@@ -118,26 +118,26 @@ def guarded(command: Callable[[], None], *, debug: bool) -> NoReturn:
     except Exception as error:
         if debug:
             raise
-        show_error(f"a defect of VALERIE ({type(error).__name__}: {error}); `valerie --debug …` shows where")
+        show_error(f"a bug in VALERIE ({type(error).__name__}: {error}); `valerie --debug …` shows a stack trace")
         sys.exit(Exit.DEFECT)
     finally:
         for stream in (sys.stdout, sys.stderr):
-            with suppress(SystemExit):  # the command is done, and keeps its exit code
+            with suppress(SystemExit):  # the command has ended, and keeps its exit code
                 stream.flush()
     sys.exit(Exit.OK)
 
 
 class _Stream(io.TextIOWrapper):
-    """A standard stream whose reader may leave (``valerie plan … | head``): then the command ends, and that is no error.
+    """A standard stream that ends the command without an error if its reader ends (``valerie plan … | head``).
 
-    Neither click nor rich hears of it: both would exit with 1.
+    Click and rich do not see the broken pipe, since both would exit with 1.
     """
 
     @classmethod
     def of(cls, stream: TextIO | None) -> TextIO:
-        """The same stream; what goes to one that was closed before this process began goes nowhere."""
+        """Wrap a stream; output to one that was closed before this process started is discarded."""
         if stream is None:
-            return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123  open as long as this process
+            return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123  stays open as long as this process
         if not isinstance(stream, io.TextIOWrapper):
             return stream
         return cls(
@@ -161,44 +161,44 @@ class _Stream(io.TextIOWrapper):
             self._end()
 
     def _end(self) -> NoReturn:
-        # Nothing more can be written here, not even at exit what the buffer still holds.
+        # The rest of the buffer must not be written either, when Python flushes it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
         raise SystemExit(Exit.OK)
 
 
 def stop_on_signals() -> None:
-    """Let SIGINT, SIGTERM and SIGHUP unwind this process in order; a second one ends it at once.
+    """Let SIGINT, SIGTERM and SIGHUP unwind this process; a second signal ends it at once.
 
-    Ending at once leaves nothing behind either: the processes of the one-machine mode notice and end themselves.
+    No process stays behind in either case, since the processes of the one-machine mode end with their parent.
     """
 
     def stop(signum: int, _frame: object) -> None:
-        for number in watched:
+        for number in signals:
             signal.signal(number, lambda n, _: os._exit(128 + n))
         raise Stopped(signum)
 
-    watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    for number in watched:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    for number in signals:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
             signal.signal(number, stop)
 
 
 def command_name() -> str:
-    """How the user can call this program again: ``valerie`` if that finds it, else its path from here."""
+    """Return the command with which the user can start this program: ``valerie`` if it is on the PATH, else a path."""
     program = Path(sys.argv[0]).absolute()
     if program.name != "valerie":
         return "python -m valerie"
-    found = shutil.which("valerie")
-    if found is not None and Path(found).resolve() == program.resolve():
+    on_path = shutil.which("valerie")
+    if on_path is not None and Path(on_path).resolve() == program.resolve():
         return "valerie"
     return os.path.relpath(program) if program.is_relative_to(Path.cwd()) else str(program)
 
 
 def read_spec(path: Path) -> bytes:
-    """The text of a spec file, or of standard input for ``-``.
+    """Return the text of a spec file, or of standard input for ``-``.
 
     Raises:
-        InvalidInput: it cannot be read or is far too large.
+        InvalidInput: the file cannot be read or is too large.
     """
     from valerie.loading import MAX_BYTES
 

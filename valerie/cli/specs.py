@@ -1,11 +1,11 @@
-"""Commands about specs: write one, see what it would cost."""
+"""Commands about specs: write a first one, and show what one would cost."""
 
 from __future__ import annotations
 
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,8 @@ from valerie.cli.shell import (
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from valerie.runs.forecast import Plan
     from valerie.settings import Settings
 
@@ -32,7 +34,7 @@ Functions = Annotated[
     typer.Option(
         "--functions",
         metavar="NAMES",
-        help="Take these instead of the spec's: a,b. A file (my.onnx) is registered first.",
+        help="Functions to use instead of the spec's: a,b. A file (my.onnx) is registered first.",
     ),
 ]
 
@@ -41,8 +43,8 @@ def new(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - prints it.")] = Path("run.yaml"),
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
-    """Write a commented spec to begin with."""
-    text = (resources.files("valerie.runs") / "template.yaml").read_text(encoding="utf-8")
+    """Write a commented spec to start from."""
+    text = resources.files("valerie.runs").joinpath("template.yaml").read_text(encoding="utf-8")
     if str(path) == "-":
         typer.echo(text, nl=False)
         return
@@ -63,34 +65,30 @@ def plan(
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Show what a spec would make and cost; stores nothing.
+    """Show what a spec would produce and cost, without storing anything.
 
-    Asks the server that runs on the data folder, if one does; else computes it
-    here. Only a file that --functions names is registered.
+    Asks the server that runs on the data folder, or computes the plan here if
+    there is none. Only files in --functions are registered.
     """
     settings = settings_of(data_dir)
     text = spec_text(spec, functions, partial(open_registry, settings, url, create=True))
-    document = _plan(text, url, settings)
+    plan = _plan(text, url, settings)
     if as_json:
-        import json
-
-        typer.echo(json.dumps(document, ensure_ascii=False, indent=1))
+        typer.echo(plan.model_dump_json(indent=1))
         return
-    from valerie.runs.forecast import Plan
-
-    _show(Plan.model_validate(document))
+    _show(plan)
 
 
 def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
-    """The text of a spec file, or of standard input, with other functions where they are given.
+    """Return the text of a spec, with its functions replaced if others are named.
 
     Args:
         path: of the file; ``-`` is standard input.
         functions: see `valerie.cli.registry.functions_named`.
-        opening: of where files among them are registered.
+        opening: opens the registry for files among the functions.
 
     Raises:
-        InvalidInput: it cannot be read, or is no spec.
+        InvalidInput: the file cannot be read, or is not a spec.
         ValerieError: a function's file cannot be registered.
     """
     text = read_spec(path)
@@ -103,10 +101,10 @@ def spec_text(path: Path, functions: str | None, opening: Opening) -> bytes:
 
 
 def require_resolvable(text: bytes, settings: Settings) -> None:
-    """Say what is wrong with a spec before anything is started for it.
+    """Check a spec before anything is started for it.
 
     Raises:
-        InvalidInput: every problem, with field, value and limit.
+        InvalidInputs: every problem, with field, value and limit.
     """
     from valerie.db.engine import reading
     from valerie.pipeline.base.resolved_runs import resolve_new
@@ -115,13 +113,13 @@ def require_resolvable(text: bytes, settings: Settings) -> None:
 
     spec = parse(text)
     if has_database(settings):
-        migrate_database(settings)  # as whatever is started would
+        migrate_database(settings)  # as the system would do when it starts
     with deployment_or_empty(settings) as context, reading(context.engine) as connection:
         registered = names(connection, known(connection, spec.functions))
     resolve_new(spec, settings, registered=registered)
 
 
-def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
+def _plan(text: bytes, url: str | None, settings: Settings) -> Plan:
     from valerie.cli.connecting import client_of
     from valerie.embedded import running
 
@@ -133,7 +131,7 @@ def _plan(text: bytes, url: str | None, settings: Settings) -> dict[str, Any]:
 
     spec = parse(text)
     with deployment_or_empty(settings) as context:
-        return plan_run(context, spec).model_dump(mode="json")
+        return plan_run(context, spec)
 
 
 def _show(plan: Plan) -> None:
@@ -168,8 +166,8 @@ def _show(plan: Plan) -> None:
         out.print(f"note: rejections, frames and products are estimated from {plan.sample:,} variants", style="dim")
 
 
-def _variants(plan: Plan) -> Any:
-    """The first and the last variants; what is too long for a line goes on below its beginning."""
+def _variants(plan: Plan) -> Table:
+    """Return the first and the last variants; the parts of a long one wrap below its beginning."""
     from rich.table import Table
     from rich.text import Text
 
@@ -192,26 +190,26 @@ def _show_products(plan: Plan) -> None:
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("product")
     table.add_column("made by")
-    # Without workers nobody knows what is there, and a warning says so.
+    # Without workers it is not known which products are present; a warning says so.
     known = any(product.present is not None for product in plan.products)
-    before = ("", "") if known else ()
-    for name in (*(("needed", "there already") if known else ()), "to make", "CPU time", "disk"):
+    blanks = ("", "") if known else ()
+    for name in (*(("needed", "present") if known else ()), "to make", "CPU time", "disk"):
         table.add_column(name, justify="right", no_wrap=True)
     for product in plan.products:
-        there = "unknown" if product.present is None else f"{product.present:,}"
+        present = "unknown" if product.present is None else f"{product.present:,}"
         table.add_row(
             str(product.kind),
             product.maker,
-            *((f"{product.needed:,}", there) if known else ()),
+            *((f"{product.needed:,}", present) if known else ()),
             f"{product.to_make:,}",
             duration(product.cpu_seconds),
             _bytes(product.bytes),
         )
     if plan.start_cpu_seconds:
-        table.add_row("start", "workers, asset, results", *before, "", duration(plan.start_cpu_seconds), "")
+        table.add_row("start", "workers, asset, results", *blanks, "", duration(plan.start_cpu_seconds), "")
     table.add_section()
-    made = sum(product.to_make for product in plan.products)
-    table.add_row("all", "", *before, f"{made:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
+    to_make = sum(product.to_make for product in plan.products)
+    table.add_row("total", "", *blanks, f"{to_make:,}", duration(plan.cpu_seconds), _bytes(plan.bytes))
     out = console()
     out.print(table)
     out.print(f"costs: {plan.cost_basis}", style="dim")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from valerie.cli.evaluation import _parts
+from valerie.cli.evaluation import renderables
 from valerie.labels import PERSON
 from valerie.metrics.collection import collection_scores
 from valerie.perception.base import FunctionCard
@@ -31,7 +31,7 @@ def function(name: str, numeric_class: str, *judged_by: str) -> FunctionResult:
 def printed(*functions: FunctionResult) -> str:
     sink = StringIO()
     console = Console(file=sink, width=250, color_system=None)
-    for part in _parts(DatasetResult(Path("set"), "val", "0" * 64, False, functions), None, {}):
+    for part in renderables(DatasetResult(Path("set"), "val", "0" * 64, False, functions), None, {}):
         console.print(part)
     return sink.getvalue()
 
@@ -40,7 +40,7 @@ def test_a_class_that_a_function_is_not_judged_by_is_a_dash_and_a_note_says_so()
     text = printed(function("net", "torch-fp32"), function("person-or-not", "torch-fp32", "person"))
     (road,) = [line for line in text.splitlines() if line.startswith("road ")]
     assert road.split() == ["road", "100.00", "/", "100.00", "–"]
-    assert "person-or-not is judged by person alone: that is what its mIoU is over." in text
+    assert "person-or-not is judged by person alone; its mIoU covers only these." in text
     assert "net is judged" not in text
 
 

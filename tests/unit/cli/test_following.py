@@ -12,7 +12,7 @@ from valerie.cli import following
 from valerie.cli.connecting import System
 from valerie.cli.display import JsonDisplay
 from valerie.cli.following import exit_code, failure_lines, follow, report_path, save_report, show_result
-from valerie.client import Client, Progress, ServerUnavailableError, VariantProgress
+from valerie.client import Client, Failure, Progress, ServerUnavailableError, VariantProgress
 from valerie.errors import StorageUnavailable, ValerieError
 from valerie.runs.states import RunState
 from valerie.settings import load_settings
@@ -67,7 +67,7 @@ def test_a_server_that_is_started_again_is_waited_for() -> None:
 
 
 def test_a_server_that_stays_away_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(following, "_PATIENCE_SECONDS", 0.0)
+    monkeypatch.setattr(following, "_RESTART_SECONDS", 0.0)
 
     def answer(request: httpx.Request) -> httpx.Response:
         raise httpx.ConnectError("refused", request=request)
@@ -106,7 +106,7 @@ def test_alike_failures_stand_together_and_consequences_are_left_out() -> None:
         {"kind": "prediction", "error": {"message": "input failed", "cause": "abc", "attempts": 0}},
         {"kind": "prediction", "error": None},
     ]
-    assert failure_lines(failures) == [
+    assert failure_lines([Failure.model_validate(failure) for failure in failures]) == [
         "  2 × layer: black image (after 4 attempts)",
         "  1 × truth: no context (after 4 attempts)",
         "  1 × prediction: unknown error (after 0 attempts)",
@@ -115,7 +115,10 @@ def test_alike_failures_stand_together_and_consequences_are_left_out() -> None:
 
 def test_many_kinds_of_failure_are_cut_with_a_count() -> None:
     failures = [{"kind": "layer", "error": {"message": f"error {n}", "attempts": 1}} for n in range(9)]
-    assert failure_lines(failures)[-1] == "  … and 4 other errors; the report lists all"
+    assert (
+        failure_lines([Failure.model_validate(failure) for failure in failures])[-1]
+        == "  … and 4 other errors; the report lists all"
+    )
 
 
 def test_a_report_gets_a_plain_name_beside_the_data_folder(tmp_path: Path) -> None:

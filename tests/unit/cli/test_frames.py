@@ -66,7 +66,7 @@ def test_every_annotation_of_the_run_comes_along_and_reads_back_as_it_is_stored(
     run = pipeline.submit(walking(annotations=list(KINDS)))
     pipeline.run(run)
     out = tmp_path / "out"
-    assert "3 frames written, 0 were there" in export(run, str(out))
+    assert "3 frames written, 0 already there" in export(run, str(out))
     frames = [f"{run}.0.0.{time}" for time in range(3)]
     assert names(out) == sorted(f"{frame}{end}" for frame in frames for end in (".png", *(f"_{k}.npz" for k in KINDS)))
     reader = ProductReader(pipeline.context.store)
@@ -95,10 +95,10 @@ def test_only_what_is_named_is_fetched_and_what_is_there_is_not_fetched_again(
     assert names(out) == [f"{run}.0.0.0.png", f"{run}.1.0.0.png"]
     picture = out / f"{run}.0.0.0.png"
     picture.write_bytes(b"kept")
-    assert "2 frames written, 0 were there" in export(run, str(out), "--annotations", "boxes")
+    assert "2 frames written, 0 already there" in export(run, str(out), "--annotations", "boxes")
     assert [name for name in names(out) if "_" in name] == [f"{run}.0.0.0_boxes.npz", f"{run}.1.0.0_boxes.npz"]
     assert picture.read_bytes() == b"kept"
-    assert "0 frames written, 2 were there" in export(run, str(out), "--annotations", "boxes")
+    assert "0 frames written, 2 already there" in export(run, str(out), "--annotations", "boxes")
     with pytest.raises(ServerProblemError, match="unknown annotation of the run 'normal'; did you mean normals"):
         export(run, str(out), "--annotations", "normal")
 
@@ -119,4 +119,4 @@ def test_a_frame_whose_annotation_failed_is_counted_with_what_helps(
     pipeline.makers["render"].before = lambda _: None
     lifecycle.retry(pipeline.context, run)
     pipeline.run(run)
-    assert "1 frame written, 1 were there" in export(run, str(tmp_path / "out"))
+    assert "1 frame written, 1 already there" in export(run, str(tmp_path / "out"))

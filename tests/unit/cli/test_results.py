@@ -53,7 +53,7 @@ def test_rows_is_the_long_table_and_where_picks_among_its_rows(
 def test_what_rows_cannot_write_or_select_is_refused(
     invoke: CliRunner, deployed: tuple[Path, str], tmp_path: Path
 ) -> None:
-    with pytest.raises(InvalidInput, match="the ending tells the format"):
+    with pytest.raises(InvalidInput, match="unknown file format"):
         told(invoke, deployed, "rows", deployed[1], "-o", str(tmp_path / "rows.xlsx"))
     with pytest.raises(UnknownName, match="did you mean distance_m"):
         told(invoke, deployed, "rows", deployed[1], "--where", "distance > 12")

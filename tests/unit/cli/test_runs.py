@@ -30,7 +30,8 @@ def test_a_spec_with_sensors_gets_one_more_and_not_a_second_list() -> None:
 
 
 RUN: dict[str, object] = {
-    "id": "r1ng32vh7ygq5", "name": "crossing at noon", "state": "completed-with-failures", "variant_count": 28_800,
+    "id": "r1ng32vh7ygq5", "name": "crossing at noon", "state": "completed-with-failures",
+    "variant_count": 28_800, "rejected_count": 0,
     "created_at": "2026-11-21T12:15:00+00:00",
 }  # fmt: skip
 

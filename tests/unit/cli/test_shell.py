@@ -143,7 +143,7 @@ _DEFECT = "from valerie.cli.shell import guarded\nguarded(lambda: 1 / 0, debug={
 def test_a_defect_is_exit_1_and_says_how_to_see_more(tmp_path: Path) -> None:
     done = _valerie(cwd=tmp_path, program=_DEFECT.format(debug=False))
     assert done.returncode == 1
-    assert "a defect of VALERIE (ZeroDivisionError: division by zero)" in done.stderr
+    assert "a bug in VALERIE (ZeroDivisionError: division by zero)" in done.stderr
     assert "Traceback" not in done.stderr
 
 

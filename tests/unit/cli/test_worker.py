@@ -34,7 +34,7 @@ def test_without_being_told_it_offers_what_the_settings_say(started: list[dict[s
     ("arguments", "message"),
     [
         (["render", "--engines", "cycels"], "did you mean cycles"),
-        (["infer", "--engines", "cycles"], "only a render worker has engines"),
+        (["infer", "--engines", "cycles"], "only a render worker takes engines"),
         (["paint"], "unknown stage 'paint'; known: eval, infer, render"),
     ],
 )
