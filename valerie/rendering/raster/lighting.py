@@ -1,4 +1,4 @@
-"""From a G-buffer to pixels: sky light, near occlusion, sun, reflections, air, antialiasing; over parts of the image."""
+"""Shading of a G-buffer: sky light, ambient occlusion, sun, reflections, air and antialiasing, over parts of the image."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Statics
 
-#: What a frame may need of the shading pass beside sun and sky, and what is shaded: symbols of its shader.
+#: Features of the shading pass beside sun and sky, as symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 
@@ -131,10 +131,10 @@ class Lighting:
         self._shading: dict[tuple[str, ...], ScreenPass] = {}
 
     def _shade(self, kind: Set[Need]) -> ScreenPass:
-        """The shading pass; each of its kinds is compiled when it is first needed.
+        """Return the shading pass with these features; it is compiled at first use.
 
         Args:
-            kind: what it can do. What is not needed would cost nearly as much as what is: a CPU rasteriser leaves nothing out.
+            kind: features. A CPU rasteriser executes unused branches too, so an unused feature would not be free.
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
@@ -148,9 +148,9 @@ class Lighting:
         return self._shading[key]
 
     def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
-        """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
+        """Compute the light that arrives on surfaces, before materials, over parts of ``target``, one sample per pixel.
 
-        Needs what `LitFrame.shade` needs around these parts, but no plain pixels.
+        The inputs of `LitFrame.shade` must be valid around these parts, except those of plain pixels.
         """
         shade = frame.shade_detail
         self._shade(frame.needs - {"RAIN"} | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
@@ -257,8 +257,8 @@ class _Step:
 class LitFrame:
     """The passes of one frame, in order; each runs over parts of the image (`Spans`).
 
-    Each pixel is a function of its place in the image and of what lies around it, never of the parts. A pass reads of the ones
-    before what lies within 2 pixels of its own.
+    Each pixel depends on its place in the image and its neighbourhood, never on the parts. A pass reads the results of earlier
+    passes within 2 pixels.
     """
 
     occlusion: _Step
@@ -275,25 +275,25 @@ class LitFrame:
     needs: frozenset[Need]
 
     def open_sky(self, parts: Spans) -> None:
-        """How open the sky is over the cells that touch the parts."""
+        """Compute the visibility of the sky from the cells that touch the parts."""
         self.openness.run(_cells(parts))
 
     def light_sky(self, parts: Spans) -> None:
-        """Sky light of the cells that touch the parts."""
+        """Compute the sky light of the cells that touch the parts."""
         self.skylight.run(_cells(parts))
 
-    def tell_plain(self, parts: Spans) -> None:
-        """Tell plain pixels from the others."""
+    def classify(self, parts: Spans) -> None:
+        """Separate plain pixels from the others."""
         self.plain.run(parts)
         self.detail.run(parts)
 
     def shade(self, parts: Spans) -> None:
-        """Radiance of plain pixels, and of each sample of the others."""
+        """Compute the radiance of plain pixels, and of each sample of the others."""
         self.shade_plain.run(parts)
         self.shade_detail.run(parts)
 
     def release(self) -> None:
-        """Free what belongs to this frame alone."""
+        """Free the textures that only this frame uses."""
         for texture in self.owned:
             texture.release()
 
