@@ -180,7 +180,7 @@ class TestAnEngineOfAPackage:
             self.run(constants={"sun-1.elevation": "-10 deg"})
 
     def test_names_how_people_get_it_to_a_run_that_waits(self) -> None:
-        spec = {"renderer": "mine", "functions": []}
+        spec = parse({"name": "waits", "asset": "urban-street", "renderer": "mine"})
         assert "'mine' (`make mine` installs it)" in str(choose_pins(spec, [], {})[1])
 
 

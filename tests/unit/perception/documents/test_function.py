@@ -96,7 +96,7 @@ def test_the_scale_may_be_a_number(given: object, read: str) -> None:
         ({"input": {"size": [64, 64], "mode": "tile", "overlap": 64}}, "input", "must be below"),
         ({"input": {"size": [64, 64], "multiple_of": 32}}, "input", "without a size"),
         ({"input": {"std": [1, 0, 1]}}, "input.std.1", "limit: > 0"),
-        ({"input": {"mean": [float("inf"), 0, 0]}}, "", "not a finite"),
+        ({"input": {"mean": [float("inf"), 0, 0]}}, "", "not finite"),
         ({"input": {"scale": 2}}, "input.scale", "1/255"),
         ({"output": {"classes": []}}, "output.classes", "at least 1"),
         ({"output": {"classes": ["person", "road"], "threshold": 0.5}}, "output", "single class"),
