@@ -125,6 +125,6 @@ def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
 
 
 def normal_matrix(world: Matrix) -> NDArray[np.float32]:
-    """Return (3, 3) float32 that turns normals as ``world`` turns surfaces (inverse transpose)."""
+    """Return the normal matrix of ``world``, (3, 3) float32: its inverse transpose."""
     turned: NDArray[np.float32] = np.linalg.inv(world[:3, :3]).T.astype(np.float32)
     return turned

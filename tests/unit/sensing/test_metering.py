@@ -1,4 +1,4 @@
-"""The exposure that a camera chooses itself."""
+"""Automatic exposure."""
 
 import numpy as np
 import pytest

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from valerie.errors import MissingDependency, RenderingError, TransientError
 from valerie.settings import Settings, load_settings
 
-#: Of the package `inside`, which Blender's Python has not installed. The folder comes last, so that its other modules hide none.
+#: Folder of the package `inside`, which Blender's Python has not installed. Last in the path, it hides no module.
 _FOLDER: Final = Path(__file__).parent
 _START: Final = (
     "import runpy, sys; sys.path.append(sys.argv.pop(1)); "
@@ -37,7 +37,7 @@ _HEADER: Final = struct.Struct("<I")
 #: Seconds that importing Blender and looking for devices may take.
 _START_SECONDS: Final = 120.0
 _LOOK_SECONDS: Final = 0.5
-#: What Blender says when memory, not the scene, is at fault.
+#: Messages of Blender for a lack of memory.
 _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
 _LONGEST_LOG: Final = 2_000
 

@@ -68,7 +68,7 @@ def render(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> NDArray[np.float32]:
-    """Return (h, w, 3) float32 pixels of the border, or of the whole image.
+    """Return the pixels of the border, (h, w, 3) float32, or of the whole image.
 
     Args:
         settings: `CyclesSettings.inputs`.
@@ -318,7 +318,7 @@ def _lamp(lamp: Lamp) -> dict[str, Any]:
 
 
 def _panorama(sky: Sky) -> NDArray[np.float32]:
-    """Return (H, W, 3) equirectangular picture of our sky: straight up at the top, +x in the middle, +y a quarter to the left."""
+    """Return an equirectangular image of our sky, (H, W, 3): zenith at the top, +x in the middle, +y a quarter to the left."""
     height, width = _PANORAMA
     elevation = np.maximum(np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi, 0.0)
     direction = np.pi - (np.arange(width) + 0.5) / width * 2 * np.pi

@@ -115,7 +115,7 @@ class PyrenderRenderer:
         return found[1]
 
     def _render(self, scene: Scene, view: View, items: tuple[DrawItem, ...]) -> NDArray[np.float16]:
-        """Return (height, width, 3) linear."""
+        """Render a linear image, (height, width, 3)."""
         camera = camera_of(scene, view)
         sky = sky_of(scene)
         if sky.lux < DARKEST_LUX:

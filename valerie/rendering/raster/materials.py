@@ -65,7 +65,7 @@ def mean_reflectance(
 
 
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
-    """Return (N, 5, 4) float32: per material five RGBA texels.
+    """Return the material table, (N, 5, 4) float32: five RGBA texels per material.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
     3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness

@@ -239,6 +239,6 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
 
 
 def from_below(radiance: Points) -> Points:
-    """Return (3, 4): spherical harmonics, as in `sky_weights`, of ground of this radiance (3,)."""
+    """Return the spherical harmonics, (3, 4), as in `sky_weights`, of ground of this radiance, (3,)."""
     sums: Points = radiance[:, None] * np.array([0.5, 0, 0, -0.75])
     return sums

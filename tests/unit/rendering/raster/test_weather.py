@@ -1,4 +1,4 @@
-"""Weather in the raster engine: what each parameter changes, and what it must not."""
+"""Weather in the raster engine: the effects of each parameter."""
 
 from dataclasses import replace
 

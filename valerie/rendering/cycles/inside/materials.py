@@ -116,7 +116,7 @@ class Materials:
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
         if header["transmission"]:
-            # What is seen through a pane has its own haze, over the whole way.
+            # Surfaces behind a pane have haze of their own, over the whole distance.
             pane = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
         if not header["double_sided"]:

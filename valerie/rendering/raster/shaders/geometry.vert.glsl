@@ -4,7 +4,7 @@ in vec3 in_position;
 in vec3 in_normal;
 in vec2 in_uv;
 #ifdef ELSEWHERE
-// Where the same vertex is at another moment, in the object's own coordinates then.
+// Position of the same vertex at another moment, in the object's own coordinates then.
 in vec3 in_elsewhere;
 out vec3 elsewhere;
 #endif
