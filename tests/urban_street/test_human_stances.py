@@ -124,12 +124,12 @@ def test_what_is_carried_belongs_to_the_character_and_can_be_put_down() -> None:
 
 
 def test_stances_that_look_alike_share_their_meshes_and_others_do_not() -> None:
-    one = figure("yellow-shirt")
-    first, near, other = (one.taking(replace(DEFAULT, gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
+    person = figure("yellow-shirt")
+    first, near, other = (person.taking(replace(DEFAULT, gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
     assert all(a is b for a, b in zip(first.meshes, near.meshes, strict=True))
     assert other.meshes[0] is not first.meshes[0]
-    assert one.taking(replace(DEFAULT, carries="nothing")).meshes is one.meshes
-    assert one.taking(replace(DEFAULT, gait_phase=1.0)).meshes is one.meshes  # a cycle later
+    assert person.taking(replace(DEFAULT, carries="nothing")).meshes is person.meshes
+    assert person.taking(replace(DEFAULT, gait_phase=1.0)).meshes is person.meshes  # a cycle later
 
 
 def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
@@ -140,10 +140,10 @@ def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
 
 
 def test_renamed_figures_share_their_bodies_and_keep_their_names_in_other_stances() -> None:
-    one = figure("striped-boy").renamed("a/{}".format)
-    two = one.renamed("b/{}".format).taking(replace(DEFAULT, pose="standing"))
-    assert {mesh.material.split("/")[0] for mesh in one.meshes} == {"a"}
-    assert all(mesh.material.startswith("b/a/striped-boy/") for mesh in two.meshes)
+    first = figure("striped-boy").renamed("a/{}".format)
+    second = first.renamed("b/{}".format).taking(replace(DEFAULT, pose="standing"))
+    assert {mesh.material.split("/")[0] for mesh in first.meshes} == {"a"}
+    assert all(mesh.material.startswith("b/a/striped-boy/") for mesh in second.meshes)
 
 
 @pytest.fixture(scope="module", params=sorted(LOOKS))
@@ -169,14 +169,14 @@ def test_no_covered_skin_comes_through_anybodys_clothes_at_the_first_instant(any
 
 def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
     """Bare and standing alike, seen from before: what differs is the body, not the clothes or the step."""
-    seen = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
-    assert len(seen) == 12
-    for (one, a), (other, b) in combinations(seen.items(), 2):
-        assert (a ^ b).sum() > 0.1 * (a | b).sum(), (one, other)
-    heights = {name: 0.01 * np.flatnonzero(shape.any(axis=1)).max() for name, shape in seen.items()}
+    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
+    assert len(silhouettes) == 12
+    for (first, a), (second, b) in combinations(silhouettes.items(), 2):
+        assert (a ^ b).sum() > 0.1 * (a | b).sum(), (first, second)
+    heights = {name: 0.01 * np.flatnonzero(shape.any(axis=1)).max() for name, shape in silhouettes.items()}
     children = {"striped-boy", "pink-girl"}
     assert all((height < 1.4) == (name in children) for name, height in heights.items())
-    areas = sorted(float(shape.sum()) for name, shape in seen.items() if name not in children)
+    areas = sorted(float(shape.sum()) for name, shape in silhouettes.items() if name not in children)
     assert areas[-1] > 1.4 * areas[0]  # slight and stout
 
 

@@ -18,29 +18,29 @@ from valerie.scene.assets.asset import asset_manifest
 Points = NDArray[np.float64]
 
 
-def built(settings: StreetSettings, wanted: tuple[Placement, ...] | None = None) -> StreetContent:
+def built(settings: StreetSettings, placements: tuple[Placement, ...] | None = None) -> StreetContent:
     """The ground of a street with the three houses of each side that are nearest to y = 20 m, or what is wanted of it."""
     layout = layout_street(settings)
-    if wanted is None:
+    if placements is None:
         houses = [p for p in layout.placements if p.object_class == "building"]
         near = [
             sorted((p for p in houses if (p.x > 2.5) == right), key=lambda p: abs(p.y - 20.0))[:3] for right in (0, 1)
         ]
         ground = [p for p in layout.placements if p.object_class in {"road", "sidewalk"}]
-        wanted = (*ground, *near[0], *near[1])
-    return build_street(replace(layout, placements=wanted))
+        placements = (*ground, *near[0], *near[1])
+    return build_street(replace(layout, placements=placements))
 
 
 def points(content: StreetContent, *starts: str, material: str = "") -> Points:
     """(N, 3) vertices in the world of objects whose paths begin so."""
-    found = [
+    clouds = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]
         for part in content.parts
         if part.path.startswith(starts)
         for mesh in part.meshes
         if mesh.material.startswith(material)
     ]
-    return np.concatenate(found) if found else np.zeros((0, 3))
+    return np.concatenate(clouds) if clouds else np.zeros((0, 3))
 
 
 @lru_cache
@@ -115,8 +115,8 @@ def test_the_default_street_has_the_documented_measures() -> None:
 def test_an_argument_changes_its_own_measures_and_no_other(
     arguments: dict[str, object], changes: dict[str, float | tuple[float, ...]]
 ) -> None:
-    found = measured(**arguments)
-    different = {name: value for name, value in found.items() if value != DEFAULT[name]}
+    measures = measured(**arguments)
+    different = {name: value for name, value in measures.items() if value != DEFAULT[name]}
     assert different == changes
 
 
@@ -128,15 +128,15 @@ def one_of(settings: StreetSettings, kind: str) -> StreetContent:
 def leaves(season: str) -> tuple[int, float]:
     """Triangles of a plane tree's leaves, and how much redder than green they are."""
     content = one_of(StreetSettings.model_validate({"season": season}), "plane")
-    found = [mesh for part in content.parts for mesh in part.meshes if mesh.material.startswith("leaves")]
+    meshes = [mesh for part in content.parts for mesh in part.meshes if mesh.material.startswith("leaves")]
     assert any(mesh.material.startswith("bark") for part in content.parts for mesh in part.meshes)
-    if not found:
+    if not meshes:
         return 0, 0.0
-    material = content.materials[found[0].material]
+    material = content.materials[meshes[0].material]
     assert material.base_color_texture is not None
     image = content.textures[material.base_color_texture].image[..., :3].astype(np.float64)
     red, green, _ = image.mean(axis=(0, 1)) * material.base_color
-    return sum(len(mesh.faces) for mesh in found), float(red - green)
+    return sum(len(mesh.faces) for mesh in meshes), float(red - green)
 
 
 def test_trees_are_green_in_summer_turn_in_autumn_and_are_bare_in_winter() -> None:

@@ -99,7 +99,7 @@ def resized(thing: str, value: Value, before: Facts) -> Facts:
     }
 
 
-def given(definition: ParameterDefinition, value: Value) -> Value:
+def table_value(definition: ParameterDefinition, value: Value) -> Value:
     """What the table says; of houses it says how much more than the default, since each stands elsewhere."""
     if not definition.path.startswith(f"{ROOT}.building-"):
         return value
@@ -113,10 +113,10 @@ def below(thing: str, name: str, before: Facts) -> list[str]:
 
 
 def another_character(thing: str, value: Value, before: Facts) -> Facts:
-    shown = {f"{path} shown": False for path in below(thing, "shown", before) if before[f"{path} shown"]}
+    hidden = {f"{path} shown": False for path in below(thing, "shown", before) if before[f"{path} shown"]}
     if value == "absent":
-        return {f"{thing} shown": False, **shown}
-    changed: Facts = {**shown, f"{thing}.{value} shown": True}
+        return {f"{thing} shown": False, **hidden}
+    changed: Facts = {**hidden, f"{thing}.{value} shown": True}
     if not before[f"{thing} shown"]:
         changed[f"{thing} shown"] = True
         # What an absent person wears has no parameters; now they say 0.8.
@@ -282,14 +282,14 @@ def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, d
     others = {path: value for path, value in EVERYTHING_SHOWN.items() if path != definition.path}
     scene = apply(others, asset)
     before = facts_of(scene)
-    rows = [(given(definition, value), expected) for value, expected in TABLE[row]]
+    rows = [(table_value(definition, value), expected) for value, expected in TABLE[row]]
     others_than_default = [(value, expected) for value, expected in rows if value != definition.default]
     assert others_than_default
     for value, expected in others_than_default:
         changed = apply({**others, definition.path: value}, asset)
         after = facts_of(changed)
         assert after.keys() == before.keys()
-        different = {fact: found for fact, found in after.items() if found != before[fact]}
+        different = {fact: content for fact, content in after.items() if content != before[fact]}
         assert different == expected(thing, value, before)
 
 

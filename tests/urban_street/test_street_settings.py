@@ -40,11 +40,11 @@ def shapes(layout: StreetLayout) -> dict[str, shapely.Polygon]:
 
 
 def height(layout: StreetLayout, x: float, y: float) -> float:
-    found = 0.0
+    level = 0.0
     for region in layout.ground:
         if shapely.Polygon(region.polygon).contains(shapely.Point(x, y)):
-            found = region.height
-    return found
+            level = region.height
+    return level
 
 
 def against_their_faces(bag: Bag) -> float:

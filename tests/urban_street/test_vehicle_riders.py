@@ -27,11 +27,11 @@ def joints(body: Body, mount: str) -> dict[str, np.ndarray]:
     """Where bones begin, in the vehicle's frame."""
     rotations, origin = ride(body, MOUNTS[mount])
     transforms = pose_body(body, rotations).transforms
-    found = {}
+    places = {}
     for bone in _BONES:
         matrix = transforms[data.rig().bones.index(bone)]
-        found[bone] = matrix[:3, :3] @ body.head(bone) + matrix[:3, 3] - origin
-    return found
+        places[bone] = matrix[:3, :3] @ body.head(bone) + matrix[:3, 3] - origin
+    return places
 
 
 @pytest.mark.parametrize("mount", MOUNTS)

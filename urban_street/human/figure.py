@@ -137,9 +137,9 @@ class Figure:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
             raise UnknownName("thing to carry", stance.carries, CARRIED)
-        made = Figure(self._model, stance, self._rename)
-        made._siblings = self._siblings
-        return self._siblings.setdefault(made._key, made)
+        figure = Figure(self._model, stance, self._rename)
+        figure._siblings = self._siblings
+        return self._siblings.setdefault(figure._key, figure)
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
         """Return meshes on a bicycle or motorcycle, in its frame, and where head and joints are."""
@@ -368,10 +368,10 @@ class Model:
             grown["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
         if self.look.hat is not None:
             grown["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
-        for part, one in grown.items():
-            points = one.points @ turn[:3, :3].T + turn[:3, 3]
-            normals = surface.vertex_normals(points, one.faces)
-            old, uvs, faces = surface.unweld(one.faces, one.uvs[one.faces])
+        for part, piece in grown.items():
+            points = piece.points @ turn[:3, :3].T + turn[:3, 3]
+            normals = surface.vertex_normals(points, piece.faces)
+            old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])
             yield part, Shape(points[old], normals[old], uvs, faces)
 
     def _declare(self) -> None:

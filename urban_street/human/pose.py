@@ -140,8 +140,8 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
 def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[str, Rotation]:
     outwards = -1.0 if side == "l" else 1.0
     hip, ankle = body.head(f"thigh_{side}"), body.head(f"foot_{side}")
-    now, wanted = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
-    inwards = np.degrees(np.arctan2(now[0], -now[2]) - np.arctan2(wanted[0], -now[2]))
+    current, target = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
+    inwards = np.degrees(np.arctan2(current[0], -current[2]) - np.arctan2(target[0], -current[2]))
     # the pelvis turned: turn the leg back, so that the feet point ahead
     splay = 0.6 * (body.tail(f"foot_{side}") - ankle)[:2]
     toes_in = np.degrees(np.arctan2(splay[0], splay[1])) * 0.45

@@ -175,15 +175,15 @@ def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
     along, palm = hand_axes(body, side)
     shoulder = between(upper, towards(reach.upper))
     elbow = between(fore, shoulder.inv().apply(towards(reach.fore)))
-    wanted = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
+    turn = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
     # half of the wrist's twist belongs to the forearm: its two bones turn about each other
-    wrist = (shoulder * elbow).inv() * wanted
+    wrist = (shoulder * elbow).inv() * turn
     half = Rotation.from_rotvec(0.5 * _twist(wrist, fore) * fore)
     elbow = elbow * half
     turns = {
         f"upperarm_{side}": shoulder,
         f"lowerarm_{side}": elbow,
-        f"hand_{side}": (shoulder * elbow).inv() * wanted,
+        f"hand_{side}": (shoulder * elbow).inv() * turn,
     }
     return turns | fingers(body, side, reach.grip)
 

@@ -289,7 +289,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 
 
 def _collapsible(
-    points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], wanted: int
+    points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], number: int
 ) -> NDArray[np.int64]:
     """Return up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
     count = len(points)
@@ -305,7 +305,7 @@ def _collapsible(
         ring[q].append(p)
     taken = bytearray(count)
     chosen: list[tuple[int, int]] = []
-    limit = np.sort(cost[free])[min(6 * wanted, int(free.sum()) - 1)] if free.any() else 0.0
+    limit = np.sort(cost[free])[min(6 * number, int(free.sum()) - 1)] if free.any() else 0.0
     candidates = np.flatnonzero(free & (cost <= limit))
     for p, q in edges[candidates[np.argsort(cost[candidates], kind="stable")]].tolist():
         # the link condition: more than two common neighbours would pinch the surface
@@ -314,7 +314,7 @@ def _collapsible(
         for k in (*ring[p], *ring[q]):
             taken[k] = 1
         chosen.append((p, q))
-        if len(chosen) == wanted:
+        if len(chosen) == number:
             break
     return np.array(chosen, np.int64).reshape(-1, 2)
 

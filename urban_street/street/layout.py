@@ -298,8 +298,8 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
     keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
-    for kind, tries, wanted in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
-        found = 0
+    for kind, tries, number in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
+        count = 0
         length, width, _ = dimensions(kind)
         for _ in range(tries):
             left = bool(rng.random() < 0.5)
@@ -313,7 +313,7 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
             low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
             polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
             if (
-                found == wanted
+                count == number
                 or lines.in_side_street(y, SIDE_HALF, left=left)
                 or shapely.Polygon(polygon).buffer(0.35).intersects(keep_free)
                 or not plan.is_free(polygon, 0.35)
@@ -322,7 +322,7 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
             z = 0.0 if kind == "motorcycle" else lines.kerb_height
             placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
             plan.block(placed, polygon)
-            found += 1
+            count += 1
 
 
 def _whole(degrees: float) -> float:
