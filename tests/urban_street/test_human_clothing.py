@@ -1,4 +1,4 @@
-"""Garments on a posed body."""
+"""Test garments on a posed body."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def body_rows() -> NDArray[np.int64]:
 
 
 def first_hits(dressed: Dressed) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """What one sees of the complete body and the clothes from 36 directions: kind and place of every hit.
+    """Return kind and place of every visible point of the complete body and the clothes from 36 directions.
 
     Kinds: 0 bare skin, 1 skin that counts as covered, 2 trousers, 3 top.
     """

@@ -1,4 +1,4 @@
-"""Poses, the walk cycle and things carried: bones first, then what is drawn."""
+"""Test poses, the walk cycle and carried things: bones first, then meshes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_at_every_instant_of_the_walk_a_foot_stands_on_the_ground(model: Model, 
     feet = soles(model, StanceKey("walking", step, "nothing"))
     ground = min(points[:, 2].min() for points in feet.values())
     flattest = max(((points[:, 2] - ground) < 0.02).mean() for points in feet.values())
-    assert flattest > 0.2  # on heel, ball or the whole sole, not on an edge
+    assert flattest > 0.2  # The contact is the heel, the ball or the whole sole, not an edge.
 
 
 @pytest.mark.parametrize("step", [2, 4, 6, 10, 12, 14])
@@ -109,7 +109,7 @@ def test_a_backpack_is_behind_and_its_straps_lie_on_the_clothes() -> None:
     stance = replace(DEFAULT, carries="backpack")
     pack, shirt = (drawn("yellow-shirt", stance, part).positions for part in ("carried-backpack", "cloth-shirt"))
     assert np.percentile(pack[:, 1], 20) < shirt[:, 1].min()
-    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # what is before the chest are the straps
+    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # Only the straps lie before the chest.
     assert len(front) > 50
     distance = trimesh.proximity.closest_point(
         trimesh.Trimesh(shirt, drawn("yellow-shirt", stance, "cloth-shirt").faces, process=False), front
@@ -157,18 +157,18 @@ def test_anybodys_feet_both_touch_the_ground_at_the_first_instant_and_nothing_li
     ground = min(float(points[:, 2].min()) for points in feet.values())
     assert max(float(points[:, 2].min()) for points in feet.values()) < ground + 0.003
     for points in feet.values():
-        assert ((points[:, 2] - ground) < 0.02).mean() > 0.05  # on heel or ball, not on a corner
+        assert ((points[:, 2] - ground) < 0.02).mean() > 0.05  # The contact is the heel or the ball, not a corner.
     bare = np.unique(data.base_mesh().groups["body"].quads)
     assert posed.apply(anybody.body.vertices, data.rig().weights)[bare, 2].min() > ground
 
 
 def test_no_covered_skin_comes_through_anybodys_clothes_at_the_first_instant(anybody: Model) -> None:
-    # A coarse look; the slow tests look closely and at every stance.
+    # The rays are sparse here; the slow tests use dense rays and every stance.
     assert covered_share(anybody, FIRST, spacing=0.02, directions=6) < 1e-3
 
 
 def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
-    """Bare and standing alike, seen from before: what differs is the body, not the clothes or the step."""
+    """Compare bare bodies that stand alike, from the front: only the bodies differ, not clothes or step."""
     silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
     assert len(silhouettes) == 12
     for (first, a), (second, b) in combinations(silhouettes.items(), 2):
@@ -181,7 +181,7 @@ def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
 
 
 def silhouette(model: Model) -> NDArray[np.bool_]:
-    """What parallel rays along +y hit of the bare standing body, on a grid of 1 cm from its lowest point up: (200, 200)."""
+    """Return (200, 200) hits of parallel rays along +y on the bare standing body, on a grid of 1 cm up from its lowest point."""
     points = model.posed(StanceKey("standing", 0, "nothing")).apply(model.body.vertices, data.rig().weights)
     faces = surface.triangles(data.base_mesh().groups["body"].quads)
     points = points - [0.0, 0.0, points[np.unique(faces), 2].min()]
@@ -194,7 +194,7 @@ def silhouette(model: Model) -> NDArray[np.bool_]:
 
 
 def covered_share(model: Model, key: StanceKey, *, spacing: float = 0.012, directions: int = 8) -> float:
-    """Share of rays from all around that meet, first of all, skin that lies under clothes; they are ``spacing`` metres apart."""
+    """Return the share of rays from all around, ``spacing`` metres apart, that first hit skin under clothes."""
     posed = model.posed(key)
     faces = surface.triangles(data.base_mesh().groups["body"].quads)
     pieces = [(posed.apply(model.body.vertices, data.rig().weights), faces)]
@@ -216,7 +216,7 @@ def covered_share(model: Model, key: StanceKey, *, spacing: float = 0.012, direc
         hit = hit[hit >= 0]
         hits += len(hit)
         skin += int(model.covered[faces[hit[hit < len(faces)]]].all(axis=1).sum())
-    assert hits * spacing**2 > 0.15 * directions  # square metres that are seen from each side
+    assert hits * spacing**2 > 0.15 * directions  # Visible square metres from each side.
     return skin / hits
 
 
@@ -228,7 +228,7 @@ def test_no_covered_skin_comes_through_anybodys_clothes_in_any_pose(name: str) -
     for step in range(0, stances.GAIT_STEPS, 2):
         assert covered_share(model, StanceKey("walking", step, carries)) < 1e-3, step
     for pose in POSES:
-        # a raised arm opens a short sleeve, into which one looks
+        # A raised arm opens a short sleeve, and rays enter it.
         assert covered_share(model, StanceKey(pose, 0, carries)) < 3e-3, pose
 
 

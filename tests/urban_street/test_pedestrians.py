@@ -1,4 +1,4 @@
-"""The people of a generated street: numbers, places, and shapes that are made only when needed."""
+"""Test the people of a generated street: numbers, places, and shapes built only when needed."""
 
 from __future__ import annotations
 

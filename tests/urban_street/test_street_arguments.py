@@ -1,4 +1,4 @@
-"""Effects of each argument of the generated street, measured on triangles and textures; and what it leaves alone."""
+"""Test the effect of each argument of the generated street on triangles and textures, and that nothing else changes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Points = NDArray[np.float64]
 
 
 def built(settings: StreetSettings, placements: tuple[Placement, ...] | None = None) -> StreetContent:
-    """The ground of a street with the three houses of each side that are nearest to y = 20 m, or what is wanted of it."""
+    """Build the ground of a street and each side's three houses nearest to y = 20 m, or only ``placements``."""
     layout = layout_street(settings)
     if placements is None:
         houses = [p for p in layout.placements if p.object_class == "building"]
@@ -32,7 +32,7 @@ def built(settings: StreetSettings, placements: tuple[Placement, ...] | None = N
 
 
 def points(content: StreetContent, *starts: str, material: str = "") -> Points:
-    """(N, 3) vertices in the world of objects whose paths begin so."""
+    """Return the (N, 3) world vertices of objects whose paths begin with a prefix."""
     clouds = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]
         for part in content.parts
@@ -45,7 +45,7 @@ def points(content: StreetContent, *starts: str, material: str = "") -> Points:
 
 @lru_cache
 def measured(**arguments: object) -> Mapping[str, float | tuple[float, ...]]:
-    """Metres, to the centimetre; fronts of houses to the quarter of a metre, since sills and steps stand out."""
+    """Return metres to the centimetre; fronts of houses to the quarter of a metre, since sills and steps stand out."""
     content = built(StreetSettings.model_validate(arguments))
     road, zebra = points(content, "scene.road-1"), points(content, "scene.road-1", material="asphalt-crossing")
     left, right = float(road[:, 0].min()), float(road[:, 0].max())
@@ -126,7 +126,7 @@ def one_of(settings: StreetSettings, kind: str) -> StreetContent:
 
 
 def leaves(season: str) -> tuple[int, float]:
-    """Triangles of a plane tree's leaves, and how much redder than green they are."""
+    """Return the number of triangles of a plane tree's leaves, and their red minus their green."""
     content = one_of(StreetSettings.model_validate({"season": season}), "plane")
     meshes = [mesh for part in content.parts for mesh in part.meshes if mesh.material.startswith("leaves")]
     assert any(mesh.material.startswith("bark") for part in content.parts for mesh in part.meshes)
@@ -163,7 +163,7 @@ def test_a_street_has_more_than_six_styles_of_houses_that_differ_in_geometry() -
     layout = layout_street(settings)
     kinds = {p.kind: p for p in layout.placements if p.object_class == "building" and 0.0 < p.y < 270.0}
     content = built(settings, tuple(kinds.values()))
-    # Styles differ in geometry: heights of floors and roofs, to the decimetre, where windows begin.
+    # Styles differ in geometry: heights of floors and roofs to the decimetre, and lower edges of windows.
     glass = [
         np.concatenate([m.positions for m in part.meshes if m.material == "window-glass"]) for part in content.parts
     ]

@@ -1,4 +1,4 @@
-"""The built street, looked at with rays and sums."""
+"""Test the built street with rays and sums."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def content() -> StreetContent:
 
 @pytest.fixture(scope="module")
 def solid(content: StreetContent) -> trimesh.Trimesh:
-    """Every triangle of the street in the world."""
+    """Return every triangle of the street in the world."""
     positions, faces, count = [], [], 0
     worlds: dict[str, np.ndarray] = {}
     for part in content.parts:
@@ -41,7 +41,7 @@ def part_of(content: StreetContent, path: str) -> Part:
 
 
 def points_of(content: StreetContent, path: str) -> np.ndarray:
-    """Every vertex of an object and its parts, in the object's frame."""
+    """Return every vertex of an object and its parts, in the object's frame."""
     clouds = []
     for part in content.parts:
         if part.path == path:

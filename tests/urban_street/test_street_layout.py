@@ -1,4 +1,4 @@
-"""Places of things: rules that hold for any seed."""
+"""Test the places of things: rules that hold for any seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The generated street: declarations, places of cameras, and a round trip through glTF."""
+"""Test the generated street: declarations, places of cameras, and a round trip through glTF."""
 
 import math
 import re
@@ -31,12 +31,12 @@ from valerie.scene.variation.variant import apply, complete, split
 from valerie.testing.scenes import assert_same_scene
 
 MANIFEST = asset_manifest("urban-street")[0]
-#: What moves beside the persons.
+#: Moving objects besides the persons.
 VEHICLES = tuple(
     f"scene.{name}" for name in ("car-101", "bicycle-101", "car-102", "motorcycle-101", "truck-101", "bus-101")
 )
 HOUSES = tuple(house.path for house in varied_houses(layout_street(StreetSettings())))
-#: The paper's positions, section 6.1.
+#: The paper's positions (section 6.1).
 GRID = tuple(product(range(-2, 8), range(5, 36, 2)))
 
 
@@ -95,7 +95,7 @@ def test_the_papers_places_are_inside_every_image_from_feet_to_head(asset: Scene
 
 
 def pixel(asset: SceneAsset, camera: str, points: np.ndarray) -> np.ndarray:
-    """Where points (N, 3) fall in a 1920 × 1080 image, by the pin-hole formula: (N, 2) columns and rows."""
+    """Return (N, 2) columns and rows of (N, 3) points in a 1920 × 1080 image, by the pin-hole formula."""
     view = asset.base.cameras[camera]
     local = (points - view.position) @ view.transform[:3, :3]
     scale = view.focal_length_mm / view.sensor_width_mm * 1920 / -local[:, 2]
@@ -103,7 +103,7 @@ def pixel(asset: SceneAsset, camera: str, points: np.ndarray) -> np.ndarray:
 
 
 def area_percent(asset: SceneAsset, camera: str, x: float, y: float, character: str) -> float:
-    """Silhouette of person-1 alone, drawn triangle by triangle (with their outlines: about half a pixel too fat)."""
+    """Return the area of person-1 alone, drawn triangle by triangle (with outlines, so about half a pixel too wide)."""
     scene = apply({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.character": character}, asset)
     path = f"scene.person-1.{character}"
     world = scene.world_transform(path)

@@ -1,4 +1,4 @@
-"""Vehicles: sizes, parts, triangles, closed bodies."""
+"""Test vehicles: sizes, parts, triangles, closed bodies."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from valerie.labels import label_of_node_class
 from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose
 
-#: Triangles that a vehicle may have.
+#: Largest number of triangles of a vehicle.
 BUDGETS = {"truck": 25_000, "bus": 25_000, "motorcycle": 15_000, "bicycle": 8_000}
 
 
 def points_of(content: VehicleContent) -> np.ndarray:
-    """Every vertex in the vehicle's frame."""
+    """Return every vertex in the vehicle's frame."""
     return np.concatenate(
         [m.positions @ p.transform[:3, :3].T + p.transform[:3, 3] for p in content.parts for m in p.meshes]
     )
