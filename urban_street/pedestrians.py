@@ -72,7 +72,7 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
 class Crowd:
     """Nodes, materials and textures of persons; each has materials of its own, which vary alone.
 
-    Bodies and textures are shared, and made when they are first read.
+    Bodies and textures are shared, and built on first use.
     """
 
     def __init__(self) -> None:

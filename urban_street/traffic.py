@@ -57,7 +57,7 @@ class Traffic:
 
 
 def _own_name(material: str, owner: str) -> str:
-    """Paint varies, and lenses glow, of each vehicle alone."""
+    """Return the vehicle's own name of a material that varies alone (paint) or glows alone (lenses)."""
     return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
 
 

@@ -233,7 +233,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
         wraps: u is periodic with period 1; a face across the wrap gets coordinates beyond 1.
 
     Returns:
-        (V',) which old vertex each new one is, (V', 2) its texture coordinates, (F, 3) new faces.
+        (V',) old vertex of each new vertex, (V', 2) its texture coordinates, (F, 3) new faces.
     """
     uvs = corner_uvs.copy()
     if wraps:

@@ -39,7 +39,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreetContent:
-    """All objects of a street and what they are made of."""
+    """All objects of a street, with their materials and textures."""
 
     parts: tuple[Part, ...]
     materials: dict[str, Material]
@@ -77,7 +77,7 @@ def _transform(placement: Placement) -> Matrix:
 
 
 class _Workshop:
-    """Builds what is unique and keeps what is shared."""
+    """Builder of the objects, with a store of shared shapes."""
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed

@@ -1,4 +1,4 @@
-"""Layout of a street: seeded rules for the places of things, no shapes.
+"""Lay out a street: seeded rules for the places of things, no shapes.
 
 People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
 stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
@@ -47,9 +47,9 @@ _PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van":
 CAR_MODELS = 6
 TREE_MODELS = 3
 _KERB_GAP = 0.2
-#: Up to here along the street people are varied: some bays stay free, so that most places are seen past the cars.
+#: End of the people's range along the street: some bays up to here stay free, so that most places are visible past the cars.
 WALK_STOP = 34.0
-#: Signs: left side?, about where, which face (`textures.things.sign_faces`).
+#: Signs: left side?, approximate place, face (`textures.things.sign_faces`).
 _SIGNS = (
     (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
     (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
@@ -194,7 +194,7 @@ def _add_house(
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Return the number of window axes of a front, and which of them has the door."""
+    """Return the number of window axes of a front, and the index of the axis with the door."""
     bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
     return bays, int(rng.integers(bays))
 

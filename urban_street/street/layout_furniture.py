@@ -1,4 +1,4 @@
-"""Layout of the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
+"""Lay out the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import Plan
 
-#: Nothing stands nearer to the cameras than this, metres along the street.
+#: Least distance of furniture from the cameras, metres along the street.
 _FIRST = 6.0
 
 

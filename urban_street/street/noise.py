@@ -57,6 +57,6 @@ def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
 
 
 def toward(value: Field, target: NDArray[np.floating] | float, share: NDArray[np.floating]) -> Field:
-    """Return ``value`` where ``share`` is 0, ``target`` where it is 1."""
+    """Return a blend: ``value`` at ``share`` 0, ``target`` at 1."""
     mixed: Field = (value + (target - value) * share).astype(np.float32)
     return mixed

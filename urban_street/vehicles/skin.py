@@ -1,7 +1,7 @@
 """Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
 
-A body is modelled as in a design studio: one smooth surface says where the sheet metal is, outlines drawn on it say
-where a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
+A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define where
+a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
 gap between two panels is a real groove.
 """
 
@@ -30,7 +30,7 @@ class Master:
     Attributes:
         points: (N, 2) domain points to (N, 3) metres. The outside is where d/da × d/db points.
         low, high: corners of the domain.
-        lines: where the triangles of the untrimmed surface have their edges: values of a, values of b.
+        lines: edges of the untrimmed surface's triangles: values of a, values of b.
     """
 
     points: Callable[[Floats], Floats]
