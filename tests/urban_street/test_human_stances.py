@@ -47,7 +47,7 @@ def test_at_every_instant_of_the_walk_a_foot_stands_on_the_ground(model: Model, 
     feet = soles(model, StanceKey("walking", step, "nothing"))
     ground = min(points[:, 2].min() for points in feet.values())
     flattest = max(((points[:, 2] - ground) < 0.02).mean() for points in feet.values())
-    assert flattest > 0.2  # The contact is the heel, the ball or the whole sole, not an edge.
+    assert flattest > 0.2  # on heel, ball or the whole sole, not on an edge
 
 
 @pytest.mark.parametrize("step", [2, 4, 6, 10, 12, 14])
@@ -109,7 +109,7 @@ def test_a_backpack_is_behind_and_its_straps_lie_on_the_clothes() -> None:
     stance = replace(DEFAULT, carries="backpack")
     pack, shirt = (drawn("yellow-shirt", stance, part).positions for part in ("carried-backpack", "cloth-shirt"))
     assert np.percentile(pack[:, 1], 20) < shirt[:, 1].min()
-    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # Only the straps lie before the chest.
+    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # only the straps lie before the chest
     assert len(front) > 50
     distance = trimesh.proximity.closest_point(
         trimesh.Trimesh(shirt, drawn("yellow-shirt", stance, "cloth-shirt").faces, process=False), front
@@ -157,7 +157,7 @@ def test_anybodys_feet_both_touch_the_ground_at_the_first_instant_and_nothing_li
     ground = min(float(points[:, 2].min()) for points in feet.values())
     assert max(float(points[:, 2].min()) for points in feet.values()) < ground + 0.003
     for points in feet.values():
-        assert ((points[:, 2] - ground) < 0.02).mean() > 0.05  # The contact is the heel or the ball, not a corner.
+        assert ((points[:, 2] - ground) < 0.02).mean() > 0.05  # on heel or ball, not on a corner
     bare = np.unique(data.base_mesh().groups["body"].quads)
     assert posed.apply(anybody.body.vertices, data.rig().weights)[bare, 2].min() > ground
 
@@ -216,7 +216,7 @@ def covered_share(model: Model, key: StanceKey, *, spacing: float = 0.012, direc
         hit = hit[hit >= 0]
         hits += len(hit)
         skin += int(model.covered[faces[hit[hit < len(faces)]]].all(axis=1).sum())
-    assert hits * spacing**2 > 0.15 * directions  # Visible square metres from each side.
+    assert hits * spacing**2 > 0.15 * directions  # visible square metres from each side
     return skin / hits
 
 

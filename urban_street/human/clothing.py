@@ -305,7 +305,7 @@ def _crotch(body: Body) -> float:
 
 
 def _drape_skin(body: Body) -> SecondSkin:
-    """``helper-skirt``: a tube around both legs from the waist to the ankles."""
+    """Return ``helper-skirt``: a tube around both legs from the waist to the ankles."""
     mapped = _subdivided("helper-skirt")
     return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
 

@@ -291,7 +291,7 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 def _collapsible(
     points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], number: int
 ) -> NDArray[np.int64]:
-    """Return up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
+    """Return up to ``number`` edges, cheapest first, none of which touches the neighbourhood of another."""
     count = len(points)
     normals = vertex_normals(points, faces)
     free = ~fixed[edges].any(axis=1)

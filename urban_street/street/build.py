@@ -1,4 +1,4 @@
-"""From a layout to meshes, materials and textures."""
+"""Build meshes, materials and textures from a layout."""
 
 from __future__ import annotations
 
