@@ -46,8 +46,8 @@ def compared(raster: NDArray[Any], cycles: NDArray[Any], classes: NDArray[np.uin
         where = classes == label
         if where.mean() >= LEAST:
             ratios[BY_ID[int(label)].name] = round(float(first[where].mean() / second[where].mean()), 2)
-    seen = classes != SKY.id
-    apart = np.exp(np.abs(np.log(first[seen] / second[seen])).mean())
+    visible = classes != SKY.id
+    apart = np.exp(np.abs(np.log(first[visible] / second[visible])).mean())
     return {"ratios": ratios, "difference": round(float(apart), 2)}
 
 

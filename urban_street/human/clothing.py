@@ -88,8 +88,8 @@ def second_skin(body: Body) -> SecondSkin:
 
 def share(weights: Points, names: tuple[str, ...], side: str = "") -> Points:
     """Return the (V,) sum of the weights of the bones whose name starts with one of ``names`` and ends with ``side``."""
-    chosen = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
-    total: Points = weights[:, chosen].sum(axis=1)
+    columns = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
+    total: Points = weights[:, columns].sum(axis=1)
     return total
 
 

@@ -92,10 +92,10 @@ class _Workshop:
         fine = _NEAR[0] < placement.y < _NEAR[1]
         key = (placement.kind, placement.variant, fine)
         if key not in self._vehicles:
-            built = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
-            self._vehicles[key] = built
-            self.materials |= built.materials
-            self.textures |= built.textures
+            content = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
+            self._vehicles[key] = content
+            self.materials |= content.materials
+            self.textures |= content.textures
         return self._vehicles[key]
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:

@@ -287,9 +287,10 @@ def _place_large_vehicles(plan: Plan) -> None:
     """Place a delivery truck and a bus in the cross street at the far end."""
     for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
         length, width, _ = dimensions(kind)
-        placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
+        placement = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
         plan.block(
-            placed, turned_rectangle(x, y, placed.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+            placement,
+            turned_rectangle(x, y, placement.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
         )
 
 
@@ -320,8 +321,8 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
             ):
                 continue
             z = 0.0 if kind == "motorcycle" else lines.kerb_height
-            placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
-            plan.block(placed, polygon)
+            placement = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
+            plan.block(placement, polygon)
             count += 1
 
 
@@ -399,9 +400,9 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
     ) -> Placement:
         x = plan.lines.left_kerb - inset if left else plan.lines.right_kerb + inset
         heading = 0.0 if left else math.pi
-        placed = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
-        plan.block(placed, disc(x, y, radius))
-        return placed
+        placement = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
+        plan.block(placement, disc(x, y, radius))
+        return placement
 
     for left in (True, False):
         y = 12.0 if left else 24.5

@@ -195,9 +195,9 @@ def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Gene
 
 def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
     """Return (branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
-    chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
+    targets = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
-    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
+    return _reach(limbs, centre + (targets - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
