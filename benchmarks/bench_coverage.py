@@ -1,16 +1,16 @@
-"""Do the intervals hold? Coverage and width on planted data whose true mean is known, beside those of other methods.
+"""Measure coverage and width of the intervals on planted data with a known true mean, beside those of other methods.
 
 ``make bench-coverage``, or ``python -m benchmarks.bench_coverage [--repetitions N --family reported|tuning]``. A cell of the
 table is a design, a world (`benchmarks.planted`) and a number of units. `valerie.statistics.intervals.mean_interval` sees
-the data of every repetition as a run would have them; its choice of method and its refusals are part of what is measured.
+the data of every repetition as a run would have them. Its choice of method and its refusals are part of the measurement.
 A cell fails
 
 - where the printed intervals cover less than 94 %, by a one-sided binomial test at 0.1 %;
 - where they are on average wider than 1.3 × the narrowest other method that passes this test in this cell;
 - where more than 5 % are refused, from 50 units on.
 
-The goal is for means and shares. Measured beside them: pooled ratios, whose units weigh differently, and Sobol' and Latin
-hypercube designs in one piece, without replicates. The other methods live here and not in the package: each fails
+The goal applies to means and shares. The benchmark also measures pooled ratios, whose units weigh differently, and Sobol' and
+Latin hypercube designs without replicates (in one piece). The other methods live here and not in the package: each fails
 somewhere, or is wider.
 """
 
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 #: Lower and upper bounds, (repetitions,) each.
 Bounds = tuple[Floats, Floats]
 
-#: What the goal is for, and what is measured beside.
+#: Quantities to which the goal applies, and quantities measured without a goal.
 GOALS: Final = ("mean", "share")
 BESIDE: Final = ("pooled", "one piece")
 UNITS: Final = (6, 10, 20, 50, 200)
@@ -46,13 +46,13 @@ GOAL: Final = 0.94
 SIGNIFICANCE: Final = 0.001
 WIDEST: Final = 1.3
 REFUSED: Final = 0.05
-#: From this many units on, refusals count.
+#: Refusals count from this number of units on.
 ENOUGH: Final = 50
 TAIL: Final = 0.025
 RESAMPLES: Final = 999
-#: Repetitions whose data are held at once.
+#: Number of repetitions in memory at a time.
 CHUNK: Final = 250
-#: Designs that are made of replicates.
+#: Designs that consist of replicates.
 EVEN: Final = ("sobol", "latin hypercube")
 #: The designs' names for `sampling_units`; a grid has streets beside it.
 NAMES: Final = {
@@ -88,7 +88,7 @@ class Sums:
         return np.asarray((residuals**2).sum(axis=1) / self.rows**2 * self.units / (self.units - 1))
 
     def floored(self) -> tuple[Floats, Floats]:
-        """Mean and its variance after half a unit of mean size is added at each end."""
+        """Return the mean and its variance after half a unit of mean size is added at each end."""
         size = self.rows / self.units
         rows = self.rows + size
         mean = (self.scores.sum(axis=1) + size / 2) / rows
@@ -103,7 +103,7 @@ def student(sums: Sums) -> Bounds:
 
 
 def unseen_cluster(sums: Sums) -> Bounds:
-    """Student's t, widened to what one unseen unit at 0 or 1 allows."""
+    """Return Student's t interval, widened for one unseen unit at 0 or 1."""
     low, high = student(sums)
     share = 1 - TAIL ** (1 / sums.units)
     return np.minimum(low, (1 - share) * sums.mean), np.maximum(high, sums.mean + share * (1 - sums.mean))
@@ -116,7 +116,7 @@ def _draws(units: int) -> Floats:
 
 
 def bootstrap(sums: Sums) -> Bounds:
-    """Cluster bootstrap with expanded percentiles (Hesterberg 2015, doi:10.1080/00031305.2015.1089789)."""
+    """Return the cluster bootstrap interval with expanded percentiles (Hesterberg 2015, doi:10.1080/00031305.2015.1089789)."""
     weights, units = _draws(sums.units), sums.units
     tail = float(ndtr(np.sqrt(units / (units - 1)) * stdtrit(units - 1, TAIL)))
     low, high = np.quantile((sums.scores @ weights) / (sums.sizes @ weights), (tail, 1 - tail), axis=1)
@@ -124,7 +124,7 @@ def bootstrap(sums: Sums) -> Bounds:
 
 
 def bootstrap_t(sums: Sums) -> Bounds:
-    """Studentised cluster bootstrap; variances have half a unit added at each end, so that none is 0."""
+    """Return the interval of a studentised cluster bootstrap; half a unit at each end keeps variances above 0."""
     weights = _draws(sums.units)
     rows = sums.sizes @ weights
     mean = (sums.scores @ weights) / rows
@@ -138,7 +138,7 @@ def bootstrap_t(sums: Sums) -> Bounds:
 
 
 def logit_t(sums: Sums) -> Bounds:
-    """Student's t on the logit of a mean that is shrunken by half a unit at each end."""
+    """Return Student's t interval on the logit of the mean, shrunken by half a unit at each end."""
     mean, variance = sums.floored()
     error = np.sqrt(np.maximum(sums.variance, variance / 2)) / (mean * (1 - mean))
     half = -stdtrit(sums.units - 1, TAIL) * error
@@ -152,7 +152,10 @@ def variance_floor(sums: Sums) -> Bounds:
 
 
 def betting(sums: Sums) -> Bounds:
-    """Hedged capital process (Waudby-Smith and Ramdas 2024, doi:10.1093/jrsssb/qkad009) on the means of units."""
+    """Return the interval of a hedged capital process on the means of units.
+
+    Waudby-Smith and Ramdas 2024, doi:10.1093/jrsssb/qkad009.
+    """
     means = sums.scores / sums.sizes
     grid = np.linspace(0.005, 0.995, 100)[None, :]
     gains, losses = np.zeros((len(means), 100)), np.zeros((len(means), 100))
@@ -172,7 +175,7 @@ def betting(sums: Sums) -> Bounds:
 
 
 def wilson_rows(sums: Sums) -> Bounds:
-    """Wilson's interval, as if rows were independent."""
+    """Return Wilson's interval, as if rows were independent."""
     z, rows, mean = -ndtri(TAIL), sums.rows, sums.mean
     centre = (mean + z * z / (2 * rows)) / (1 + z * z / rows)
     half = z / (1 + z * z / rows) * np.sqrt(mean * (1 - mean) / rows + z * z / (4 * rows * rows))
@@ -180,7 +183,10 @@ def wilson_rows(sums: Sums) -> Bounds:
 
 
 def korn_graubard(sums: Sums) -> Bounds:
-    """Clopper-Pearson with the effective number of rows (Korn and Graubard 1998, *Survey Methodology* 24, 193-201)."""
+    """Return the Clopper-Pearson interval with the effective number of rows.
+
+    Korn and Graubard 1998, *Survey Methodology* 24, 193-201.
+    """
     mean, rows = sums.mean, sums.rows
     equal = mean * (1 - mean) < 1e-12
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -215,7 +221,7 @@ OF_SHARES: Final[dict[str, Method]] = {
 
 @dataclass(slots=True)
 class Tally:
-    """How often intervals were printed and held, and their mean width."""
+    """Counts of intervals, printed and correct, and their mean width."""
 
     printed: int = 0
     held: int = 0
@@ -237,7 +243,7 @@ class Tally:
 
     @property
     def passes(self) -> bool:
-        """Say whether coverage of the goal is not rejected; nothing printed is nothing wrong."""
+        """Return True unless the test rejects the goal's coverage; no interval printed counts as a pass."""
         if not self.printed:
             return True
         return binomtest(self.held, self.printed, GOAL, alternative="less").pvalue >= SIGNIFICANCE
@@ -250,13 +256,13 @@ class Cell:
     Attributes:
         quantity: ``mean``; ``share`` of scores of at least 0.5; ``pooled``, the mean by pixels; ``one piece``, the mean of
             a design without replicates.
-        design, world, units: what was planted.
-        estimand: what the interval says it is of.
+        design, world, units: of the planted data.
+        estimand: the quantity that the interval states.
         truth: the true value.
         coverage, width: of the intervals that were printed.
         refused: share of repetitions without an interval.
         best, ratio: the narrowest other method that covers, and the width in units of its width.
-        failures: which parts of the goal the cell misses.
+        failures: the parts of the goal that the cell misses.
         others: coverage and width of the other methods.
     """
 
@@ -339,7 +345,7 @@ def measure(
 
 
 def intervals(draws: planted.Draws, design: str) -> Iterator[Interval | Refusal]:
-    """Ask for the interval of every repetition."""
+    """Return the interval of every repetition."""
     _, count, rows = draws.values.shape
     unit, row = np.indices((count, rows)).reshape(2, -1)
     replicate = None if draws.replicate is None else draws.replicate[unit]
@@ -366,7 +372,7 @@ def show(cells: list[Cell]) -> None:
 
 
 def _marks(cell: Cell) -> str:
-    """Return the initials of what fails."""
+    """Return the initials of the failures."""
     return "".join(part[0].upper() for part in cell.failures)
 
 
@@ -385,7 +391,8 @@ def main() -> None:
         for units in UNITS
     ]
     print(
-        "Coverage in %, width ÷ that of the narrowest other method that covers; C, W, R: coverage, width, refusals fail"
+        "Coverage in %, width relative to the narrowest other method that covers; "
+        "C, W, R: fails by coverage, width, refusals"
     )
     show(cells)
     failed = [cell for cell in cells if cell.failures]
@@ -397,8 +404,8 @@ def main() -> None:
         )
     for quantity in (*GOALS, *BESIDE):
         all_cells = [cell for cell in cells if cell.quantity == quantity]
-        print(f"{quantity}: {sum(not cell.failures for cell in all_cells)} of {len(all_cells)} cells hold")
-    print(f"{time.process_time() - started:.0f} s of CPU time")
+        print(f"{quantity}: {sum(not cell.failures for cell in all_cells)} of {len(all_cells)} cells meet the goal")
+    print(f"{time.process_time() - started:.0f} CPU seconds")
     name = "coverage" if arguments.family == "reported" else "coverage-tuning"
     results.write(name, {"repetitions": arguments.repetitions, "cells": [asdict(cell) for cell in cells]})
 

@@ -1,9 +1,9 @@
-"""Error rates and power of findings, verdicts, the gate and curves, on planted truth.
+"""Measure error rates and power of findings, verdicts, the gate and curves on planted truth.
 
 ``make bench-findings``, or ``python -m benchmarks.bench_findings [--repetitions N]``. The worlds are those of
-`benchmarks.planted` that no method was chosen on, one with heavy tails, and curves of its own. What fails stands beside
-what holds. *Confirmed* is by `valerie.statistics.confirmation.find`; *named* is by all places at once, with Holm's
-procedure over all main effects: what a comparison without confirmation would say.
+`benchmarks.planted` on which no method was chosen, one with heavy tails, and curves of its own. The tables show failures
+and successes alike. *Confirmed* counts findings of `valerie.statistics.confirmation.find`. *Named* counts effects by Holm's
+procedure over all main effects and all places at once: the result of a comparison without confirmation.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Generator = np.random.Generator
 
 
 def _heavy(u: Floats) -> Floats:
-    """Sums of Student's t with two degrees of freedom: no variance, no bounds."""
+    """Return sums of Student's t with two degrees of freedom: no variance, no bounds."""
     t = (2 * u - 1) / np.sqrt(2 * u * (1 - u))
     return np.asarray(0.7 + 0.06 * t.sum(axis=-1))
 
@@ -65,7 +65,7 @@ class Rows:
 
 
 def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float = 0.0) -> Rows:
-    """A grid; places differ, suns and characters act differently in each, and rows differ besides.
+    """Return the rows of a grid: places differ, suns and characters act differently in each, and rows differ besides.
 
     Args:
         world: of hidden numbers that no factor changes.
@@ -84,7 +84,7 @@ def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float
 
 
 def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
-    """(G, 3) uniform numbers of a smooth random field over places 3 m apart."""
+    """Return (G, 3) uniform numbers of a smooth random field over places 3 m apart."""
     x, y = (3.0 * axis.ravel() for axis in np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"))
     distance = np.hypot(x[:, None] - x, y[:, None] - y)
     root = np.linalg.cholesky(np.exp(-distance / reach_m) + 1e-9 * np.eye(len(x)))
@@ -92,7 +92,7 @@ def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
 
 
 def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
-    """Variants of six factors without any effect, one row each."""
+    """Return variants of six factors without any effect, one row each."""
     if design == "sobol":
         position = qmc.Sobol(6, rng=rng).random(units)
     elif design == "latin hypercube":
@@ -104,7 +104,7 @@ def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
 
 
 def clustered(world: World, units: int, rng: Generator) -> Rows:
-    """Places with 2 to 8 rows; three factors are drawn for the place, three for the row."""
+    """Return places with 2 to 8 rows; three factors are drawn for the place, three for the row."""
     place = np.repeat(np.arange(units), rng.integers(2, 9, units))
     u = rng.random((units, 6))[place]
     u[:, 4:] = rng.random((len(place), 2))
@@ -181,7 +181,7 @@ def _effect(
         observations = lowered(crossed(world, shape, rng), factor, 0.2, rng, kind=kind).observed()
         holding = [item.candidate for item in find(observations, seed=repetition).items if item.confirmed]
         confirmed += any(item.changes[0].factor == factor and len(item.changes) == 1 for item in holding)
-        # A share of the places lowers interactions too; only other factors are false.
+        # A loss at some places changes interactions too, so only findings on other factors are false.
         others += any(all(change.factor != factor for change in item.changes) for item in holding)
         main = contrasts(observations, interactions=False)
         adjusted = holm([c.p_value for c in main])
@@ -224,12 +224,12 @@ def _pass_or_fail(truth: float, units: int, rows: int, rng: Generator) -> Floats
 
 
 def _alike(truth: float, units: int, rows: int, rng: Generator) -> Floats:
-    """Shares of places are Beta distributed with an intraclass correlation of 0.5."""
+    """Return rows whose shares by place follow a Beta distribution with an intraclass correlation of 0.5."""
     return (rng.random((units, rows)) < rng.beta(truth, 1 - truth, (units, 1))).astype(float)
 
 
 def _two_kinds(truth: float, units: int, rows: int, rng: Generator) -> Floats:
-    """Every tenth place fails half of its rows or more; the others hardly ever."""
+    """Return rows of which every tenth place fails half or more, and the others hardly any."""
     hard = rng.random((units, 1)) < 0.1
     share = np.where(hard, 1 - 9 * (1 - truth), 1 - (1 - truth) / 9)
     return (rng.random((units, rows)) < share).astype(float)
@@ -269,7 +269,7 @@ def gates(repetitions: int) -> Iterator[Row]:
     for name, world in WORLDS.items():
         for places, change in ((12, "none"), (48, "none"), (48, "5 points, all rows"), (48, "5 points, few rows")):
             yield _gate(name, world, places, change, repetitions)
-    # As many places as the gate asks for, from the spread of an earlier comparison.
+    # The number of places that the gate requires, from the spread of an earlier comparison.
     rng = np.random.default_rng(14)
     before, after = _two_versions(REPORTED["mild"], 2000, "none", rng)
     deviation = float((after[0] - before[0]).mean(axis=1).std(ddof=1))
@@ -278,7 +278,7 @@ def gates(repetitions: int) -> Iterator[Row]:
 
 
 def _two_versions(world: World, places: int, change: str, rng: Generator) -> tuple[Floats, Floats]:
-    """(slices, places, 6) scores of two versions that see the same frames, and differ in two of six numbers.
+    """Return (slices, places, 6) scores of two versions that see the same frames, and differ in two of six numbers.
 
     The first `WORSE` slices become worse, unless ``change`` is none.
     """
@@ -376,7 +376,7 @@ def _curve(
 
 
 def _bin_averages(curve: Callable[[Floats], Floats], lows: tuple[float, ...], at: Floats) -> Floats:
-    """Average of the curve over the bin of each point: what a free curve says."""
+    """Return the average of the curve over the bin of each point, as a free curve estimates it."""
     edges = np.array([*lows, 1.0])
     averages = np.array([curve(np.linspace(a, b, 200)).mean() for a, b in pairwise(edges.tolist())])
     return np.asarray(averages[np.searchsorted(edges[1:-1], at, side="right")])

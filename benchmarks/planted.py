@@ -1,7 +1,7 @@
-"""Planted data: scores of persons whose true mean is known, drawn by every design that a run can have.
+"""Draw planted data: scores of persons with a known true mean, by every design that a run can have.
 
-A *world* is a function of six numbers in [0, 1) with values in [0, 1]: what a network would score if these were the
-street, the place, the light and the camera. A *design* says which of the six are drawn anew for what:
+A *world* is a function of six numbers in [0, 1) with values in [0, 1]: the score of a network if the numbers were the
+street, the place, the light and the camera. A *design* states how often each of the six is drawn:
 
 ================ ==================================================== ==================================
 design           the six numbers                                      the truth is the mean over
@@ -14,8 +14,8 @@ sobol            all by scrambled Sobol' points, in replicates        the box
 latin hypercube  all by Latin hypercubes, in replicates               the box
 ================ ==================================================== ==================================
 
-Worlds come in two families. Methods are chosen on ``TUNING`` and reported on ``REPORTED``; no world is in both, and the
-shapes differ (uniform against normal effects, corners against balls), so that a method cannot have learnt the answers.
+Worlds come in two families. Methods are chosen on ``TUNING`` and reported on ``REPORTED``. No world is in both families, and
+their shapes differ (uniform against normal effects, corners against balls), so a method cannot have learnt the answers.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ DIMENSIONS: Final = 6
 DESIGNS: Final = ("independent", "clustered", "crossed grid", "sobol", "latin hypercube")
 #: Listed values of numbers 3 and 4 in the crossed grid: four places, two suns.
 NODES: Final = (np.array([0.2, 0.4, 0.6, 0.8]), np.array([0.25, 0.75]))
-#: Most rows of a unit in the clustered design; a unit has one or more.
+#: Largest number of rows of a unit in the clustered design; the smallest is 1.
 MOST_ROWS: Final = 8
-#: log2 of the number of points that a truth is the mean over, in each of `_TRUTH_SCRAMBLES` scrambles.
+#: log2 of the number of points behind a truth, in each of `_TRUTH_SCRAMBLES` scrambles.
 _TRUTH_POINTS: Final = 16
 _TRUTH_SCRAMBLES: Final = 8
 
@@ -52,8 +52,8 @@ class Draws:
 
     Attributes:
         values: (repetitions, units, rows) scores in [0, 1].
-        weights: (repetitions, units, rows) what each row weighs; 0 where there is no row.
-        replicate: (units,) int64 replicate of each unit where the design is made of some, else None.
+        weights: (repetitions, units, rows) weight of each row; 0 where there is no row.
+        replicate: (units,) int64 replicate of each unit; None for a design without replicates.
     """
 
     values: Floats
@@ -62,40 +62,40 @@ class Draws:
 
 
 def _mild(u: Floats) -> Floats:
-    """Spread over the middle: hardly a score lies within a tenth of 0 or 1."""
+    """Return scores spread over the middle: hardly any lies within a tenth of 0 or 1."""
     far = 0.5 * u[..., 0] ** 2 * (0.6 + 0.4 * u[..., 1])
     dark = 0.35 * (u[..., 2] > 0.4) * np.sqrt(u[..., 3])
     return np.asarray(0.99 - far - dark - 0.07 * u[..., 4] ** 2 - 0.07 * u[..., 5])
 
 
 def _piled(u: Floats) -> Floats:
-    """Most scores are exactly 0 or exactly 1."""
+    """Return scores most of which are exactly 0 or exactly 1."""
     margin = 1.1 - u[..., 0] - 0.7 * u[..., 1] * u[..., 2] + 0.4 * np.cos(2 * np.pi * u[..., 3])
     return np.asarray(np.clip(3 * (margin - 0.25 * u[..., 4] - 0.3 * u[..., 5]), 0, 1))
 
 
 def _rare(u: Floats) -> Floats:
-    """Nearly 1 everywhere but on one side of a curved boundary, where 5 % of the box lie."""
+    """Return scores near 1, except on one side of a curved boundary that cuts off 5 % of the box."""
     beyond = u[..., 1] + u[..., 0] * u[..., 2] + 0.1 * u[..., 5] > 1.42
     return np.asarray(np.where(beyond, 0.5 * u[..., 3] * u[..., 4], 1 - 0.04 * u[..., 3] * u[..., 5]))
 
 
 def _waves_tuning(u: Floats) -> Floats:
-    """Spread over the middle: no value at 0 or 1."""
+    """Return scores spread over the middle: none is 0 or 1."""
     c = 2 * u - 1
     effects = 1.2 * c[..., 0] + 0.8 * np.sin(2 * np.pi * u[..., 1]) + 1.2 * c[..., 2] * c[..., 3]
     return np.asarray(expit(0.6 + effects + 0.6 * c[..., 4] + 0.8 * c[..., 5]))
 
 
 def _ramp_tuning(u: Floats) -> Floats:
-    """Four in nine scores are exactly 1, a third exactly 0."""
+    """Return scores of which four in nine are exactly 1 and a third exactly 0."""
     c = 2 * u - 1
     effects = c[..., 0] + 0.8 * c[..., 1] + 0.7 * np.sin(2 * np.pi * u[..., 2]) + 0.6 * c[..., 3]
     return np.asarray(np.clip(0.75 + 1.6 * (effects + 0.3 * c[..., 4] + 0.5 * c[..., 5]), 0, 1))
 
 
 def _corner_tuning(u: Floats) -> Floats:
-    """Nearly 1 everywhere but in a corner that holds 5 % of the box."""
+    """Return scores near 1, except in a corner that holds 5 % of the box."""
     corner = (u[..., 0] > 0.7) & (u[..., 1] < 0.46) & (u[..., 2] > 0.54) & (u[..., 5] < 0.8)
     return np.asarray(np.where(corner, 0.4 * u[..., 3], 1 - 0.05 * u[..., 4] ** 2))
 
@@ -111,7 +111,7 @@ def _skewed_tuning(u: Floats) -> Floats:
 
 
 def _outliers_tuning(u: Floats) -> Floats:
-    """Alike, away from both ends, but for 5 % at 0."""
+    """Return similar scores away from both ends, except for 5 % at 0."""
     return np.asarray(np.where(np.abs(u[..., 1] - 0.4) < 0.025, 0.0, 0.75 + 0.2 * u[..., 0] * u[..., 4]))
 
 
@@ -126,14 +126,14 @@ def _wall_tuning(u: Floats) -> Floats:
 
 
 def _rare_tuning(volume: float) -> World:
-    """Two balls in numbers 0–2 that hold about ``volume`` of the box together."""
+    """Return a world with two balls in numbers 0–2 that together hold about ``volume`` of the box."""
     radius = (volume * 3 / (8 * np.pi)) ** (1 / 3)
 
     def world(u: Floats) -> Floats:
-        one = ((u[..., :3] - 0.3) ** 2).sum(axis=-1) < radius**2
+        ball = ((u[..., :3] - 0.3) ** 2).sum(axis=-1) < radius**2
         other = ((u[..., :3] - np.array([0.7, 0.65, 0.6])) ** 2).sum(axis=-1) < radius**2
         bad = np.where(u[..., 5] < 0.5, 0.0, 0.6 * u[..., 4])
-        return np.asarray(np.where(one | other, bad, 1 - 0.08 * u[..., 3] * (u[..., 4] > 0.5)))
+        return np.asarray(np.where(ball | other, bad, 1 - 0.08 * u[..., 3] * (u[..., 4] > 0.5)))
 
     return world
 
@@ -162,12 +162,12 @@ def passed(world: World, threshold: float = 0.5) -> World:
 
 
 def alike(u: Floats) -> Floats:
-    """Every row weighs the same."""
+    """Return equal weights for all rows."""
     return np.ones(u.shape[:-1])
 
 
 def pixels(u: Floats) -> Floats:
-    """Rows weigh as much as a person has pixels: up to 20 times as much near the camera as far away."""
+    """Return weights in proportion to a person's pixels: up to 20 times as much near the camera as far away."""
     return np.asarray((1 + 3.5 * u[..., 3]) ** -2)
 
 
@@ -201,8 +201,8 @@ def draw(
         units: number of units in each repetition.
         repetitions: number of experiments.
         seed: of everything drawn.
-        replicates: (units,) which replicate each unit is of, for the last two designs; all of one without it.
-        weigh: what a row weighs.
+        replicates: (units,) replicate of each unit, for the last two designs; by default, all units are of one replicate.
+        weigh: gives the weight of each row.
     """
     rng = np.random.default_rng(seed)
     if design in {"sobol", "latin hypercube"}:
@@ -217,11 +217,11 @@ def draw(
     if design == "clustered":
         u = np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), MOST_ROWS, axis=2)
         u[..., 4:] = rng.random((*u.shape[:3], 2))
-        # Units differ in size, and larger ones do not differ in score.
+        # Units differ in size, and size does not change the score.
         sizes = rng.integers(2, MOST_ROWS + 1, (repetitions, units, 1))
         return Draws(world(u), weigh(u) * (np.arange(MOST_ROWS) < sizes))
     u = _on_nodes(np.repeat(rng.random((repetitions, units, 1, DIMENSIONS)), 8, axis=2))
-    # What differs from picture to picture within a street.
+    # These numbers differ from picture to picture within a street.
     u[..., 5] = rng.random(u.shape[:3])
     return Draws(world(u), weigh(u))
 
@@ -235,14 +235,14 @@ def _on_nodes(u: Floats) -> Floats:
 
 @cache
 def _sobol_bits(size: int) -> NDArray[np.uint32]:
-    """(size, dimensions) of the first Sobol' points, unscrambled, as 30-bit integers."""
+    """Return (size, dimensions): the first Sobol' points, unscrambled, as 30-bit integers."""
     engine = qmc.Sobol(DIMENSIONS, scramble=False)
     base = engine.random_base2(max(size - 1, 0).bit_length())[:size]
     return np.asarray(base * 2**30, np.uint32)
 
 
 def _sobol(rng: np.random.Generator, repetitions: int, size: int) -> Floats:
-    """(repetitions, size, dimensions): independent scrambles as scipy makes them, all at once.
+    """Return (repetitions, size, dimensions): independent scrambles as scipy makes them, all at once.
 
     Linear matrix scramble and digital shift (Matoušek 1998, doi:10.1006/jcom.1998.0489): the first ``size`` points have
     few binary digits, so only these digits' columns of the random matrix are drawn.
@@ -258,6 +258,6 @@ def _sobol(rng: np.random.Generator, repetitions: int, size: int) -> Floats:
 
 
 def _latin_hypercube(rng: np.random.Generator, repetitions: int, size: int) -> Floats:
-    """(repetitions, size, dimensions): one point in each of ``size`` strata of every dimension."""
+    """Return (repetitions, size, dimensions): one point in each of ``size`` strata of every dimension."""
     strata = rng.random((repetitions, size, DIMENSIONS)).argsort(axis=1)
     return np.asarray((strata + rng.random(strata.shape)) / size)

@@ -1,6 +1,6 @@
-"""Draws ``docs/images/architecture.svg``: the packages as `.importlinter` layers them, and the processes.
+"""Draw ``docs/images/architecture.svg``: the packages as `.importlinter` layers them, and the processes.
 
-``python -m tools.architecture_picture`` writes the picture anew, to be run when a contract changes.
+``python -m tools.architecture_picture`` writes the picture. Run it when a contract changes.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _packages() -> tuple[list[str], float]:
     y = TOP
     for number, row in enumerate(layers()):
         height = 58.0 if set(row) & set(DETAILED) else 32.0
-        width = WIDTH if number else 300.0  # beside the first row stands the asset pack
+        width = WIDTH if number else 300.0  # The asset pack stands beside the first row.
         each = (width - GAP * (len(row) - 1)) / len(row)
         for place, name in enumerate(row):
             x = LEFT + place * (each + GAP)

@@ -19,8 +19,8 @@ y    distance     pixel area, alone
 35   47.0…47.5 m  0.07…0.11 %
 ==== ============ ===================
 
-There 22…39 % of a camera's frames are occluded by 5…75 %, about half by more than 5 %, and 3…5 % of the persons are fully
-hidden. The paper's 17…38.2 m are y 5…26.
+In 22…39 % of a camera's frames the person is occluded by 5…75 %, in about half by more than 5 %; 3…5 % of the persons are fully
+hidden. The paper's 17…38.2 m correspond to y 5…26.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.light.solar import CLOCK
 
 NAME: Final = "urban-street"
-#: Raised by hand whenever the street, the characters, cameras or defaults change; part of the asset's digest.
+#: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
 REVISION: Final = 4
 
-#: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
+#: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
 SUN_AZIMUTH_DEG: Final = 180.0
 SUN_ELEVATION_DEG: Final = 40.0
@@ -138,7 +138,7 @@ def make_manifest(settings: Settings) -> Manifest:
 
 
 def make_scene(settings: Settings, manifest: Manifest) -> Scene:
-    """Build the street with its people: a few CPU seconds; the shapes of people are made when they are first read."""
+    """Build the street with its people in a few CPU seconds; shapes of people are built on first use."""
     from urban_street.street.build import build_street
     from urban_street.traffic import Traffic
 
@@ -170,7 +170,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
 
 
 def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
-    """Draw what a street to train on is told besides its seed; all choices come from ``rng``."""
+    """Draw the arguments of a training street, except its seed; all choices come from ``rng``."""
 
     def pick(shares: Mapping[str, float]) -> str:
         return str(rng.choice(list(shares), p=list(shares.values())))

@@ -72,7 +72,7 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
 class Crowd:
     """Nodes, materials and textures of persons; each has materials of its own, which vary alone.
 
-    Bodies and textures are shared, and made when they are first read.
+    Bodies and textures are shared, and built on first use.
     """
 
     def __init__(self) -> None:
@@ -81,18 +81,18 @@ class Crowd:
         self._figures = {name: figure(name) for name in CHARACTERS}
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
-        for one in self._figures.values():
-            self.textures.update(one.textures)
+        for person in self._figures.values():
+            self.textures.update(person.textures)
 
     def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
         """Yield the node of a person, and one child per character, of which the chosen one is visible."""
         path = f"{ROOT}.{name}"
-        shown = person.character != ABSENT
-        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=shown)
+        present = person.character != ABSENT
+        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=present)
         for character, model in self._figures.items():
             for material in model.materials.values():
                 own = f"{name}/{material.name}"
                 self.materials[own] = replace(material, name=own)
             figure = model.renamed(partial("{}/{}".format, name))
-            visible = shown and character == person.character
+            visible = present and character == person.character
             yield Node(f"{path}.{character}", np.eye(4), figure.meshes, visible=visible, figure=figure)

@@ -57,7 +57,7 @@ class Traffic:
 
 
 def _own_name(material: str, owner: str) -> str:
-    """Paint varies, and lenses glow, of each vehicle alone."""
+    """Return a material's name: with the owner's prefix for paint and glowing lenses, which each vehicle has alone."""
     return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
 
 

@@ -1,6 +1,6 @@
 """The vehicles in traffic of a generated street: default places, parameters, outlines.
 
-All are hidden by default, and then cost nothing. At their default places they are in nothing's and nobody's way.
+All are hidden by default, and then cost nothing. Their default places block nobody and nothing.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ _FIXED: Final = {
     "car-101": TrafficPlace(2.5, 40.0, 180.0, CAR_KINDS),
     "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
 }
-#: Vehicles that take the first free place in their lane, from the given one on.
+#: Vehicles that take the first free place in their lane, from their wished place on.
 _FITTED: Final = {
     "car-102": TrafficPlace(2.5, 47.0, 180.0, CAR_KINDS, seed=10),
     "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
 }
-#: Paths of the vehicles in scenes to train on. What a seed draws is fixed: shipped networks were trained on it.
+#: Paths of the vehicles in training scenes. Shipped networks were trained on the draws of each seed, so these are fixed.
 TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
-#: A cyclist who waits far down the street. He belongs to the background, and shares his shape with the moving one.
+#: A cyclist who waits far down the street. He belongs to the background, and shares his shape with the moving cyclist.
 WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
 
-#: Along the street, metres: between which places vehicles may be, the room before the far end, and the step of the search.
+#: Along the street, metres: the range of vehicles, the room before the far end, and the step of the search.
 _ALONG: Final = (-30.0, 112.0)
 _END_M: Final = 12.0
 _STEP_M: Final = 0.5
@@ -129,7 +129,7 @@ def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[
 def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
     """Return the first place with room for every kind, from the wished one onwards; else the first one before it.
 
-    Behind the cameras the carriageway of every street is free, so there is one.
+    The carriageway behind the cameras is free in every street, so a place always exists.
     """
     ahead = round((min(_ALONG[1], layout.extent[3] - _END_M) - wish.y) / _STEP_M)
     behind = round((wish.y - _ALONG[0]) / _STEP_M)

@@ -33,7 +33,7 @@ def varied_houses(layout: StreetLayout) -> list[Placement]:
     """Return the houses with parameters, the left ones first, each side by path."""
     houses: list[Placement] = []
     for heading in (0.5 * math.pi, -0.5 * math.pi):
-        # Rows along the street: a side street's houses face it, and that across its end stands far from its front.
+        # Only rows along the street count: houses of a side street face that street or stand far from this front.
         fronts = layout.lines.front(left=heading > 0.0)
         row = [
             house

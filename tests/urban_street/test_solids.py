@@ -1,4 +1,4 @@
-"""Primitives against closed formulas: volumes by the divergence theorem need correct sizes and outward faces."""
+"""Test primitives against closed formulas: volumes by the divergence theorem need correct sizes and outward faces."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from urban_street.solids.surfaces import (
 
 
 def volume(surface: Surface) -> float:
-    """Signed volume of a closed surface; positive when faces turn outwards."""
+    """Return the signed volume of a closed surface; positive when faces turn outwards."""
     a, b, c = (surface.positions[surface.faces[:, k]] for k in range(3))
     return float(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
 

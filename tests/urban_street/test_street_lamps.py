@@ -1,4 +1,4 @@
-"""Lamps of the generated street: places, directions, owners."""
+"""Test the lamps of the generated street: places, directions, owners."""
 
 import math
 

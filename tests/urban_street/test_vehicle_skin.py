@@ -1,4 +1,4 @@
-"""Trimmed surfaces against closed formulas."""
+"""Test trimmed surfaces against closed formulas."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _LINES = np.linspace(0.0, 2.0, 9)
 
 
 def plane() -> Master:
-    """z = 0 over [0, 2]², seen from above."""
+    """Return z = 0 over [0, 2]², seen from above."""
     return Master(lambda at: np.column_stack([at, np.zeros(len(at))]), (0.0, 0.0), (2.0, 2.0), (_LINES, _LINES))
 
 
 def tube() -> Master:
-    """A quarter of a cylinder of radius 1 about z, seen from outside; the domain is (angle, height)."""
+    """Return a quarter of a cylinder of radius 1 about z, seen from outside; the domain is (angle, height)."""
     angle = np.linspace(0.0, 0.5 * np.pi, 33)
     return Master(
         lambda at: np.column_stack([np.cos(at[:, 0]), np.sin(at[:, 0]), at[:, 1]]),

@@ -57,12 +57,12 @@ class Body:
     tails: NDArray[np.float64]
 
     def head(self, bone: str) -> NDArray[np.float64]:
-        """Return (3,) where the bone begins: its joint."""
+        """Return the (3,) joint at which the bone begins."""
         joint: NDArray[np.float64] = self.heads[data.rig().bones.index(bone)]
         return joint
 
     def tail(self, bone: str) -> NDArray[np.float64]:
-        """Return (3,) where the bone ends."""
+        """Return the (3,) end of the bone."""
         end: NDArray[np.float64] = self.tails[data.rig().bones.index(bone)]
         return end
 

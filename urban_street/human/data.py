@@ -202,7 +202,7 @@ def _target(folder: Path, name: str) -> NDArray[np.float64]:
         raise UnknownName("body target", name, (n.removesuffix(".target.gz") for n in names))
     lines = [line for line in gzip.decompress(path.read_bytes()).splitlines() if line and not line.startswith(b"#")]
     offsets = np.zeros_like(_base_mesh(folder).vertices)
-    if lines:  # the target of an average body moves nothing
+    if lines:  # The target of an average body is empty.
         rows = np.loadtxt(lines, ndmin=2)
         offsets[rows[:, 0].astype(np.int64)] = rows[:, 1:] @ _TO_WORLD.T
     return freeze(offsets)

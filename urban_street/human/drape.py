@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from urban_street.human.surface import Indices, Points, edges_of, even_edges, neighbours, vertex_normals
 
-#: Distance in metres that keeps the surfaces of different regions apart when the nearest point is looked up.
+#: Distance in metres that separates the surfaces of different regions in the lookup of the nearest point.
 _REGION_STEP: Final = 10.0
 #: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations let heavy cloth stretch,
 #: and only the settled shape matters, not how it got there.
@@ -155,7 +155,7 @@ def _scatter(rows: Indices, vectors: Points, count: int) -> Points:
 
 
 def _opposite_corners(faces: Indices, sides: Indices, number_of_edges: int) -> Indices:
-    """Return (B, 2) the two corners that face each other across every inner edge."""
+    """Return (B, 2): the two corners that face each other across every inner edge."""
     order = np.argsort(sides.ravel(), kind="stable")
     edge = sides.ravel()[order]
     corner = np.roll(faces, -2, axis=1).ravel()[order]  # the corner that is not on side k

@@ -1,4 +1,4 @@
-"""More textures: knitwear, T-shirts, coats, skirts and what people carry (see `textures` for the layout)."""
+"""Textures of knitwear, T-shirts, coats, skirts and carried things (see `textures` for the layout)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urban_street.human.textures import (
     weave,
 )
 
-#: Texels a side of what has no pattern.
+#: Texels a side of textures without a pattern.
 _SMALL: Final = 64
 
 Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
@@ -54,7 +54,7 @@ def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") ->
 
 
 def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
-    """Paint knitwear with ribs at hem and cuffs; with a pouch and a zip's worth of cord, a hooded sweater."""
+    """Paint knitwear with ribs at hem and cuffs; with a pouch and cords, a hooded sweater."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.22)

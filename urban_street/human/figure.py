@@ -1,4 +1,4 @@
-"""Figures: characters that can take stances; their meshes and textures are made when they are first read."""
+"""Figures: characters that can take stances, with meshes and textures built on first use."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 #: Stances of a figure whose meshes are kept: a walk cycle, and the other poses.
 _KEPT_STANCES: Final = 24
 _HIDDEN_MARGIN: Final = 0.04
-#: Under a skirt one can look further.
+#: Larger margin, since the view reaches further under a skirt.
 _SKIRT_MARGIN: Final = 0.14
 
 
@@ -77,7 +77,7 @@ _FIRST: Final = StanceKey("walking", 0, "nothing")
 
 @lru_cache(maxsize=len(LOOKS))
 def figure(name: str) -> Figure:
-    """Return the figure of a character, as it stands by default.
+    """Return the figure of a character in its default stance.
 
     Raises:
         UnknownName: no such character.
@@ -92,7 +92,7 @@ class Figure:
 
     Args:
         model: the character; shared by all its figures.
-        stance: how it holds itself.
+        stance: its stance.
         rename: gives materials other names; None leaves them.
     """
 
@@ -137,12 +137,12 @@ class Figure:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
             raise UnknownName("thing to carry", stance.carries, CARRIED)
-        made = Figure(self._model, stance, self._rename)
-        made._siblings = self._siblings
-        return self._siblings.setdefault(made._key, made)
+        figure = Figure(self._model, stance, self._rename)
+        figure._siblings = self._siblings
+        return self._siblings.setdefault(figure._key, figure)
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
-        """Return meshes on a bicycle or motorcycle, in its frame, and where head and joints are."""
+        """Return meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""
         return self._model.seated(contact)
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
@@ -159,13 +159,13 @@ class Figure:
 
 
 class Model:
-    """A character: its look, and everything that follows from it, each made once.
+    """A character: its look, and everything that follows from the look, each built once.
 
     Attributes:
         name: e.g. ``black-outfit``; materials are called ``<name>/<part>``, and the part of everything worn starts
             with ``cloth-``, others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
-        look: what it is made from.
-        materials, textures: by name; the images are painted when they are first looked at.
+        look: body, clothes and colours.
+        materials, textures: by name; the images are painted on first use.
     """
 
     def __init__(self, name: str, look: outfits.Look) -> None:
@@ -220,7 +220,7 @@ class Model:
 
     @cached_property
     def covered(self) -> NDArray[np.bool_]:
-        """Return which vertices of the body lie under clothes, away from their edges: (19158,)."""
+        """Return the (19158,) mask of body vertices under clothes, away from the clothes' edges."""
         body, weights = self.body, data.rig().weights
         hidden = np.zeros(len(body.vertices), bool)
         for garment in self.look.garments:
@@ -243,7 +243,7 @@ class Model:
 
     @cached_property
     def _slim(self) -> dict[str, surface.Mapped]:
-        """Return how each part is simplified: decided at the first instant of the walk, for all stances alike."""
+        """Return the simplification of each part, decided at the first instant of the walk for all stances."""
         full, _ = self._first
         keep = {"skin-head": 0.62, "skin-limbs": 0.62, "shoe-upper": 0.75}
         simplified = {}
@@ -368,10 +368,10 @@ class Model:
             grown["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
         if self.look.hat is not None:
             grown["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
-        for part, one in grown.items():
-            points = one.points @ turn[:3, :3].T + turn[:3, 3]
-            normals = surface.vertex_normals(points, one.faces)
-            old, uvs, faces = surface.unweld(one.faces, one.uvs[one.faces])
+        for part, piece in grown.items():
+            points = piece.points @ turn[:3, :3].T + turn[:3, 3]
+            normals = surface.vertex_normals(points, piece.faces)
+            old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])
             yield part, Shape(points[old], normals[old], uvs, faces)
 
     def _declare(self) -> None:
@@ -429,7 +429,7 @@ class Model:
 
 @dataclass(eq=False)
 class _Painting:
-    """Colour and relief of one canvas, which is let go once both were taken."""
+    """Colour and relief of one canvas, which is dropped once both are read."""
 
     canvas: Callable[[], textures.Canvas]
     _colour: NDArray[np.uint8] | None = None

@@ -30,7 +30,7 @@ class HairCut:
         fall: by azimuth, how far it hangs below the centre of the head where the hairline lies below the centre.
         strand: depth of the grooves between strands, as a share of the thickness.
         parting: azimuth of the parting, or None.
-        tied: what gathers it behind: a ``bun``, a ``ponytail`` or nothing.
+        tied: a ``bun``, a ``ponytail`` or nothing.
         ragged: how uneven the hairline is; 0 is a clean edge.
     """
 
@@ -152,7 +152,7 @@ def _tube_surface(grid: Points) -> Hair:
 
 
 def together(first: Hair, second: Hair) -> Hair:
-    """Return both as one surface."""
+    """Return two surfaces as one."""
     return Hair(
         np.concatenate([first.points, second.points]),
         np.concatenate([first.faces, second.faces + len(first.points)]),
@@ -201,7 +201,7 @@ def _clumps(random: np.random.Generator) -> Points:
     noise = random.normal(size=(ROWS, COLUMNS))
     smooth = ndimage.gaussian_filter(noise, (5.0, 0.7), mode=("nearest", "wrap"))
     smooth /= np.abs(smooth).max()
-    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # all strands meet at the crown
+    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # All strands meet at the crown.
     return smooth * fade
 
 

@@ -68,7 +68,7 @@ def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPar
 
 
 def eye_part(body: Body, side: str) -> SkinPart:
-    """Return one eyeball, textured by looking at it from ahead."""
+    """Return one eyeball with its texture projected from the front."""
     faces = surface.triangles(data.base_mesh().groups[f"helper-{side}-eye"].quads)
     used = np.unique(faces)
     centre, radius = _sphere(body.vertices[used])
@@ -166,7 +166,7 @@ def _mask_on_head(body: Body, name: str) -> Points:
     mask = data.mask(name)
     texel = (coordinates[first] * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # only the front counts: what lies behind has its own place in azimuth, but the mouth's inside does not
+    # Only the front counts: the back has its own azimuths, but the mouth's inside shares those of the lips.
     places = _head_uvs(body, body.vertices[corners])
     front = body.vertices[corners, 1] > hair.head_centre(body)[1] + 0.05
     u, v = textures.grid()
@@ -180,13 +180,13 @@ def _mask_on_head(body: Body, name: str) -> Points:
 
 @lru_cache(maxsize=1)
 def _outside() -> tuple[Indices, Indices]:
-    """Return the body's quads that can be seen from outside (without the inside of the mouth), and their texture indices."""
+    """Return the body's quads that are visible from outside (without the inside of the mouth), and their texture indices."""
     mesh = data.base_mesh()
     group = mesh.groups["body"]
     mask = data.mask("inside-mouth")
     texel = (mesh.uvs[group.quad_uvs].mean(axis=1) * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # the lips' inner rim stays: between open lips one looks onto it
+    # The lips' inner rim stays, since it is visible between open lips.
     keep = ndimage.minimum_filter(mask[::4, ::4], 9)[row // 4, column // 4] < 128
     return group.quads[keep], group.quad_uvs[keep]
 

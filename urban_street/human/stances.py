@@ -21,9 +21,9 @@ POSES: Final = ("walking", "standing", "phone", "waving")
 GAITS: Final = ("walking",)
 #: Things that a figure can carry; ``own`` stands for the character's own thing.
 CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
-#: The stance of every figure by default: its first instant is shortly after a heel has struck, with both feet on the ground.
+#: The default stance of every figure: the instant shortly after a heel strike, with both feet on the ground.
 DEFAULT: Final = Stance("walking", 0.0, "own")
-#: Instants of the walk that exist: a gait phase is rounded to the nearest one.
+#: Number of instants of the walk: a gait phase is rounded to the nearest instant.
 GAIT_STEPS: Final = 16
 
 #: Share of the cycle after each heel strike during which both feet carry.
@@ -43,8 +43,8 @@ class Reach:
     Attributes:
         upper, fore: of upper arm and forearm.
         hand: of the hand, from the wrist to the knuckles.
-        palm: that the palm faces.
-        grip: how much more the fingers are curled than at rest.
+        palm: direction that the palm faces.
+        grip: curl of the fingers beyond the rest pose.
     """
 
     upper: Direction
@@ -70,10 +70,10 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[s
 
     Args:
         body: the shaped body.
-        gait: how it walks; its phase is the first instant.
+        gait: its gait, whose phase is the first instant.
         pose: one of `POSES`.
-        step: how many `GAIT_STEPS`-ths of a cycle later.
-        held: what is carried; an umbrella takes the right hand, a shopping bag the left one.
+        step: `GAIT_STEPS`-ths of a cycle after the first instant.
+        held: the carried thing; an umbrella takes the right hand, a shopping bag the left one.
 
     Raises:
         UnknownName: no such pose.
@@ -104,8 +104,8 @@ def feet_on_ground(
 ) -> dict[str, Rotation]:
     """Bring the feet that carry to the ground.
 
-    Both feet while both carry (standing, and the first eighth of each step, see `plant`); else the carrying foot is laid
-    flat until its heel rises, and the other one is lifted clear of the ground.
+    While both feet carry (standing, and the first eighth of each step, see `plant`), both are planted. Otherwise the
+    carrying foot lies flat until its heel rises, and the other foot is lifted clear of the ground.
 
     Args:
         body, gait, pose, step: as for `rotations`, whose result is ``turns``.
@@ -175,15 +175,15 @@ def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
     along, palm = hand_axes(body, side)
     shoulder = between(upper, towards(reach.upper))
     elbow = between(fore, shoulder.inv().apply(towards(reach.fore)))
-    wanted = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
+    turn = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
     # half of the wrist's twist belongs to the forearm: its two bones turn about each other
-    wrist = (shoulder * elbow).inv() * wanted
+    wrist = (shoulder * elbow).inv() * turn
     half = Rotation.from_rotvec(0.5 * _twist(wrist, fore) * fore)
     elbow = elbow * half
     turns = {
         f"upperarm_{side}": shoulder,
         f"lowerarm_{side}": elbow,
-        f"hand_{side}": (shoulder * elbow).inv() * wanted,
+        f"hand_{side}": (shoulder * elbow).inv() * turn,
     }
     return turns | fingers(body, side, reach.grip)
 

@@ -24,7 +24,7 @@ SLEEVE_START: Final = 0.62
 
 @dataclass(slots=True, eq=False)
 class Canvas:
-    """A texture in the making.
+    """A texture under construction.
 
     Attributes:
         colour: (H, W, 3) sRGB 0…255.

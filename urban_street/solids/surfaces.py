@@ -42,7 +42,7 @@ class Surface:
         return Surface(self.positions @ linear.T + matrix[:3, 3], unit(normals), self.uvs, self.faces)
 
     def selected(self, mask: NDArray[np.bool_]) -> Surface:
-        """Return only the faces where ``mask`` (F,) holds, with the vertices that they use."""
+        """Return only the faces with a true ``mask`` (F,), and the vertices that they use."""
         faces = self.faces[mask]
         used, compact = np.unique(faces, return_inverse=True)
         return Surface(self.positions[used], self.normals[used], self.uvs[used], compact.reshape(-1, 3))

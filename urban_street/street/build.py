@@ -1,4 +1,4 @@
-"""From a layout to meshes, materials and textures."""
+"""Build meshes, materials and textures from a layout."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreetContent:
-    """All objects of a street and what they are made of."""
+    """All objects of a street, with their materials and textures."""
 
     parts: tuple[Part, ...]
     materials: dict[str, Material]
@@ -77,7 +77,7 @@ def _transform(placement: Placement) -> Matrix:
 
 
 class _Workshop:
-    """Builds what is unique and keeps what is shared."""
+    """Builder of the objects, with a store of shared shapes."""
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed
@@ -92,10 +92,10 @@ class _Workshop:
         fine = _NEAR[0] < placement.y < _NEAR[1]
         key = (placement.kind, placement.variant, fine)
         if key not in self._vehicles:
-            built = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
-            self._vehicles[key] = built
-            self.materials |= built.materials
-            self.textures |= built.textures
+            content = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
+            self._vehicles[key] = content
+            self.materials |= content.materials
+            self.textures |= content.textures
         return self._vehicles[key]
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:

@@ -1,4 +1,4 @@
-"""Layout of a street: seeded rules for the places of things, no shapes.
+"""Lay out a street: seeded rules for the places of things, no shapes.
 
 People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
 stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
@@ -47,9 +47,9 @@ _PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van":
 CAR_MODELS = 6
 TREE_MODELS = 3
 _KERB_GAP = 0.2
-#: Up to here along the street people are varied: some bays stay free, so that most places are seen past the cars.
+#: End of the people's range along the street: some bays up to here stay free, so that most places are visible past the cars.
 WALK_STOP = 34.0
-#: Signs: left side?, about where, which face (`textures.things.sign_faces`).
+#: Signs: left side?, approximate place, face (`textures.things.sign_faces`).
 _SIGNS = (
     (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
     (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
@@ -194,7 +194,7 @@ def _add_house(
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Return the number of window axes of a front, and which of them has the door."""
+    """Return the number of window axes of a front, and the index of the axis with the door."""
     bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
     return bays, int(rng.integers(bays))
 
@@ -287,9 +287,10 @@ def _place_large_vehicles(plan: Plan) -> None:
     """Place a delivery truck and a bus in the cross street at the far end."""
     for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
         length, width, _ = dimensions(kind)
-        placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
+        placement = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
         plan.block(
-            placed, turned_rectangle(x, y, placed.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+            placement,
+            turned_rectangle(x, y, placement.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
         )
 
 
@@ -298,8 +299,8 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
     keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
-    for kind, tries, wanted in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
-        found = 0
+    for kind, tries, number in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
+        count = 0
         length, width, _ = dimensions(kind)
         for _ in range(tries):
             left = bool(rng.random() < 0.5)
@@ -313,16 +314,16 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
             low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
             polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
             if (
-                found == wanted
+                count == number
                 or lines.in_side_street(y, SIDE_HALF, left=left)
                 or shapely.Polygon(polygon).buffer(0.35).intersects(keep_free)
                 or not plan.is_free(polygon, 0.35)
             ):
                 continue
             z = 0.0 if kind == "motorcycle" else lines.kerb_height
-            placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
-            plan.block(placed, polygon)
-            found += 1
+            placement = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
+            plan.block(placement, polygon)
+            count += 1
 
 
 def _whole(degrees: float) -> float:
@@ -399,9 +400,9 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
     ) -> Placement:
         x = plan.lines.left_kerb - inset if left else plan.lines.right_kerb + inset
         heading = 0.0 if left else math.pi
-        placed = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
-        plan.block(placed, disc(x, y, radius))
-        return placed
+        placement = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
+        plan.block(placement, disc(x, y, radius))
+        return placement
 
     for left in (True, False):
         y = 12.0 if left else 24.5

@@ -1,4 +1,4 @@
-"""Layout of the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
+"""Lay out the street furniture: shelter and stop, benches, bins, stands, railings, signals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from urban_street.street.plan import SIDE_HALF, Spot
 from urban_street.street.planning import Plan
 
-#: Nothing stands nearer to the cameras than this, metres along the street.
+#: Least distance of furniture from the cameras, metres along the street.
 _FIRST = 6.0
 
 
@@ -51,8 +51,10 @@ def _place_signals(plan: Plan, *, left: bool) -> None:
         return
     for crossing in plan.lines.crossings[1:]:
         x, y = _kerb(plan, 0.5, left=left), crossing + 2.2
-        placed = plan.add_where_free("pole", "mast", Spot(x, y, math.pi), ((-0.12, -0.12), (0.12, 0.12)), margin=0.25)
-        if placed:
+        placement = plan.add_where_free(
+            "pole", "mast", Spot(x, y, math.pi), ((-0.12, -0.12), (0.12, 0.12)), margin=0.25
+        )
+        if placement:
             plan.add("traffic-light", "signal", x - 3.4, y - 0.1, z=plan.lines.kerb_height + 2.15)
 
 
@@ -77,11 +79,11 @@ def _place_bus_stop(plan: Plan) -> None:
         if not flag or plan.lines.in_side_street(float(y), SIDE_HALF + 6.0, left=False):
             continue
         if width >= 2.7:
-            placed = plan.add_where_free(
+            placement = plan.add_where_free(
                 "static", "shelter", Spot(_kerb(plan, 0.55, left=False), float(y), heading), ((-2.2, -0.15), (2.2, 1.4)),
                 margin=0.25, height=2.6,
             )  # fmt: skip
-            if placed is None:
+            if placement is None:
                 continue
         x = _kerb(plan, 0.4, left=False)
         post = plan.add("pole", "post", x, float(y) - 3.2, z=plan.lines.kerb_height)
@@ -114,11 +116,11 @@ def _place_along_kerb(plan: Plan, rng: np.random.Generator, *, left: bool) -> No
         blocked = plan.lines.in_side_street(y, SIDE_HALF + 1.5, left=left) or any(
             abs(y - c) < 4.6 for c in plan.lines.crossings
         )
-        placed = None if blocked else plan.add_where_free(
+        placement = None if blocked else plan.add_where_free(
             "static", kind, Spot(_kerb(plan, inset, left=left), y, _towards_houses(left=left)), (low, high), margin=0.3,
             height=height,
         )  # fmt: skip
-        if placed is None:
+        if placement is None:
             y += 0.8
             continue
         turn += 1

@@ -42,11 +42,11 @@ def stretched_noise(
 
 def hashed(cells: NDArray[np.int64], seed: int) -> Field:
     """Map equal integers to equal numbers in [0, 1): a colour for every stone, without a table."""
-    mixed = (cells.astype(np.uint64) + np.uint64(seed % 2**32)) * np.uint64(0x9E3779B97F4A7C15)
-    mixed ^= mixed >> np.uint64(29)
-    mixed *= np.uint64(0xBF58476D1CE4E5B9)
-    mixed ^= mixed >> np.uint64(32)
-    return ((mixed >> np.uint64(40)).astype(np.float64) / 2**24).astype(np.float32)
+    bits = (cells.astype(np.uint64) + np.uint64(seed % 2**32)) * np.uint64(0x9E3779B97F4A7C15)
+    bits ^= bits >> np.uint64(29)
+    bits *= np.uint64(0xBF58476D1CE4E5B9)
+    bits ^= bits >> np.uint64(32)
+    return ((bits >> np.uint64(40)).astype(np.float64) / 2**24).astype(np.float32)
 
 
 def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
@@ -57,6 +57,6 @@ def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
 
 
 def toward(value: Field, target: NDArray[np.floating] | float, share: NDArray[np.floating]) -> Field:
-    """Return ``value`` where ``share`` is 0, ``target`` where it is 1."""
-    mixed: Field = (value + (target - value) * share).astype(np.float32)
-    return mixed
+    """Return a blend: ``value`` at ``share`` 0, ``target`` at 1."""
+    blend: Field = (value + (target - value) * share).astype(np.float32)
+    return blend

@@ -14,13 +14,13 @@ Polygon = tuple[Point, ...]
 #: Across, metres: the kerbs of a street of default width.
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
-#: Along, metres: where the carriageway and the rows of houses begin, and how far the carriageway reaches beyond the rows (both
-#: ends are closed by houses).
+#: Along, metres: the starts of carriageway and rows of houses, and the carriageway's reach beyond the rows (houses close both
+#: ends).
 ROAD_START, ROW_START = -33.0, -27.0
 _ROAD_BEYOND = 7.2
 #: Edges of the driving lane, metres from the left kerb: parking bays lie beside it.
 LANE = (2.1, 4.5)
-#: Ground on which nothing tall may stand: the cameras look across it.
+#: Ground without tall objects: the cameras look across it.
 CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
@@ -102,7 +102,7 @@ class Lines:
         return self.left_front - self.setback if left else self.right_front + self.setback
 
     def in_side_street(self, y: float, half: float, *, left: bool) -> bool:
-        """Return whether ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
+        """Return True if ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
         return self.side_y is not None and self.sides[0 if left else 1] and abs(y - self.side_y) < half
 
     def spans(self, start: float, stop: float, half: float, *, left: bool) -> list[tuple[float, float]]:
@@ -168,9 +168,9 @@ class Placement:
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
         seed: the object's own source of chance.
-        size: metres, meaning by kind (houses: width, depth, then window axes and which has the door); empty where
-            the kind says it all.
-        variant: which of the shared models or colours of that kind.
+        size: metres, meaning by kind (houses: width, depth, then the number of window axes and the index of the door's);
+            empty where the kind determines the size.
+        variant: index of the shared model or colour of that kind.
     """
 
     path: str
@@ -193,7 +193,7 @@ class Placement:
 class Footprint:
     """Ground on which nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
 
-    ``height`` (metres) is known where it differs from what is usual for things of that class.
+    ``height`` (metres) is stated where it differs from the usual height of the class.
     """
 
     path: str
@@ -211,12 +211,12 @@ class GroundRegion:
 
 @dataclass(frozen=True, slots=True)
 class StreetLayout:
-    """A street without shapes: cheap, and enough to plan and to decide which variants are legal.
+    """A street without shapes: cheap, and enough to plan and to judge variants.
 
     Attributes:
-        settings: what it was made from.
+        settings: its arguments.
         placements: every object; paths are unique.
-        footprints: what people cannot walk through.
+        footprints: ground that people cannot enter.
         ground: kerb heights.
         extent: x0, y0, x1, y1 in metres, within which the street is modelled.
     """

@@ -43,7 +43,7 @@ class Plan:
         self.footprints.append(Footprint(placed.path, polygon, height))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
-        """Return whether nothing that blocks stands within ``margin`` metres of the polygon."""
+        """Return True if no footprint lies within ``margin`` metres of the polygon."""
         shape = shapely.Polygon(polygon).buffer(margin)
         return not any(shape.intersects(shapely.Polygon(footprint.polygon)) for footprint in self.footprints)
 
@@ -55,7 +55,7 @@ class Plan:
 
         Args:
             object_class, kind: of the object.
-            spot: where it is to stand.
+            spot: its wished place.
             room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
             margin: metres that must be free around it.
             height: see `Footprint`.

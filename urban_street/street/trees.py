@@ -18,7 +18,7 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 @dataclass(frozen=True, slots=True)
 class TreeSettings:
-    """Shape of one tree; lengths in metres.
+    """The shape of one tree; lengths in metres.
 
     Attributes:
         height: of the crown's top above the foot.
@@ -47,7 +47,7 @@ class TreeSettings:
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """A species: its shape and what it is made of.
+    """A species: its shape and its materials.
 
     Attributes:
         shape: in summer.
@@ -108,7 +108,7 @@ def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) ->
 
     Args:
         shape: in summer.
-        season: which.
+        season: the season.
         blossoms: whether spring covers the tree densely.
     """
     if season == "spring" and not blossoms:
@@ -195,13 +195,13 @@ def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Gene
 
 def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
     """Return (branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
-    chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
+    targets = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
-    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
+    return _reach(limbs, centre + (targets - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
-    """Return (N, 4, 3): curves from the nearest point in the outer part of the given wood to each target."""
+    """Return (N, 4, 3): curves from the nearest point in the outer part of the wood to each target."""
     outer = wood[:, wood.shape[1] // 3 :].reshape(-1, 3)
     # Wood grows up and out: starting points above the target count as farther away.
     difference = targets[:, None] - outer[None]

@@ -13,7 +13,7 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.cycle_parts import AXLE, Wheel, arc
 from urban_street.vehicles.skin import mirrored
 
-#: Places where a rider touches it.
+#: Places of contact with a rider.
 BICYCLE: Final = Contact(
     (0.0, -0.29, 0.925), (0.275, 0.20, 1.055), ((0.115, -0.005, 0.135), (-0.115, -0.155, 0.455)), 16.0
 )

@@ -29,7 +29,7 @@ KINDS: Final[dict[str, str]] = {
     "motorcycle": "motorcycle",
     "bicycle": "bicycle",
 }
-#: Length, width and height of what is no `CarDesign`, metres.
+#: Length, width and height in metres of vehicles without a `CarDesign`.
 _SIZES: Final = {
     "truck": (truck.LENGTH, truck.WIDTH, truck.HEIGHT),
     "bus": (bus.LENGTH, bus.WIDTH, bus.HEIGHT),
@@ -48,7 +48,7 @@ def build_vehicle(
         seed: decides on rim, number plate and, without ``colour``, paint; 0 is a seed like any other.
         colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
         fine: False builds a car for views from more than about 40 m, with a third of the triangles.
-        lights: how bright the lamps are, 0 off … 1 full.
+        lights: brightness of the lamps, 0 off … 1 full.
 
     Raises:
         UnknownName: no such kind or paint.

@@ -51,7 +51,7 @@ def wheels(
         design: of the rims.
         x: of the outer faces on the right, metres.
         axles: their y, metres.
-        twin: whether all axles but the first have two wheels side by side.
+        twin: two wheels side by side on all axles but the first.
         fine: see `build_wheel`.
     """
     wheel = build_wheel(size, design, fine=fine)

@@ -46,11 +46,11 @@ class Outline:
     def at_x(self, x: ArrayLike, *, front: bool) -> Floats:
         """Return arc lengths where the nose (or the tail) passes the given distance from the middle."""
         wide = int(np.argmax(self._x))
-        given = np.asarray(x, np.float64)
+        distances = np.asarray(x, np.float64)
         if front:
             falling = self._x[wide:][::-1]
-            return np.asarray(np.interp(given, np.maximum.accumulate(falling), self._arc[wide:][::-1]))
-        return np.asarray(np.interp(given, np.maximum.accumulate(self._x[: wide + 1]), self._arc[: wide + 1]))
+            return np.asarray(np.interp(distances, np.maximum.accumulate(falling), self._arc[wide:][::-1]))
+        return np.asarray(np.interp(distances, np.maximum.accumulate(self._x[: wide + 1]), self._arc[: wide + 1]))
 
 
 def smooth(places: Sequence[float] | Floats, values: ArrayLike) -> PchipInterpolator:

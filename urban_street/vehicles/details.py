@@ -13,7 +13,7 @@ PLATES = 8
 
 
 def add_side_details(half: Half, shell: Shell) -> None:
-    """Mirror and handles of the right side, arch liners."""
+    """Add mirror and handles of the right side, and arch liners."""
     d = shell.design
     _mirror(half.parts[FRONT_DOOR], shell)
     for part, y in ((FRONT_DOOR, d.doors[1] + 0.16), (REAR_DOOR, d.doors[2] + 0.10)):

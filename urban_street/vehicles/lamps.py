@@ -46,7 +46,7 @@ class VehicleLamp(NamedTuple):
 
 
 def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> Iterator[VehicleLamp]:
-    """Yield headlamps, then tail lamps, from left to right; one in the middle of what has one lens.
+    """Yield headlamps, then tail lamps, from left to right; a single lens gives one lamp in the middle.
 
     Args:
         vehicle: as built, facing +y.

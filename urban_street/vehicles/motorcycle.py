@@ -13,7 +13,7 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.cycle_parts import AXLE, Wheel, arc
 from urban_street.vehicles.details import number_plate
 
-#: Places where a rider touches it.
+#: Places of contact with a rider.
 MOTORCYCLE: Final = Contact(
     (0.0, -0.22, 0.80), (0.335, 0.30, 1.03), ((0.24, -0.12, 0.335), (-0.24, -0.12, 0.335)), 12.0
 )

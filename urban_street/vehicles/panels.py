@@ -56,7 +56,7 @@ class Panels:
         return self.half
 
     def _edge(self, patch: Patch, depth: float) -> Surface:
-        """Build the edge of a panel; from afar there is none to be seen."""
+        """Build the edge of a panel; bodies for far views have none."""
         return flange(patch, depth) if self.shell.fine else merge([])
 
     # -- outlines -----------------------------------------------------------------------------------------------------
@@ -132,12 +132,12 @@ class Panels:
         flap = shell.side_polygon(self._flap)
         self._metal(body, ring, shrunk(rest.difference(flap), _GAP, ring.domain), plastic)
         self._metal(body, ring, shrunk(flap.intersection(metal), _GAP, ring.domain), plastic)
-        # What one sees at the bottom of the gaps.
+        # The bottom of the gaps.
         body.add("vehicle-gap", cut(ring.coarse(), metal.difference(seen_into).simplify(0.01), offset=-_DEPTH).surface)
 
     @property
     def _flap(self) -> Floats:
-        """Return the filler flap (on both sides: nobody sees both)."""
+        """Return the filler flap (on both sides, which no view shows together)."""
         d = self.design
         y, z = d.rear_axle + 0.10, d.tyre + d.arch + 0.11
         angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
@@ -355,7 +355,7 @@ class Panels:
 
     @property
     def _has_quarter(self) -> bool:
-        """Return whether there is a third side window, behind the doors."""
+        """Return True if there is a third side window, behind the doors."""
         _, _, second, quarter = self._posts()
         return not self.design.panel_van and second - quarter > 0.22
 

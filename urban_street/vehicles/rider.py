@@ -27,8 +27,8 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
 
     Args:
         mount: ``bicycle`` or ``motorcycle``.
-        character: who it is, a name of `urban_street.human.CHARACTERS`.
-        helmet: None: on a motorcycle yes, on a bicycle no.
+        character: a name of `urban_street.human.CHARACTERS`.
+        helmet: None means yes on a motorcycle, no on a bicycle.
 
     Returns:
         One part, ``body``, with the joints; the class is ``rider``. The footprint is that of the vehicle.
@@ -42,7 +42,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
     person, seat = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
-    # The pose is another mesh, so its materials must not be taken for the walking character's.
+    # The seated pose is another mesh, so its materials need names other than the walking character's.
     prefix = f"rider-{mount}/"
     materials: dict[str, Material] = {
         prefix + name: replace(material, name=prefix + name) for name, material in person.materials.items()

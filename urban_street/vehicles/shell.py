@@ -115,7 +115,7 @@ class Shell:
         )
 
     def _detailed(self, master: Master) -> Master:
-        """Return the surface with as many lines as this shell has."""
+        """Return the surface with the number of lines of this shell."""
         return master if self.fine else master.coarse(2)
 
     @property
@@ -171,7 +171,7 @@ class Shell:
         return rounded(shape, rounding, self.ring.domain) if rounding else shape
 
     def arch(self, axle: float, *, wider: float = 0.0) -> Floats:
-        """Return (M, 2) the circle of a wheel arch in (y, z), widened, as far as it is above the sill."""
+        """Return (M, 2): the widened circle of a wheel arch in (y, z), as far as it lies above the sill."""
         angle = np.linspace(-0.35, np.pi + 0.35, 41)
         radius = self.design.arch + wider
         return np.column_stack([axle + radius * np.cos(angle), self.design.tyre + radius * np.sin(angle)])
@@ -232,7 +232,7 @@ class Shell:
             t = self.deck_t(y)
             return self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 0] - inset
 
-        # Pairs of places at belt and roof that belong together: the pillars.
+        # Pairs of places at belt and roof: the pillars.
         pairs = sorted([(d.rear_base, d.rear_top), d.quarter, *d.posts, (d.pillar_base, d.pillar_top)])
         low, high = np.array(pairs).T
         share = (q_side - 1.0) * (d.pillar_base - d.rear_base) + d.rear_base
@@ -394,7 +394,7 @@ def _rounded_corners(line: Floats, reach: int) -> Floats:
 
 
 def extended(shape: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
-    """Return the shape continued, mirrored, across those borders of its frame that it touches: the border is no edge of it."""
+    """Return the shape continued, mirrored, across the borders of its frame that it touches, so that they are no edges."""
     x0, y0, x1, y1 = frame.bounds
     pieces = [shape]
     for axis, border in ((0, x0), (0, x1), (1, y0), (1, y1)):

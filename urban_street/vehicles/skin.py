@@ -1,7 +1,7 @@
 """Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
 
-A body is modelled as in a design studio: one smooth surface says where the sheet metal is, outlines drawn on it say
-where a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
+A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define where
+a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
 gap between two panels is a real groove.
 """
 
@@ -30,7 +30,7 @@ class Master:
     Attributes:
         points: (N, 2) domain points to (N, 3) metres. The outside is where d/da × d/db points.
         low, high: corners of the domain.
-        lines: where the triangles of the untrimmed surface have their edges: values of a, values of b.
+        lines: edges of the untrimmed surface's triangles: values of a, values of b.
     """
 
     points: Callable[[Floats], Floats]
@@ -105,7 +105,7 @@ def _triangles(master: Master, region: BaseGeometry) -> Floats:
     low = np.stack([left.ravel(), lower.ravel()], -1)[inside]
     high = np.stack([right.ravel(), upper.ravel()], -1)[inside]
     square = np.stack([low, np.stack([high[:, 0], low[:, 1]], -1), high, np.stack([low[:, 0], high[:, 1]], -1)], 1)
-    found = [square[:, [0, 1, 2]], square[:, [0, 2, 3]]]
+    corners = [square[:, [0, 1, 2]], square[:, [0, 2, 3]]]
     pieces = shapely.get_parts(shapely.intersection(region, cells[crossed]))
     pieces = pieces[(shapely.get_type_id(pieces) == 3) & (shapely.area(pieces) > 1e-9)]
     if len(pieces):
@@ -114,8 +114,8 @@ def _triangles(master: Master, region: BaseGeometry) -> Floats:
         sides = points[:, 1:] - points[:, :1]
         turn = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
         points = np.where((turn < 0.0)[:, None, None], points[:, ::-1], points)
-        found.append(points[np.abs(turn) > 1e-10])
-    return np.concatenate(found)
+        corners.append(points[np.abs(turn) > 1e-10])
+    return np.concatenate(corners)
 
 
 def _within(lines: Floats, low: float, high: float) -> Floats:

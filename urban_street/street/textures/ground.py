@@ -72,7 +72,9 @@ def asphalt(
     """
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
-    ends = smoothstep(0.0, 0.8, along) * smoothstep(0.0, 0.8, ROAD_TILE[1] - along)  # pieces must meet: no patch there
+    ends = smoothstep(0.0, 0.8, along) * smoothstep(
+        0.0, 0.8, ROAD_TILE[1] - along
+    )  # Pieces must meet, so the ends get no patch.
     albedo = np.full(shape, 0.115, np.float32)
     albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
     grain = band_noise(shape, rng, longest=6, slope=0.0)
@@ -177,7 +179,7 @@ def _patches(
         albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
         seam = np.exp(-((inside / 0.02) ** 2))
         albedo *= 1.0 - 0.5 * seam
-        # What is darker than the road is fresh, and still covered with its binder.
+        # Patches darker than the road are fresh, and still covered with binder.
         roughness = toward(toward(roughness, _FRESH if tone < 1.0 else _OLD, fill), _BITUMEN, seam)
     return albedo, roughness
 
