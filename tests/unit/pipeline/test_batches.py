@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie import plugins
 from valerie.errors import TransientError
 from valerie.testing.blank import BlankFunction

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import SMALL, Pipeline
+from tests.world.blank import SMALL, Pipeline
 from valerie.db import results, runs, sweeping
 from valerie.db.engine import reading, writing
 from valerie.db.models import Block

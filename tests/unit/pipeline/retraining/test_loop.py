@@ -1,5 +1,4 @@
 import json
-import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -7,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[3]))
-
-from sketch.runs import open_sketch, settings_of, spec, work
-
+from tests.world.drawn import DrawnWorld, spec
+from tests.world.world import settings_of
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.shipped import file_document, function_path
@@ -28,8 +25,8 @@ FAR = "distance_m > 25"
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Context, str]:
     """A drawn run of the real street's manifest: both functions, distances of 17 to 47 m."""
-    context, bell = open_sketch(settings_of(tmp_path_factory.mktemp("retraining")))
-    return context, work(context, bell, spec("weak"))
+    world = DrawnWorld(settings_of(tmp_path_factory.mktemp("retraining")))
+    return world.context, world.work(spec("weak"))
 
 
 def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(drawn: tuple[Context, str]) -> None:
