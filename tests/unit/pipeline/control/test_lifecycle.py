@@ -14,6 +14,7 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict
 from valerie.pipeline.control import lifecycle
 from valerie.runs.states import ProductState
+from valerie.storage.keys import PRODUCTS, run_prefix
 
 ONE = {"vary": [["person-1.pos.y", "HOMOGENEOUS", 5.0, 5.0, 1.0]], "cameras": ["camera-1"]}
 
@@ -67,8 +68,8 @@ def test_what_cannot_be_done_names_the_states_in_which_it_can(world: DrawnWorld)
 
 def test_a_deleted_runs_own_objects_are_gone_and_its_products_stay(world: DrawnWorld) -> None:
     run_id = world.work(spec("r", **ONE))
-    assert world.context.store.usage(f"runs/{run_id}").objects == 4
-    kept = world.context.store.usage("products").objects
+    assert world.context.store.usage(run_prefix(run_id)).objects == 4
+    kept = world.context.store.usage(PRODUCTS).objects
     lifecycle.delete(world.context, run_id)
-    assert world.context.store.usage(f"runs/{run_id}").objects == 0
-    assert world.context.store.usage("products").objects == kept > 0
+    assert world.context.store.usage(run_prefix(run_id)).objects == 0
+    assert world.context.store.usage(PRODUCTS).objects == kept > 0
