@@ -6,7 +6,6 @@ import itertools
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -19,8 +18,6 @@ import pytest
 
 from valerie.embedded import redis_server
 from valerie.settings import load_settings
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 _NOBODY = 65_534
 _SECONDS = 60.0

@@ -18,25 +18,23 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from tests.world.drawn import DrawnRuns, draw_runs, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.logs import configure_logging
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
 
 
 @dataclass(frozen=True)
-class Deployment:
-    """A served database with a finished, a failed and a running run."""
+class Deployment(DrawnRuns):
+    """A served database with the drawn runs."""
 
     client: httpx.Client
-    finished: str
-    failed: str
-    running: str
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _logs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    from sketch.runs import settings_of
-
     configure_logging(settings_of(tmp_path_factory.mktemp("logs"), log_level="error"))
     yield
     structlog.reset_defaults()
@@ -46,31 +44,11 @@ def _logs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def deployment(
     new_database: Callable[[], str], redis_url: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Deployment]:
-    with _deployed(new_database(), redis_url, tmp_path_factory.mktemp("postgres")) as deployment:
-        yield deployment
-
-
-def _deployed(database_url: str, broker_url: str, folder: Path) -> Any:
-    from contextlib import contextmanager
-
-    from sketch.runs import open_sketch, settings_of, spec, work
-    from sketch.serving import served
-
-    @contextmanager
-    def deployments() -> Iterator[Deployment]:
-        settings_ = settings_of(folder, database_url=database_url, broker_url=broker_url)
-        context, bell = open_sketch(settings_)
-        finished = work(context, bell, spec("finished"))
-        dim = {"constants": {"sun-1.elevation": 12}}
-        failed = work(
-            context, bell, spec("failed", **dim), broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4
-        )
-        running = work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=100)
-        context.engine.dispose()
-        with served(create_app(settings_, control=False)) as client:
-            yield Deployment(client, finished, failed, running)
-
-    return deployments()
+    folder = tmp_path_factory.mktemp("postgres")
+    settings = settings_of(folder, database_url=new_database(), broker_url=redis_url)
+    runs = draw_runs(settings)
+    with served(create_app(settings, control=False)) as client:
+        yield Deployment(**vars(runs), client=client)
 
 
 def table(deployment: Deployment) -> list[dict[str, Any]]:
@@ -101,9 +79,6 @@ def test_database_broker_and_store_answer(deployment: Deployment) -> None:
 
 
 def test_without_a_broker_the_server_is_not_ready_and_says_why(new_database: Callable[[], str], tmp_path: Path) -> None:
-    from sketch.runs import settings_of
-    from sketch.serving import served
-
     with served(create_app(settings_of(tmp_path, database_url=new_database()), control=False)) as client:
         answer = client.get("/readyz")
         assert answer.status_code == 503
@@ -143,8 +118,6 @@ def test_points_and_neighbours_are_found(deployment: Deployment) -> None:
 
 
 def test_a_key_that_is_used_concurrently_makes_one_run(deployment: Deployment) -> None:
-    from sketch.runs import spec
-
     def post(_: int) -> httpx.Response:
         return deployment.client.post("/v1/runs", json=spec("at once"), headers={"Idempotency-Key": "at-once"})
 
@@ -173,8 +146,6 @@ def test_a_retry_sends_messages_that_the_queues_count(deployment: Deployment) ->
 
 
 def test_a_deleted_run_is_gone(deployment: Deployment) -> None:
-    from sketch.runs import spec
-
     run = deployment.client.post("/v1/runs", json=spec("short-lived")).json()["id"]
     deployment.client.post(f"/v1/runs/{run}/cancel")
     assert deployment.client.delete(f"/v1/runs/{run}").status_code == 204

@@ -22,6 +22,9 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from services.api.app import create_app
+from tests.world.drawn import DrawnWorld, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.logs import configure_logging
 from valerie.settings import load_settings
 
@@ -36,15 +39,12 @@ CHECKS = [
 @pytest.fixture(scope="module")
 def schema(new_database: Callable[[], str], redis_url: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """The document of a server over Postgres with a finished run; half of the addresses name what exists."""
-    from sketch.runs import open_sketch, settings_of, spec, work
-    from sketch.serving import served
-
     folder: Path = tmp_path_factory.mktemp("fuzz")
     settings_ = settings_of(folder, database_url=new_database(), broker_url=redis_url, log_level="error")
     configure_logging(settings_)
-    context, bell = open_sketch(settings_)
-    run = work(context, bell, spec("finished", vary=[["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0]]))
-    context.engine.dispose()
+    world = DrawnWorld(settings_)
+    run = world.work(spec("finished", vary=[["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0]]))
+    world.context.engine.dispose()
     with served(create_app(settings_, control=False)) as client:
         frame = client.get(f"/v1/runs/{run}/frames").json()["items"][0]
         real = {

@@ -11,6 +11,9 @@ import pytest
 import structlog
 
 from services.api.app import create_app
+from tests.world.drawn import DrawnWorld, layer_of_variant_4, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.measures import Source, measures_from
 from valerie.perception.documents.cards import card_rows
 from valerie.pipeline.functions import registry
@@ -38,20 +41,17 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A server with a finished, a failed and a running run, and two versions of a function."""
-    from sketch.runs import open_sketch, settings_of, spec, work
-    from sketch.serving import served
-
     folder = tmp_path_factory.mktemp("dashboard")
-    context, bell = open_sketch(settings_of(folder, log_level="error"))
-    work(context, bell, spec("finished"))
+    world = DrawnWorld(settings_of(folder, log_level="error"))
+    world.work(spec("finished"))
     failing = spec("lost a layer", constants={"sun-1.elevation": 12})
-    work(context, bell, failing, broken=lambda job: job.kind == "layer" and job.frame.key.variant == 4)
+    world.work(failing, broken=layer_of_variant_4)
     walk = {"vary": [["person-1.trajectory.start", "HOMOGENEOUS", 0, 1, 1]], "cameras": ["camera-1"]}
     way = {"person-1": [[0, -1, 8], [2, 2, 8]]}
-    work(context, bell, spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
-    work(context, bell, spec("running", constants={"sun-1.elevation": 25}), products=150)
+    world.work(spec("walking", sequence={"frames": 3, "step": "500 ms"}, trajectories=way) | walk)
+    world.work(spec("running", constants={"sun-1.elevation": 25}), products=150)
     for provenance in ({**SECOND, "source": "first.onnx"}, SECOND):
-        registry.register(context, *small_onnx(folder, provenance=provenance))
+        registry.register(world.context, *small_onnx(folder, provenance=provenance))
     with served(create_app(settings_of(folder, api_token=TOKEN), control=False), token=TOKEN) as client:
         yield str(client.base_url).rstrip("/")
     structlog.reset_defaults()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tests.unit.pipeline.harness import completed_run
+from tests.world.blank import completed_run
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -105,10 +106,13 @@ def test_versions_that_run_unlike_are_compared_only_when_that_is_asked_for(
     assert second.startswith("torch-")
 
 
-def test_progress_says_how_many_how_fast_and_how_long(capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_says_how_many_how_fast_and_how_long(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     lines = Lines("frames")
     lines.tell(1, 10, 2.0)  # too early for a line
-    lines._shown_at -= 60
+    later = time.monotonic() + 60
+    monkeypatch.setattr(time, "monotonic", lambda: later)
     lines.tell(4, 10, 2.0, "note")
     lines.tell(10, 10, 0.5)
     assert capsys.readouterr().err.splitlines() == [

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from services.api.app import create_app
 from tests.acceptance.system import spec, write_box_street
-from tests.sketch.serving import served
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
+from tests.world.serving import served
 from valerie.cli.main import app
 from valerie.client import ServerProblemError
 from valerie.db import results

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
-from sketch.runs import FUNCTIONS, open_sketch, settings_of, spec, work
-from sketch.training import class_here, draw_frames
-
+from tests.world.drawn import FUNCTIONS, DrawnWorld, spec
+from tests.world.training import class_here, draw_frames
+from tests.world.world import settings_of
 from valerie.cli.main import app
 from valerie.errors import InvalidInput
 
@@ -23,9 +20,9 @@ WEAK = "pacc < 0.9 and distance_m > 25"
 
 def test_for_a_run_with_several_functions_the_command_of_each_is_shown(tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    context, bell = open_sketch(settings_of(folder))
-    run_id = work(context, bell, spec("two functions"), products=0)
-    context.engine.dispose()
+    world = DrawnWorld(settings_of(folder))
+    run_id = world.work(spec("two functions"), products=0)
+    world.context.engine.dispose()
     given = ["train", "--from", run_id, "--where", WEAK, "--anywhere", "--steps", "7", "--data-dir", str(folder)]
     refused = CliRunner().invoke(app, given).exception
     assert isinstance(refused, InvalidInput)
@@ -43,10 +40,10 @@ def test_a_new_version_is_trained_registered_and_compared_in_one_command(
 ) -> None:
     folder = tmp_path / "data"
     deployment = settings_of(folder)
-    context, bell = open_sketch(deployment, infer_class=class_here("semantic-fpn-small", deployment))
+    world = DrawnWorld(deployment, infer_class=class_here("semantic-fpn-small", deployment))
     along_the_street = [["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 5.0]]
-    run_id = work(context, bell, spec("validation", vary=along_the_street, functions=["semantic-fpn-small"]))
-    context.engine.dispose()
+    run_id = world.work(spec("validation", vary=along_the_street, functions=["semantic-fpn-small"]))
+    world.context.engine.dispose()
     monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     monkeypatch.setenv("VALERIE_MIN_FREE_MB", "0")
     monkeypatch.setenv("VALERIE_BROKER_URL", "memory://")

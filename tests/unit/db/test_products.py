@@ -1,14 +1,13 @@
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import Connection, Engine, event, select, update
 
+from tests.unit.db.rows import digest, product, write_run
 from valerie.db import products, runs, sweeping, totals
 from valerie.db.engine import reading, writing
 from valerie.db.models import PersonView, Product
@@ -17,9 +16,6 @@ from valerie.db.statements import insert_ignoring
 from valerie.runs.frames import FrameKey, FrameProducts
 from valerie.runs.products import FailedInput, Fault
 from valerie.runs.states import UPLOADED_ROUTE, ProductKind
-
-sys.path.insert(0, str(Path(__file__).parent))
-from rows import digest, product, write_run
 
 NO = Fault(stage=ProductKind.LAYER, type="RenderingError", message="no", attempts=1)
 ALL = [digest(name) for name in "bltpe"]

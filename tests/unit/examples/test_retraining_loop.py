@@ -5,18 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
-from sketch.runs import open_sketch, settings_of, spec, work
-from sketch.training import DRAWS, class_here, draw_frames
-
 from examples.retraining.loop import FUNCTION, close_the_loop
+from tests.world.drawn import DrawnWorld, spec
+from tests.world.training import DRAWS, class_here, draw_frames
+from tests.world.world import settings_of
 from valerie.perception.importing.function_file import read_header
 from valerie.pipeline.retraining.loop import RetrainSettings
 from valerie.storage.keys import run_key
@@ -31,19 +28,19 @@ def test_a_run_is_shown_beside_two_new_versions(
 ) -> None:
     monkeypatch.setattr("valerie.pipeline.retraining.loop.render_frames", draw_frames)
     deployment = settings_of(tmp_path / "data")
-    context, bell = open_sketch(deployment, infer_class=class_here(FUNCTION, deployment))
-    run_id = work(context, bell, spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))
+    world = DrawnWorld(deployment, infer_class=class_here(FUNCTION, deployment))
+    run_id = world.work(spec("validation", vary=ALONG_THE_STREET, functions=[FUNCTION]))
     settings = RetrainSettings(
         frames=2, streets=1, width=160, height=96, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
-    document = close_the_loop(context, run_id, WEAK, settings, tmp_path / "out")
+    document = close_the_loop(world.context, run_id, WEAK, settings, tmp_path / "out")
     written = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert written == json.loads(json.dumps(document))
     versions = [FUNCTION, f"{FUNCTION}-targeted", f"{FUNCTION}-random"]
     assert written["versions"] == versions
     assert set(written["changes"]) == set(versions[1:])
 
-    table = context.store.get(run_key(run_id, "evaluations.csv")).decode()
+    table = world.context.store.get(run_key(run_id, "evaluations.csv")).decode()
     rows = [row for row in csv.DictReader(io.StringIO(table)) if row["function"] == FUNCTION and row["pacc"]]
     found, all_pixels = (sum(int(row[name]) for row in rows) for name in ("tp", "fn"))
     everyone = written["groups"][0]

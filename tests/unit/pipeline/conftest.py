@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.acceptance.system import write_box_street
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 
 
 @pytest.fixture(scope="session")

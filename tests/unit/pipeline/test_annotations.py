@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.datasets import coco
 from valerie.db import results
 from valerie.db.engine import reading

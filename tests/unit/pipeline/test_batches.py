@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie import plugins
 from valerie.errors import TransientError
+from valerie.storage.keys import PRODUCTS
 from valerie.testing.blank import BlankFunction
 
 Picture = NDArray[np.uint8]
@@ -62,7 +63,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, pipelines: Callable[..., Pipeline]) 
 
 def predictions(pipeline: Pipeline) -> dict[str, bytes]:
     store = pipeline.context.store
-    return {info.key: store.get(info.key) for info in store.list("products/prediction")}
+    return {info.key: store.get(info.key) for info in store.list(f"{PRODUCTS}prediction")}
 
 
 def test_pictures_of_one_message_are_predicted_together_with_the_same_results(opened) -> None:  # type: ignore[no-untyped-def]

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.pipeline.functions.probe import probe_engine, probe_function

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
 from tests.unit.label_server import Server
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import SMALL, Pipeline
+from tests.world.blank import SMALL, Pipeline
 from valerie.db import results, runs, sweeping
 from valerie.db.engine import reading, writing
 from valerie.db.models import Block
@@ -25,7 +25,7 @@ from valerie.runs.spec import parse
 from valerie.runs.states import ProductKind, Stage
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
-from valerie.storage.keys import product_key
+from valerie.storage.keys import PRODUCTS, product_key, run_prefix
 
 FRAMES = 24
 ALL = {"background": 2, "layer": FRAMES, "truth": FRAMES, "prediction": FRAMES, "evaluation": FRAMES}
@@ -50,7 +50,7 @@ class TestAnUndisturbedRun:
         assert pipeline.run(run) == "completed"
         assert pipeline.made() == ALL
         assert len(rows(pipeline, run)) == 2 * FRAMES
-        names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(f"runs/{run}")}
+        names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(run_prefix(run))}
         assert names == {"report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
         progress = pipeline.row(run).progress
         assert progress is not None
@@ -180,7 +180,7 @@ class TestFailures:
             if not lost:
                 layer = job.frame.products.layer
                 lost.append(layer)
-                pipeline.context.store.delete(f"products/layer/{layer[:2]}/{layer}.zst")
+                pipeline.context.store.delete(product_key("layer", layer))
 
         pipeline.makers["infer"].before = lose_a_layer
         assert pipeline.run(pipeline.submit()) == "completed"
@@ -211,7 +211,7 @@ class TestFailures:
 
         def harm(job: Any) -> None:
             if not keys and job.kind == "evaluation":
-                keys.extend(info.key for info in pipeline.context.store.list("products/statics"))
+                keys.extend(info.key for info in pipeline.context.store.list(f"{PRODUCTS}statics"))
                 pipeline.context.store.delete(keys)
                 if damage == "broken":
                     pipeline.context.store.put(keys[0], b"nothing of it", replace=True)
@@ -228,8 +228,7 @@ class TestFailures:
             if not spoilt:
                 truth = job.frame.products.truth
                 spoilt.append(truth)
-                key = f"products/truth/{truth[:2]}/{truth}.zst"
-                pipeline.context.store.put(key, b"not a truth", replace=True)
+                pipeline.context.store.put(product_key("truth", truth), b"not a truth", replace=True)
 
         pipeline.makers["eval"].before = spoil_a_truth
         assert pipeline.run(pipeline.submit()) == "completed"
@@ -300,7 +299,7 @@ class TestSteering:
         assert gc.collect(pipeline.context).products == 4 * 8
         # Two backgrounds and the statics' truth, which is the same for both cameras of the testing engine.
         assert len(pipeline.products()) == 2 + 1 + 4 * 16
-        assert len(list(pipeline.context.store.list("products"))) == 2 + 1 + 3 * 16
+        assert len(list(pipeline.context.store.list(PRODUCTS))) == 2 + 1 + 3 * 16
         assert len(rows(pipeline, second)) == 2 * 16
         with reading(pipeline.context.engine) as connection, pytest.raises(NotFound):
             runs.get(connection, first)

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
 from valerie.analysis.summary_text import summary_text

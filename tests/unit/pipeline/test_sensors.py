@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from tests.acceptance.system import spec, write_box_street
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.pipeline.base.resolved_runs import read_run

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs

@@ -1,11 +1,6 @@
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-
-# The oracle stands beside its tests, which are imported without packages.
-sys.path.insert(0, str(Path(__file__).parent))
 
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.renderer import RasterRenderer

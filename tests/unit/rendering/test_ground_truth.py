@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scene_rays import assert_agrees, near_edges, trace, triangles_of
 
+from tests.unit.rendering.scene_rays import assert_agrees, near_edges, trace, triangles_of
 from valerie.errors import InvalidInput, UnknownName
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass

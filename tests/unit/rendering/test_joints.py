@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scene_rays
 from numpy.typing import NDArray
 
+from tests.unit.rendering import scene_rays
 from urban_street.human.figure import figure
 from urban_street.vehicles import build_rider, build_vehicle
 from valerie.rendering.annotations.joints import (

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_rays import assert_agrees, trace, triangles_of
 
+from tests.unit.rendering.scene_rays import assert_agrees, trace, triangles_of
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass

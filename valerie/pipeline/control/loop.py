@@ -79,9 +79,14 @@ class ControlLoop:
         except TransientError:
             pass  # it ends by itself
 
-    def tick(self) -> bool:
-        """Do one round; return whether there is more to feed at once."""
+    def tick(self, *, everything: bool = False) -> bool:
+        """Do one round; return whether there is more to feed at once.
+
+        With ``everything``, also count, sweep and look at a full store, whether their time has come or not.
+        """
         now = time.time()
+        if everything:
+            self._next_count = self._next_sweep = self._next_probe = now
         with writing(self._context.engine) as connection:
             held = processes.hold_lease(
                 connection, ROLE, owner=self._context.owner, now=now, seconds=self._settings.lease_seconds

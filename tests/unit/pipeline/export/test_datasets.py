@@ -8,7 +8,7 @@ import pytest
 from cityscapesscripts.evaluation.evalPanopticSemanticLabeling import pq_compute_single_core
 from cityscapesscripts.preparation.createPanopticImgs import convert2panoptic
 
-from tests.unit.pipeline.harness import Pipeline, completed_run
+from tests.world.blank import Pipeline, completed_run
 from valerie.analysis.table import EvaluationTable
 from valerie.datasets import cityscapes
 from valerie.datasets.cityscapes import CityscapesFolder

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
 from tests.unit.pipeline.test_batches import Batches
+from tests.world.blank import Pipeline
 from valerie.errors import InferenceError, TransientError
 from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.pipeline.harness import SMALL, Pipeline
+from tests.world.blank import SMALL, Pipeline
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
@@ -24,6 +24,7 @@ from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
 from valerie.runs.pins import AnyOffer
+from valerie.storage.keys import FUNCTIONS, function_key
 from valerie.testing.onnx_function import small_onnx
 
 CLASS = "onnxruntime/fp32"
@@ -84,11 +85,11 @@ class TestTheRegistry:
     def test_two_names_share_one_file(self, pipeline: Pipeline, tmp_path: Path) -> None:
         one, two = register(pipeline, tmp_path), register(pipeline, tmp_path, name="other")
         assert one.digest == two.digest
-        assert pipeline.context.store.usage("functions").objects == 1
+        assert pipeline.context.store.usage(FUNCTIONS).objects == 1
         registry.remove(pipeline.context, one.reference)
         assert registry.read_payload(pipeline.context, two.document)
         registry.remove(pipeline.context, two.reference)
-        assert pipeline.context.store.usage("functions").objects == 0
+        assert pipeline.context.store.usage(FUNCTIONS).objects == 0
 
     def test_names_of_installed_functions_cannot_be_taken(self, pipeline: Pipeline, tmp_path: Path) -> None:
         for name in ("semantic-fpn-small", "blank"):
@@ -100,7 +101,7 @@ class TestTheRegistry:
         payload.write_bytes(payload.read_bytes() + b"\0")
         with pytest.raises(InvalidInput, match=r"payload\.sha256: not the file that the document names"):
             registry.register(pipeline.context, document, payload)
-        assert pipeline.context.store.usage("functions").objects == 0
+        assert pipeline.context.store.usage(FUNCTIONS).objects == 0
 
     def test_an_unknown_name_comes_with_near_matches(self, pipeline: Pipeline, tmp_path: Path) -> None:
         register(pipeline, tmp_path, name="street-net")
@@ -127,7 +128,7 @@ class TestTheRegistry:
 
         monkeypatch.setattr(gc, "_GRACE", timedelta(seconds=-60))
         kept = register(pipeline, tmp_path)
-        pipeline.context.store.put(f"functions/00/{'0' * 64}.onnx", b"of an upload that was cut off")
+        pipeline.context.store.put(function_key("0" * 64, "onnx"), b"of an upload that was cut off")
         assert gc.collect(pipeline.context).objects == 1
         assert registry.read_payload(pipeline.context, kept.document)
 
@@ -211,7 +212,7 @@ class TestARun:
 
     def test_of_a_damaged_store_fails_with_the_reason(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
-        (key,) = [info.key for info in served.context.store.list("functions")]
+        (key,) = [info.key for info in served.context.store.list(FUNCTIONS)]
         assert version.document.payload is not None
         served.context.store.put(key, b"\0" * version.document.payload.bytes, replace=True)
         run = served.submit(named("small"))

@@ -5,7 +5,7 @@ import orjson
 import pytest
 from sklearn.metrics import jaccard_score
 
-from tests.unit.pipeline.harness import completed_run
+from tests.world.blank import completed_run
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids

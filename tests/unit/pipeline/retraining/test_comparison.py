@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.unit.pipeline.harness import Pipeline, completed_run
+from tests.world.blank import Pipeline, completed_run
 from valerie.analysis.region import Range, Region
 from valerie.analysis.wording import change_sentence
 from valerie.errors import Conflict, InvalidInput

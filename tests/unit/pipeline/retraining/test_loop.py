@@ -1,5 +1,4 @@
 import json
-import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[3]))
-
-from sketch.runs import open_sketch, settings_of, spec, work
-
+from tests.world.drawn import DrawnWorld, spec
+from tests.world.world import settings_of
+from valerie.db import runs
+from valerie.db.engine import reading
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
-from valerie.perception.base import FunctionCard
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.shipped import file_document, function_path
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder
@@ -22,7 +20,6 @@ from valerie.pipeline.functions.references import open_reference, pinned_network
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
 from valerie.runs.pins import FunctionPin
-from valerie.runs.states import Stage
 from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"
@@ -31,8 +28,17 @@ FAR = "distance_m > 25"
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Context, str]:
     """A drawn run of the real street's manifest: both functions, distances of 17 to 47 m."""
-    context, bell = open_sketch(settings_of(tmp_path_factory.mktemp("retraining")))
-    return context, work(context, bell, spec("weak"))
+    world = DrawnWorld(settings_of(tmp_path_factory.mktemp("retraining")))
+    return world.context, world.work(spec("weak"))
+
+
+def pin(drawn: tuple[Context, str], digest: str, kind: str | None = None) -> FunctionPin:
+    """Return a pin as that of the run, with another digest and kind."""
+    context, run_id = drawn
+    with reading(context.engine) as connection:
+        pins = runs.get(connection, run_id).pins
+    assert pins is not None
+    return pins.functions["semantic-fpn-small"].model_copy(update={"digest": digest, "kind": kind})
 
 
 def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(drawn: tuple[Context, str]) -> None:
@@ -67,23 +73,9 @@ def test_what_cannot_be_trained_against_is_refused(drawn: tuple[Context, str]) -
         find_weakness(*drawn, "distance > 9", "semantic-fpn-small")
 
 
-def pin(digest: str, kind: str | None = None) -> FunctionPin:
-    card = FunctionCard("any", digest, "", "", "", {})
-    return FunctionPin(
-        stage=Stage.INFER,
-        name="any",
-        numeric_class="c",
-        revision=1,
-        route="infer.c",
-        digest=digest,
-        card=card,
-        kind=kind,
-    )
-
-
 def test_weights_that_are_not_those_of_the_run_are_refused(drawn: tuple[Context, str]) -> None:
     with pytest.raises(Conflict, match=r"used other weights of semantic-fpn-small \(000000000000\)"):
-        pinned_network("semantic-fpn-small", pin("0" * 64), context=drawn[0])
+        pinned_network("semantic-fpn-small", pin(drawn, "0" * 64), context=drawn[0])
 
 
 def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
@@ -93,20 +85,20 @@ def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
     document = file_document("my-net", path).model_copy(update={"engine": "openvino"})
     registered, _ = registry.register(context, document, path)
     registry.register(context, document.model_copy(update={"provenance": {"newer": "yes"}}), path)
-    pinned, file = pinned_network("my-net", pin(registered.digest, "network"), context=context)
+    pinned, file = pinned_network("my-net", pin(drawn, registered.digest, "network"), context=context)
     assert pinned == document
     assert file.read_bytes() == path.read_bytes()
     registry.remove(context, registered.reference)
     with pytest.raises(NotFound, match=rf"my-net@{registered.digest[:12]}: it was removed"):
-        pinned_network("my-net", pin(registered.digest, "network"), context=context)
+        pinned_network("my-net", pin(drawn, registered.digest, "network"), context=context)
 
 
 def test_functions_without_a_network_of_ours_are_not_trained_on(drawn: tuple[Context, str], tmp_path: Path) -> None:
     registered, _ = registry.register(drawn[0], *small_onnx(tmp_path))
     with pytest.raises(InvalidInput, match="small, kind onnx"):
-        pinned_network("small", pin(registered.digest, "onnx"), context=drawn[0])
+        pinned_network("small", pin(drawn, registered.digest, "onnx"), context=drawn[0])
     with pytest.raises(InvalidInput, match="installed package"):
-        pinned_network("plug-in", pin("0" * 64), context=drawn[0])
+        pinned_network("plug-in", pin(drawn, "0" * 64), context=drawn[0])
 
 
 def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: tuple[Context, str]) -> None:

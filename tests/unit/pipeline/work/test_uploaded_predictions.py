@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
-from tests.unit.pipeline.harness import Pipeline
+from tests.world.blank import Pipeline
 from valerie.db.engine import reading, writing
 from valerie.db.runs import set_values
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scene_rays import near_edges, pixel_rays, triangles_of
 
+from tests.unit.rendering.scene_rays import near_edges, pixel_rays, triangles_of
 from valerie.parameters.definitions import Value
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass

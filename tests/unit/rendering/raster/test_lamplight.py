@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from scene_rays import Triangles, near_edges, pixel_rays, trace, triangles_of
 
+from tests.unit.rendering.scene_rays import Triangles, near_edges, pixel_rays, trace, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
 from valerie.rendering.ground_truth import TruthPass

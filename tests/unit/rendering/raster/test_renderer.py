@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 
+from tests.unit.rendering.scene_rays import blocked, near_edges, pixel_rays, trace, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.ground_truth import TruthPass
 from valerie.rendering.raster.context import process_context

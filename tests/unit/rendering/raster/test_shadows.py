@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scene_rays import blocked, triangles_of
 
+from tests.unit.rendering.scene_rays import blocked, triangles_of
 from valerie.rendering.base import View
 from valerie.rendering.projection import LightView
 from valerie.rendering.raster.context import process_context

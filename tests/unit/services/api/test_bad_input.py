@@ -8,8 +8,8 @@ from typing import Any
 
 import httpx
 import pytest
-from sketch.fixtures import Sketch
-from sketch.runs import spec
+
+from tests.world.drawn import DrawnRuns, spec
 
 X, Y = "person-1.pos.x", "person-1.pos.y"
 
@@ -129,9 +129,9 @@ def test_a_mapping_shows_value_and_limit(api: httpx.Client) -> None:
     ],
 )
 def test_malformed_and_missing_addresses_differ_in_status(
-    api: httpx.Client, sketch: Sketch, path: str, status: int
+    api: httpx.Client, drawn: DrawnRuns, path: str, status: int
 ) -> None:
-    problem(api.get(path.replace("RUN", sketch.finished)), status)
+    problem(api.get(path.replace("RUN", drawn.finished)), status)
 
 
 @pytest.mark.parametrize(
@@ -158,15 +158,15 @@ def test_malformed_and_missing_addresses_differ_in_status(
     ],
 )
 def test_wrong_queries_of_results_are_refused(
-    api: httpx.Client, sketch: Sketch, query: str, field: str, said: str
+    api: httpx.Client, drawn: DrawnRuns, query: str, field: str, said: str
 ) -> None:
-    document = problem(api.get(f"/v1/runs/{sketch.finished}/evaluations?{query}"), 422)
+    document = problem(api.get(f"/v1/runs/{drawn.finished}/evaluations?{query}"), 422)
     assert document["errors"][0]["field"] == field
     assert said in str(document)
 
 
-def test_a_cursor_of_another_list_or_out_of_bounds_is_refused(api: httpx.Client, sketch: Sketch) -> None:
-    run = f"/v1/runs/{sketch.finished}"
+def test_a_cursor_of_another_list_or_out_of_bounds_is_refused(api: httpx.Client, drawn: DrawnRuns) -> None:
+    run = f"/v1/runs/{drawn.finished}"
     for path, values in (
         ("/v1/runs", ("not a time", "r1")),
         ("/v1/runs", (5, 6)),
@@ -193,19 +193,19 @@ def test_a_cursor_of_another_list_or_out_of_bounds_is_refused(api: httpx.Client,
     ],
 )  # fmt: skip
 def test_an_unknown_query_parameter_is_refused_with_near_matches_and_the_allowed_ones(
-    api: httpx.Client, sketch: Sketch, path: str, field: str, near: str, allowed: str
+    api: httpx.Client, drawn: DrawnRuns, path: str, field: str, near: str, allowed: str
 ) -> None:
-    document = problem(api.get(path.replace("RUN", sketch.finished)), 422)
+    document = problem(api.get(path.replace("RUN", drawn.finished)), 422)
     assert near in document["detail"]
     assert [(one["field"], one["value"], one["limit"]) for one in document["errors"]] == [(field, field, allowed)]
 
 
 def test_an_unknown_query_parameter_of_a_change_is_refused_and_nothing_changes(
-    api: httpx.Client, sketch: Sketch
+    api: httpx.Client, drawn: DrawnRuns
 ) -> None:
     before = api.get("/v1/runs").json()
     assert problem(api.post("/v1/runs?limit=1", json=spec("asked")), 422)["errors"][0]["field"] == "limit"
-    assert problem(api.delete(f"/v1/runs/{sketch.finished}?force=1"), 422)["errors"][0]["field"] == "force"
+    assert problem(api.delete(f"/v1/runs/{drawn.finished}?force=1"), 422)["errors"][0]["field"] == "force"
     assert api.get("/v1/runs").json() == before
 
 

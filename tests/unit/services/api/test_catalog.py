@@ -6,10 +6,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from sketch.runs import CLASS, FUNCTIONS, open_sketch, settings_of
-from sketch.serving import served
 
 from services.api.app import create_app
+from tests.world.drawn import CLASS, FUNCTIONS, DrawnWorld, spec
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.db import processes
 from valerie.db.engine import writing
 from valerie.errors import TransientError
@@ -56,8 +57,8 @@ def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: p
         return function_card(name, folder=tmp_path)
 
     monkeypatch.setattr(catalog, "function_card", card)
-    context, _ = open_sketch(settings_of(tmp_path))
-    functions = catalog.functions(context)
+    world = DrawnWorld(settings_of(tmp_path))
+    functions = catalog.functions(world.context)
     assert [one.name for one in functions] == list(FUNCTIONS)
     assert all("safetensors" in (one.problem or "") for one in functions)
 
@@ -68,19 +69,17 @@ def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:
 
 
 def test_workers_without_a_recent_sign_of_life_are_not_listed(tmp_path: Path) -> None:
-    context, _ = open_sketch(settings_of(tmp_path))
-    with writing(context.engine) as connection:
-        assert processes.worker_seen(connection, "sketch-infer", 1.0)
-    with served(create_app(context.settings, control=False)) as client:
-        assert [one["id"] for one in client.get("/v1/workers").json()] == ["sketch-render", "sketch-eval"]
+    world = DrawnWorld(settings_of(tmp_path))
+    with writing(world.context.engine) as connection:
+        assert processes.worker_seen(connection, "drawn-infer", 1.0)
+    with served(create_app(world.settings, control=False)) as client:
+        assert [one["id"] for one in client.get("/v1/workers").json()] == ["drawn-render", "drawn-eval"]
 
 
 def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
-    from sketch.runs import spec, work
-
-    context, bell = open_sketch(settings_of(tmp_path))
-    work(context, bell, spec("some"), products=5)
-    queues = {queue.route: queue for queue in monitoring.queues(context)}
+    world = DrawnWorld(settings_of(tmp_path))
+    world.work(spec("some"), products=5)
+    queues = {queue.route: queue for queue in monitoring.queues(world.context)}
     assert set(queues) == {"eval", f"infer.{CLASS}", f"render.raster.{CLASS}", f"render.truth.{CLASS}"}
     assert {queue.workers for queue in queues.values()} == {1}
     raster = queues[f"render.raster.{CLASS}"]
@@ -89,15 +88,15 @@ def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
 
 
 def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    context, bell = open_sketch(settings_of(tmp_path))
+    world = DrawnWorld(settings_of(tmp_path))
     asked = []
 
     def down(route: str) -> int:
         asked.append(route)
         raise TransientError("the broker does not answer")
 
-    monkeypatch.setattr(bell, "queue_length", down)
-    assert {queue.messages for queue in monitoring.queues(context)} == {None}
+    monkeypatch.setattr(world.broker, "queue_length", down)
+    assert {queue.messages for queue in monitoring.queues(world.context)} == {None}
     assert len(asked) == 1, "one time-out is enough"
 
 

@@ -9,9 +9,9 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from sketch.fixtures import Sketch
-from sketch.runs import settings_of
 
+from tests.world.drawn import DrawnRuns
+from tests.world.world import settings_of
 from valerie.labels import PERSON, colorize
 from valerie.pipeline.base.context import open_context
 from valerie.storage import codecs
@@ -19,9 +19,9 @@ from valerie.storage.keys import product_key
 
 
 @pytest.fixture(scope="module")
-def frame(api: httpx.Client, sketch: Sketch) -> dict[str, Any]:
+def frame(api: httpx.Client, drawn: DrawnRuns) -> dict[str, Any]:
     """A frame with a visible person."""
-    for item in api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"]:
+    for item in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]:
         detail: dict[str, Any] = api.get(f"/v1/frames/{item['id']}").json()
         if detail["persons"][0]["pixel_area"] > 10:
             return detail
@@ -34,8 +34,8 @@ def image(client: httpx.Client, address: str) -> np.ndarray[Any, Any]:
     return np.asarray(Image.open(io.BytesIO(answer.content)))
 
 
-def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.finished}/frames"
+def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.finished}/frames"
     whole = api.get(path).json()["items"]
     places = [(one["variant_index"], one["camera"]) for one in whole]
     assert places == sorted(places)
@@ -50,17 +50,17 @@ def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client
     assert frames == whole
 
 
-def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, sketch: Sketch) -> None:
-    whole = [one["id"] for one in api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"]]
+def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, drawn: DrawnRuns) -> None:
+    whole = [one["id"] for one in api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"]]
     details = [api.get(f"/v1/frames/{one}").json() for one in whole]
     assert [one["next"] for one in details] == [*whole[1:], None]
     assert [one["previous"] for one in details] == [None, *whole[:-1]]
 
 
 def test_visibility_and_scores_agree_with_the_stored_products(
-    api: httpx.Client, sketch: Sketch, frame: dict[str, Any]
+    api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
-    store = open_context(settings_of(sketch.folder)).store
+    store = open_context(settings_of(drawn.folder)).store
     truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
     person = frame["persons"][0]
     visible = truth.instance_map == person["instance_id"]
@@ -87,9 +87,9 @@ def test_every_address_of_a_frame_shows_a_picture_of_its_size(api: httpx.Client,
 
 
 def test_truth_and_prediction_are_painted_in_the_colours_of_their_classes(
-    api: httpx.Client, sketch: Sketch, frame: dict[str, Any]
+    api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]
 ) -> None:
-    store = open_context(settings_of(sketch.folder)).store
+    store = open_context(settings_of(drawn.folder)).store
     truth = codecs.decode_truth(store.get(product_key("truth", frame["truth"])))
     assert (image(api, frame["images"]["truth"]) == colorize(truth.class_map)).all()
     evaluation = frame["evaluations"][1]
@@ -166,15 +166,15 @@ def test_a_range_of_another_version_gives_the_whole_object(api: httpx.Client, fr
     assert api.get(address, headers={"Range": "bytes=0-9", "If-Range": '"old"'}).status_code == 200
 
 
-def test_an_artifact_is_the_stored_object(api: httpx.Client, sketch: Sketch, frame: dict[str, Any]) -> None:
-    store = open_context(settings_of(sketch.folder)).store
+def test_an_artifact_is_the_stored_object(api: httpx.Client, drawn: DrawnRuns, frame: dict[str, Any]) -> None:
+    store = open_context(settings_of(drawn.folder)).store
     prediction = frame["evaluations"][0]["prediction"]
     for kind, digest in (("background", frame["background"]), ("prediction", prediction)):
         assert api.get(f"/v1/artifacts/{kind}/{digest}").content == store.get(product_key(kind, digest))
 
 
-def test_a_failed_frame_has_its_state_and_the_pictures_that_exist(api: httpx.Client, sketch: Sketch) -> None:
-    detail = api.get(f"/v1/frames/{sketch.failed}.4.0.0").json()
+def test_a_failed_frame_has_its_state_and_the_pictures_that_exist(api: httpx.Client, drawn: DrawnRuns) -> None:
+    detail = api.get(f"/v1/frames/{drawn.failed}.4.0.0").json()
     assert detail["state"] == "failed"
     assert {one["state"] for one in detail["evaluations"]} == {"failed"}
     assert api.get(detail["images"]["truth"]).status_code == 200

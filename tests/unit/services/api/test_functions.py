@@ -10,9 +10,11 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from sketch.fixtures import Sketch
 
 from services.api.app import create_app
+from tests.world.drawn import DrawnRuns, DrawnWorld
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.perception.running.label_png import encode_png
 from valerie.testing.onnx_function import small_onnx
 
@@ -120,12 +122,9 @@ def test_names_of_installed_functions_are_taken(fresh: httpx.Client, onnx: Path)
 
 
 def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
-    from sketch.runs import open_sketch, settings_of
-    from sketch.serving import served
-
-    context, _ = open_sketch(settings_of(tmp_path, max_function_mb=1))
-    context.engine.dispose()
-    with served(create_app(settings_of(tmp_path, max_function_mb=1), control=False)) as client:
+    world = DrawnWorld(settings_of(tmp_path, max_function_mb=1))
+    world.context.engine.dispose()
+    with served(create_app(world.settings, control=False)) as client:
         url = client.base_url
         connection = http.client.HTTPConnection(url.host, url.port, timeout=30)
         connection.putrequest("POST", "/v1/functions")
@@ -148,9 +147,9 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -
         assert streamed.status_code == 413, "a stream that declares no length is cut off"
 
 
-def test_predictions_are_uploaded_by_frame(fresh: httpx.Client, sketch: Sketch) -> None:
+def test_predictions_are_uploaded_by_frame(fresh: httpx.Client, drawn: DrawnRuns) -> None:
     """The finished run has no function of kind predictions, so the upload is refused."""
-    frame = fresh.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
+    frame = fresh.get(f"/v1/runs/{drawn.finished}/frames").json()["items"][0]["id"]
     data = encode_png(np.zeros((54, 96), np.uint8))
     answer = fresh.put(f"/v1/frames/{frame}/prediction", content=data, headers={"Content-Type": "image/png"})
     assert answer.status_code == 409

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from sketch.fixtures import Sketch
+
+from tests.world.drawn import DrawnRuns
 
 PATHS = [
     "/v1/runs",
@@ -20,8 +21,8 @@ PATHS = [
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_head_has_status_and_headers_of_get_and_no_body(api: httpx.Client, sketch: Sketch, path: str) -> None:
-    path = path.replace("RUN", sketch.finished)
+def test_head_has_status_and_headers_of_get_and_no_body(api: httpx.Client, drawn: DrawnRuns, path: str) -> None:
+    path = path.replace("RUN", drawn.finished)
     get, head = api.get(path), api.head(path)
     assert head.status_code == get.status_code < 400
     assert head.content == b""

@@ -8,7 +8,8 @@ from typing import Any
 import httpx
 import jsonschema
 import pytest
-from sketch.fixtures import Sketch
+
+from tests.world.drawn import DrawnRuns
 
 Operation = dict[str, Any]
 
@@ -86,8 +87,8 @@ def test_the_example_of_a_request_is_accepted(api: httpx.Client, document: dict[
     assert api.post("/v1/plan", content=contents["application/yaml"]["example"]).json()["variants"] == 5
 
 
-def test_answers_fit_their_schemas(api: httpx.Client, sketch: Sketch, document: dict[str, Any]) -> None:
-    run, frame = sketch.finished, api.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
+def test_answers_fit_their_schemas(api: httpx.Client, drawn: DrawnRuns, document: dict[str, Any]) -> None:
+    run, frame = drawn.finished, api.get(f"/v1/runs/{drawn.finished}/frames").json()["items"][0]["id"]
     seen = 0
     for path, item in document["paths"].items():
         content = item.get("get", {}).get("responses", {}).get("200", {}).get("content", {}).get("application/json")

@@ -8,9 +8,9 @@ from typing import Final
 import httpx
 import pytest
 from fastapi import FastAPI
-from sketch.serving import served
 
 from services.api import problems
+from tests.world.serving import served
 from valerie.errors import (
     Conflict,
     CorruptArtifact,

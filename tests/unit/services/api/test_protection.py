@@ -9,20 +9,20 @@ from pathlib import Path
 
 import httpx
 import pytest
-from sketch.fixtures import Sketch
-from sketch.runs import settings_of
-from sketch.serving import served
 
 from services.api.app import create_app
+from tests.world.drawn import DrawnRuns
+from tests.world.serving import served
+from tests.world.world import settings_of
 from valerie.errors import InvalidInput
 
 TOKEN = "correct-horse-battery"
 
 
 @pytest.fixture(scope="module")
-def guarded(sketch: Sketch) -> Iterator[httpx.Client]:
+def guarded(drawn: DrawnRuns) -> Iterator[httpx.Client]:
     """A server with a token, and a client that does not send it."""
-    with served(create_app(settings_of(sketch.folder, api_token=TOKEN), control=False)) as client:
+    with served(create_app(settings_of(drawn.folder, api_token=TOKEN), control=False)) as client:
         yield client
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import httpx
 import pyarrow.parquet as pq
 import pytest
-from sketch.fixtures import Sketch
-from sketch.runs import settings_of
 
+from tests.world.drawn import DrawnRuns
+from tests.world.world import settings_of
 from valerie.pipeline.base.context import open_context
 from valerie.storage.keys import run_key
 
@@ -19,10 +19,10 @@ Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def table(sketch: Sketch) -> list[Row]:
+def table(drawn: DrawnRuns) -> list[Row]:
     """The long table as the evaluation worker wrote it when the run ended."""
-    context = open_context(settings_of(sketch.folder))
-    data = context.store.get(run_key(sketch.finished, "evaluations.parquet"))
+    context = open_context(settings_of(drawn.folder))
+    data = context.store.get(run_key(drawn.finished, "evaluations.parquet"))
     rows: list[Row] = pq.read_table(io.BytesIO(data)).to_pylist()
     return rows
 
@@ -42,16 +42,16 @@ def walk(client: httpx.Client, run: str, *, limit: int = 17, **parameters: Any) 
             return rows
 
 
-def test_the_pages_are_the_stored_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    assert walk(api, sketch.finished) == table
+def test_the_pages_are_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
+    assert walk(api, drawn.finished) == table
 
 
 @pytest.mark.parametrize("column", ["pacc", "distance_m", "occlusion_rate", "iou", "undefined_reason", "pixel_area"])
 @pytest.mark.parametrize("sign", ["", "-"])
 def test_sorted_pages_neither_lose_nor_repeat_rows(
-    api: httpx.Client, sketch: Sketch, table: list[Row], column: str, sign: str
+    api: httpx.Client, drawn: DrawnRuns, table: list[Row], column: str, sign: str
 ) -> None:
-    rows = walk(api, sketch.finished, sort=sign + column, limit=7)
+    rows = walk(api, drawn.finished, sort=sign + column, limit=7)
     values = [row[column] for row in rows if row[column] is not None]
     assert values == sorted(values, reverse=bool(sign))
     assert all(row[column] is None for row in rows[len(values) :]), "rows without a value come last"
@@ -73,20 +73,20 @@ def test_sorted_pages_neither_lose_nor_repeat_rows(
     ],
 )
 def test_filters_keep_the_matching_rows(
-    api: httpx.Client, sketch: Sketch, table: list[Row], text: str, holds: Any
+    api: httpx.Client, drawn: DrawnRuns, table: list[Row], text: str, holds: Any
 ) -> None:
     expected = [row for row in table if holds(row)]
-    assert walk(api, sketch.finished, filter=text) == expected
+    assert walk(api, drawn.finished, filter=text) == expected
 
 
-def test_filters_are_joined_by_and(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    rows = walk(api, sketch.finished, filter=["distance_m:lt:40", "sensor:eq:default", "pacc:ge:0.5"])
+def test_filters_are_joined_by_and(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
+    rows = walk(api, drawn.finished, filter=["distance_m:lt:40", "sensor:eq:default", "pacc:ge:0.5"])
     assert rows == [r for r in table if r["pacc"] is not None and r["pacc"] >= 0.5 and r["distance_m"] < 40]
     assert 0 < len(rows) < len(table)
 
 
-def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    path = f"/v1/runs/{sketch.finished}/evaluations"
+def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
+    path = f"/v1/runs/{drawn.finished}/evaluations"
     parquet = api.get(path, params={"format": "parquet"})
     assert parquet.headers["Content-Type"] == "application/vnd.apache.parquet"
     assert pq.read_table(io.BytesIO(parquet.content)).to_pylist() == table
@@ -99,13 +99,13 @@ def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, sketch: Sketch, 
             assert (float(row[name]) if row[name] else None) == expected[name]
 
 
-def test_a_running_run_gives_its_rows_so_far(api: httpx.Client, sketch: Sketch) -> None:
-    rows = walk(api, sketch.running)
-    assert len(rows) == api.get(f"/v1/runs/{sketch.running}/progress").json()["stages"]["eval"]["done"] > 0
+def test_a_running_run_gives_its_rows_so_far(api: httpx.Client, drawn: DrawnRuns) -> None:
+    rows = walk(api, drawn.running)
+    assert len(rows) == api.get(f"/v1/runs/{drawn.running}/progress").json()["stages"]["eval"]["done"] > 0
 
 
-def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": "occlusion_rate"}).json()
+def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
+    points = api.get(f"/v1/runs/{drawn.finished}/points", params={"column": "occlusion_rate"}).json()
     names = [points[name] for name in ("functions", "cameras", "characters")]
     drawn = {
         (points["variant"][i], *(names[k][points[code][i]] for k, code in enumerate(("function", "camera", "character"))),
@@ -123,18 +123,18 @@ def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Ske
 
 
 def test_points_over_a_varied_parameter_are_those_of_its_column(
-    api: httpx.Client, sketch: Sketch, table: list[Row]
+    api: httpx.Client, drawn: DrawnRuns, table: list[Row]
 ) -> None:
     column = "scene.person-1.pos.y"
-    points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": column}).json()
+    points = api.get(f"/v1/runs/{drawn.finished}/points", params={"column": column}).json()
     drawn = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
     assert drawn == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
     (axis,) = [one for one in points["axes"] if one["column"] == column]
     assert axis == {"column": column, "title": "person-1.pos.y", "unit": "m", "scale": 1.0, "group": "varied"}
 
 
-def test_an_axis_that_the_run_does_not_have_is_refused_with_near_matches(api: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.finished}/points"
+def test_an_axis_that_the_run_does_not_have_is_refused_with_near_matches(api: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.finished}/points"
     for column in ("contrast", "sun_elevation_deg", "time_s", "scene.person-1.character", "pacc"):
         assert column not in [axis["column"] for axis in api.get(path).json()["axes"]]
         assert api.get(path, params={"column": column}).status_code == 422
@@ -142,8 +142,8 @@ def test_an_axis_that_the_run_does_not_have_is_refused_with_near_matches(api: ht
     assert "did you mean distance_m" in refused["detail"]
 
 
-def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.finished}/points"
+def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.finished}/points"
     whole = set(api.get(path).json()["variant"])
     some = api.get(path, params={"limit": 100}).json()
     assert some["share"] < 1
@@ -152,8 +152,8 @@ def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, s
     assert api.get(path, params={"limit": 100}).json() == some
 
 
-def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    rows = api.get(f"/v1/runs/{sketch.finished}/summary").json()["summary"]["rows"]
+def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, drawn: DrawnRuns, table: list[Row]) -> None:
+    rows = api.get(f"/v1/runs/{drawn.finished}/summary").json()["summary"]["rows"]
     one = next(r for r in rows if (r["function"], r["character"]) == ("semantic-fpn-small", "yellow-shirt"))
     values = [r["pacc"] for r in table if r["function"] == "semantic-fpn-small" and r["character"] == "yellow-shirt"]
     defined = [value for value in values if value is not None]
@@ -162,15 +162,15 @@ def test_the_summary_is_that_of_the_stored_table(api: httpx.Client, sketch: Sket
     assert (one["pacc_min"], one["pacc_max"]) == (min(defined), max(defined))
 
 
-def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, sketch: Sketch) -> None:
-    answer = api.get(f"/v1/runs/{sketch.finished}/report")
+def test_the_report_is_one_page_in_a_sandbox(api: httpx.Client, drawn: DrawnRuns) -> None:
+    answer = api.get(f"/v1/runs/{drawn.finished}/report")
     assert answer.headers["Content-Type"].startswith("text/html")
     assert answer.headers["Content-Security-Policy"].startswith("sandbox ")
     assert answer.text.startswith("<!DOCTYPE html>")
 
 
-def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.finished}/variants"
+def test_variants_are_paged_and_filtered_by_rejection(api: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.finished}/variants"
     whole = api.get(path).json()["items"]
     assert [one["index"] for one in whole] == list(range(18))
     first = api.get(path, params={"limit": 10}).json()

@@ -6,8 +6,8 @@ from typing import Any
 
 import httpx
 import pytest
-from sketch.fixtures import Sketch
-from sketch.runs import spec
+
+from tests.world.drawn import DrawnRuns, spec
 
 
 def post(client: httpx.Client, document: dict[str, Any], **headers: str) -> httpx.Response:
@@ -48,16 +48,16 @@ def test_equal_specs_without_a_key_are_two_runs(fresh: httpx.Client) -> None:
     assert post(fresh, spec("twice")).json()["id"] != post(fresh, spec("twice")).json()["id"]
 
 
-def test_runs_are_listed_newest_first_with_their_progress(api: httpx.Client, sketch: Sketch) -> None:
+def test_runs_are_listed_newest_first_with_their_progress(api: httpx.Client, drawn: DrawnRuns) -> None:
     items = api.get("/v1/runs").json()["items"]
-    assert [run["id"] for run in items] == [sketch.waiting, sketch.running, sketch.failed, sketch.finished]
+    assert [run["id"] for run in items] == [drawn.waiting, drawn.running, drawn.failed, drawn.finished]
     assert items[3]["stages"]["eval"]["done"] == items[3]["stages"]["eval"]["total"] > 0
     assert items[0]["stages"] == {}
     assert "pyrender" in items[0]["reason"]
 
 
-def test_times_are_in_utc(api: httpx.Client, sketch: Sketch) -> None:
-    run = api.get(f"/v1/runs/{sketch.finished}").json()
+def test_times_are_in_utc(api: httpx.Client, drawn: DrawnRuns) -> None:
+    run = api.get(f"/v1/runs/{drawn.finished}").json()
     assert run["created_at"].endswith("Z")
     assert run["created_at"] <= run["started_at"] <= run["finished_at"]
 
@@ -83,15 +83,15 @@ def test_a_run_that_arrives_between_pages_does_not_shift_them(fresh: httpx.Clien
     assert [run["id"] for run in (*first["items"], *second["items"])] == whole
 
 
-def test_runs_are_filtered_by_state(api: httpx.Client, sketch: Sketch) -> None:
+def test_runs_are_filtered_by_state(api: httpx.Client, drawn: DrawnRuns) -> None:
     items = api.get("/v1/runs", params={"state": "completed-with-failures"}).json()["items"]
-    assert [run["id"] for run in items] == [sketch.failed]
+    assert [run["id"] for run in items] == [drawn.failed]
 
 
-def test_progress_counts_every_stage(api: httpx.Client, sketch: Sketch) -> None:
-    progress = api.get(f"/v1/runs/{sketch.failed}/progress").json()
+def test_progress_counts_every_stage(api: httpx.Client, drawn: DrawnRuns) -> None:
+    progress = api.get(f"/v1/runs/{drawn.failed}/progress").json()
     stages = progress["stages"]
-    assert progress["variants"] == {"total": 18, "fed": 18, "rejected": stages_rejected(api, sketch.failed)}
+    assert progress["variants"] == {"total": 18, "fed": 18, "rejected": stages_rejected(api, drawn.failed)}
     frames = (18 - progress["variants"]["rejected"]) * 3
     assert (stages["render"]["total"], stages["render"]["failed"]) == (frames, 3)
     assert (stages["eval"]["total"], stages["eval"]["failed"]) == (frames * 2, 6)
@@ -102,8 +102,8 @@ def stages_rejected(client: httpx.Client, run: str) -> int:
     return sum(client.get(f"/v1/runs/{run}/rejections").json().values())
 
 
-def test_failures_have_stage_error_attempts_and_cause(api: httpx.Client, sketch: Sketch) -> None:
-    failures = api.get(f"/v1/runs/{sketch.failed}/failures").json()
+def test_failures_have_stage_error_attempts_and_cause(api: httpx.Client, drawn: DrawnRuns) -> None:
+    failures = api.get(f"/v1/runs/{drawn.failed}/failures").json()
     roots = [one for one in failures if "cause" not in one["error"]]
     assert {(one["kind"], one["variant_index"]) for one in roots} == {("layer", 4)}
     assert all(one["error"]["type"] == "RenderingError" and one["error"]["attempts"] == 1 for one in roots)
@@ -111,15 +111,15 @@ def test_failures_have_stage_error_attempts_and_cause(api: httpx.Client, sketch:
     assert all(one["error"]["cause"] in digests for one in failures if "cause" in one["error"])
 
 
-def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.running}"
+def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.running}"
     assert fresh.post(f"{path}/cancel").json()["state"] == "cancelled"
     assert fresh.post(f"{path}/resume").json()["state"] == "running"
     assert fresh.get(path).json()["finished_at"] is None
 
 
-def test_retry_makes_failed_products_ready_again(fresh: httpx.Client, sketch: Sketch) -> None:
-    path = f"/v1/runs/{sketch.failed}"
+def test_retry_makes_failed_products_ready_again(fresh: httpx.Client, drawn: DrawnRuns) -> None:
+    path = f"/v1/runs/{drawn.failed}"
     assert fresh.get(f"{path}/failures").json() != []
     assert fresh.post(f"{path}/retry").json()["state"] == "running"
     assert fresh.get(f"{path}/failures").json() == []
@@ -127,21 +127,21 @@ def test_retry_makes_failed_products_ready_again(fresh: httpx.Client, sketch: Sk
 
 @pytest.mark.parametrize(("verb", "state"), [("cancel", "completed"), ("resume", "completed"), ("retry", "completed")])
 def test_a_change_that_the_state_does_not_allow_is_a_conflict(
-    fresh: httpx.Client, sketch: Sketch, verb: str, state: str
+    fresh: httpx.Client, drawn: DrawnRuns, verb: str, state: str
 ) -> None:
-    answer = fresh.post(f"/v1/runs/{sketch.finished}/{verb}")
+    answer = fresh.post(f"/v1/runs/{drawn.finished}/{verb}")
     assert answer.status_code == 409
     assert answer.json()["title"] == "Conflict"
     assert f"is {state}" in answer.json()["detail"]
 
 
-def test_an_active_run_is_not_deleted(fresh: httpx.Client, sketch: Sketch) -> None:
-    assert fresh.delete(f"/v1/runs/{sketch.running}").status_code == 409
-    assert fresh.get(f"/v1/runs/{sketch.running}").status_code == 200
+def test_an_active_run_is_not_deleted(fresh: httpx.Client, drawn: DrawnRuns) -> None:
+    assert fresh.delete(f"/v1/runs/{drawn.running}").status_code == 409
+    assert fresh.get(f"/v1/runs/{drawn.running}").status_code == 200
 
 
-def test_a_deleted_run_is_gone_with_its_results_and_nothing_else(fresh: httpx.Client, sketch: Sketch) -> None:
-    answer = fresh.delete(f"/v1/runs/{sketch.finished}")
+def test_a_deleted_run_is_gone_with_its_results_and_nothing_else(fresh: httpx.Client, drawn: DrawnRuns) -> None:
+    answer = fresh.delete(f"/v1/runs/{drawn.finished}")
     assert (answer.status_code, answer.content) == (204, b"")
     for path in (
         "",
@@ -154,21 +154,21 @@ def test_a_deleted_run_is_gone_with_its_results_and_nothing_else(fresh: httpx.Cl
         "/report",
         "/failures",
     ):
-        assert fresh.get(f"/v1/runs/{sketch.finished}{path}").status_code == 404, path
-    assert fresh.get(f"/v1/runs/{sketch.failed}/report").status_code == 200
+        assert fresh.get(f"/v1/runs/{drawn.finished}{path}").status_code == 404, path
+    assert fresh.get(f"/v1/runs/{drawn.failed}/report").status_code == 200
 
 
-def test_a_plan_stores_nothing_and_counts_stored_products(fresh: httpx.Client, sketch: Sketch) -> None:
+def test_a_plan_stores_nothing_and_counts_stored_products(fresh: httpx.Client, drawn: DrawnRuns) -> None:
     before = fresh.get("/v1/runs").json()
     plan = fresh.post("/v1/plan", json=spec("finished")).json()
     assert fresh.get("/v1/runs").json() == before
-    rejected = stages_rejected(fresh, sketch.finished)
+    rejected = stages_rejected(fresh, drawn.finished)
     assert (plan["variants"], plan["accepted"], plan["frames"]) == (18, 18 - rejected, 3 * (18 - rejected))
     assert (plan["renders"], plan["inferences"]) == (0, 0)
 
 
-def test_a_run_without_summary_says_so(api: httpx.Client, sketch: Sketch) -> None:
+def test_a_run_without_summary_says_so(api: httpx.Client, drawn: DrawnRuns) -> None:
     for path in ("summary", "report"):
-        answer = api.get(f"/v1/runs/{sketch.running}/{path}")
+        answer = api.get(f"/v1/runs/{drawn.running}/{path}")
         assert answer.status_code == 409
         assert "is running" in answer.json()["detail"]

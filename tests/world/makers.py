@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sketch.street import Street
 
+from tests.world.street import Street
 from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
-from valerie.errors import RenderingError
 from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
@@ -28,22 +26,15 @@ from valerie.storage.keys import product_key
 CPU_SECONDS = {"background": 1.2, "layer": 0.4, "truth": 0.2, "prediction": 0.6}
 
 
-class SketchMaker:
-    """Backgrounds, layers, truths and predictions.
+class DrawingMaker:
+    """Backgrounds, layers, truths and predictions."""
 
-    Args:
-        context: of the process.
-        broken: which jobs fail for good.
-    """
-
-    def __init__(self, context: Context, broken: Callable[[Job], bool] = lambda job: False) -> None:
-        self._context, self._broken = context, broken
+    def __init__(self, context: Context) -> None:
+        self._context = context
         self._reader = ProductReader(context.store)
 
     def make(self, job: Job) -> Finished:
         """See `valerie.pipeline.work.stages.Maker`."""
-        if self._broken(job):
-            raise RenderingError("sketch: the image is constant (every sampled pixel is 0)")
         with reading(self._context.engine) as connection:
             resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings).resolved
         values = {d.path: d.default for d in resolved.definitions} | job.frame.assignment

@@ -1,16 +1,16 @@
-"""The whole pipeline in one process, step by step: the real database, store, control loop and makers; a broker that records."""
+"""A deployment in one process, worked off step by step; its broker records."""
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import select
 
-from tests.acceptance.system import spec, write_box_street
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
@@ -22,20 +22,22 @@ from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.submit import submit
-from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
-from valerie.pipeline.work.makers.inference import InferMaker
-from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
 from valerie.runs.pins import AnyOffer
 from valerie.runs.products import Ready
 from valerie.runs.spec import parse
 from valerie.runs.states import Stage, stage_of
-from valerie.settings import load_settings
+from valerie.settings import Settings, load_settings
 
-#: 12 places, two cameras: 24 frames.
-SMALL = spec(xs=4, ys=3)
+_STAGES = (Stage.RENDER, Stage.INFER, Stage.EVAL)
+
+
+def settings_of(folder: Path, **values: Any) -> Settings:
+    """Return the settings of a deployment in one folder; its broker does not answer unless ``values`` names another one."""
+    nobody = f"redis+socket://{folder}/nobody.sock?virtual_host=0"
+    return load_settings({}, data_dir=folder, **{"broker_url": nobody, "min_free_mb": 0, **values})
 
 
 class RecordingBroker:
@@ -83,46 +85,43 @@ class Watched:
         return finished
 
 
-class Pipeline:
-    """A whole deployment in one process."""
+class World:
+    """A whole deployment in one process.
 
-    def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
-        values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
-        values |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
-        self.settings = load_settings(
-            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **values
-        )
-        folder.mkdir(parents=True, exist_ok=True)
+    Args:
+        settings: of the deployment.
+        makers: return the makers of the stages before evaluation, which is always the product's own.
+    """
+
+    def __init__(self, settings: Settings, makers: Callable[[Context], Mapping[Stage, Any]]) -> None:
+        self.settings = settings
         self.broker = RecordingBroker()
-        self.context: Context = dataclasses.replace(open_context(self.settings), broker=self.broker)  # type: ignore[arg-type]
+        self.context: Context = replace(open_context(settings), broker=self.broker)  # type: ignore[arg-type]
         migrate(self.context.engine)
-        self.makers = {
-            "render": Watched(RenderMaker(self.context)),
-            "infer": Watched(InferMaker(self.context)),
-            "eval": Watched(EvaluateMaker(self.context)),
-        }
+        own = {**makers(self.context), Stage.EVAL: EvaluateMaker(self.context)}
+        self.makers = {stage: Watched(own[stage]) for stage in _STAGES}
         self.loop = ControlLoop(self.context)
-        if workers:
-            self.add_worker()
 
-    def add_worker(self) -> None:
-        self.offer("w", *probe_engine("blank"), *probe_function("blank"))
-
-    def offer(self, worker: str, *offers: AnyOffer) -> None:
+    def offer(self, worker: str, *offers: AnyOffer, stage: Stage = Stage.RENDER) -> None:
         """Register a worker that never dies."""
         now = time.time()
-        row = WorkerRow(worker, Stage.RENDER, "h", 1, offers, started_at=now, seen_at=now + 1e6)
+        row = WorkerRow(worker, stage, "h", 1, offers, started_at=now, seen_at=now + 1e6)
         with writing(self.context.engine) as connection:
             processes.register_worker(connection, row)
 
-    def submit(self, document: dict[str, Any] = SMALL, **keywords: Any) -> str:
+    def submit(self, document: dict[str, Any], **keywords: Any) -> str:
         return submit(self.context, parse(document), **keywords)
 
-    def step(self) -> None:
-        """One round of the control loop, then all messages of the moment."""
-        self.loop._next_count = self.loop._next_probe = self.loop._next_sweep = 0.0
-        self.loop.tick()
+    def step(self, limit: int | None = None) -> int:
+        """Do one round of the control loop, then take all messages of the moment; return the number of products worked on.
+
+        With ``limit``, take the messages of so many products, last stages first: an unfinished run has some of everything.
+        """
+        self.loop.tick(everything=True)
         batch, self.broker.ready = self.broker.ready, []
+        if limit is not None:
+            batch.sort(key=lambda ready: _STAGES.index(stage_of(ready.route)), reverse=True)
+            batch, self.broker.ready = batch[:limit], batch[limit:]
         for stage, maker in self.makers.items():
             digests = [ready.digest for ready in batch if stage_of(ready.route) == stage]
             if digests:
@@ -130,6 +129,7 @@ class Pipeline:
         finishing, self.broker.finish = self.broker.finish, []
         for run_id in finishing:
             finish_run(self.context, run_id)
+        return len(batch)
 
     def run(self, run_id: str, *, until: Sequence[str] = ()) -> str:
         """Step until the run ended, or is in one of ``until``; return its state."""
@@ -156,18 +156,7 @@ class Pipeline:
 
     def made(self) -> dict[str, int]:
         """Return the number of products made so far, by kind; reset the count."""
-        counts: dict[str, int] = {}
+        counts = Counter(kind for maker in self.makers.values() for kind, _ in maker.made)
         for maker in self.makers.values():
-            for kind, _ in maker.made:
-                counts[kind] = counts.get(kind, 0) + 1
             maker.made.clear()
-        return counts
-
-
-def completed_run(folder: Path) -> tuple[Pipeline, str]:
-    """A completed run of `SMALL` with the blank engine below ``folder`` (``data``, ``assets``), and its id."""
-    write_box_street(folder / "assets" / "box-street")
-    pipeline = Pipeline(folder / "data", folder / "assets")
-    run_id = pipeline.submit()
-    assert pipeline.run(run_id) == "completed"
-    return pipeline, run_id
+        return dict(counts)

@@ -1,0 +1,124 @@
+"""Runs over the manifest of the urban street, whose pictures, truths and predictions are drawn with numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.world.makers import DrawingMaker
+from tests.world.world import World
+from valerie.db.products import Job
+from valerie.errors import RenderingError
+from valerie.perception.base import FunctionCard
+from valerie.perception.shipped import function_card
+from valerie.runs.pins import FunctionOffer, Offer
+from valerie.runs.states import Stage, route_of
+from valerie.settings import Settings
+
+FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
+CLASS = "drawn-1"
+#: Products of one step of a run that stays unfinished.
+_FEW = 24
+
+
+class DrawnWorld(World):
+    """A deployment with one worker per stage that offers drawn products, functions as if in ``infer_class``."""
+
+    def __init__(self, settings: Settings, *, infer_class: str = CLASS) -> None:
+        super().__init__(settings, lambda context: dict.fromkeys((Stage.RENDER, Stage.INFER), DrawingMaker(context)))
+        render = (
+            Offer(
+                stage=Stage.RENDER,
+                name=name,
+                numeric_class=CLASS,
+                revision=1,
+                route=route_of(Stage.RENDER, name, CLASS),
+            )
+            for name in ("raster", "truth")
+        )
+        infer = (
+            FunctionOffer(
+                stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1,
+                route=route_of(Stage.INFER, infer_class), digest=digest,
+                card=FunctionCard(name, digest, name, "fp32", "drawn", {}),
+            )
+            for name in FUNCTIONS if (digest := function_card(name).digest)
+        )  # fmt: skip
+        self.offer("drawn-render", *render)
+        self.offer("drawn-infer", *infer, stage=Stage.INFER)
+        self.offer("drawn-eval", stage=Stage.EVAL)
+
+    def work(
+        self, document: dict[str, Any], *, broken: Callable[[Job], bool] = lambda _: False, products: int | None = None
+    ) -> str:
+        """Submit a run and work it off; return its id.
+
+        Args:
+            document: the run's spec.
+            broken: which of the rendered products fail for good.
+            products: work on so many and leave the run unfinished (default: work it off).
+        """
+
+        def fail(job: Job) -> None:
+            if broken(job):
+                raise RenderingError("drawn: the image is constant (every sampled pixel is 0)")
+
+        run_id = self.submit(document)
+        self.makers[Stage.RENDER].before = fail
+        if products is None:
+            self.run(run_id)
+        else:
+            while count := self.step(min(_FEW, products)):
+                products -= count
+        return run_id
+
+
+def spec(name: str, *, width: int = 96, height: int = 54, **more: Any) -> dict[str, Any]:
+    """Eighteen variants: the paper's positions, thinned out, and both pedestrians; one x stands inside a house."""
+    return {
+        "name": name,
+        "asset": "urban-street",
+        "vary": [
+            ["person-1.pos.x", "HOMOGENEOUS", -1.0, 6.0, 3.5],
+            ["person-1.pos.y", "HOMOGENEOUS", 5.0, 35.0, 15.0],
+            ["person-1.character", "CHOICE", ["yellow-shirt", "black-outfit"]],
+        ],
+        "resolution": {"width": width, "height": height},
+        "functions": list(FUNCTIONS),
+        **more,
+    }
+
+
+@dataclass(frozen=True)
+class DrawnRuns:
+    """A deployment's folder and the runs in it, oldest first.
+
+    Attributes:
+        finished: every product is done; some variants are rejected, some persons undefined.
+        failed: completed with failures: the layer of variant 4 is broken in each camera.
+        running: some products are done.
+        waiting: submitted; no worker offers its engine.
+    """
+
+    folder: Path
+    finished: str
+    failed: str
+    running: str
+    waiting: str
+
+
+def draw_runs(settings: Settings) -> DrawnRuns:
+    """Work off one run for each attribute of `DrawnRuns`, as far as it says."""
+    world = DrawnWorld(settings)
+    finished = world.work(spec("finished"))
+    failed = world.work(spec("failed", constants={"sun-1.elevation": 12}), broken=layer_of_variant_4)
+    running = world.work(spec("running", constants={"sun-1.elevation": 25}), products=150)
+    waiting = world.work(spec("waiting", renderer="pyrender"), products=0)
+    world.context.engine.dispose()
+    return DrawnRuns(settings.data_dir, finished, failed, running, waiting)
+
+
+def layer_of_variant_4(job: Job) -> bool:
+    return job.kind == "layer" and job.frame.key.variant == 4
