@@ -1,7 +1,8 @@
-"""All messages of the system: the Celery app, the queues, the names of the tasks and how they are sent.
+"""All messages of the system: the Celery app, the queues and the tasks.
 
-The database is the queue of record; a message is a doorbell: a short list of product digests that share a warm cache. A
-message may be lost, doubled or late without harm: workers claim products by compare-and-set, the sweeper rings again.
+The database is the queue of record. A message only announces work: a short list of product digests that share a warm
+cache. A message may be lost, repeated or late without harm, since workers claim products by compare-and-set and the
+sweeper announces them again.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ INFER: Final = "valerie.infer"
 EVALUATE: Final = "valerie.evaluate"
 FINISH: Final = "valerie.finish"
 
-#: Queue of evaluation and finishing: integer counting gives the same result on every machine, so it has no numeric class.
+#: Queue of evaluation and finishing. It has no numeric class, since counting integers is the same on every machine.
 EVAL_QUEUE: Final = "eval"
 
 _TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
@@ -39,19 +40,19 @@ _OTHERS: Final = 24
 
 
 def route_of(stage: str, name: str, numeric_class: str) -> str:
-    """Queue of what only workers of one numeric class may make, e.g. ``render.raster.llvmpipe-15``."""
+    """Return the queue of the workers of one numeric class, e.g. ``render.raster.llvmpipe-15``."""
     return f"{stage}.{name}.{numeric_class}"
 
 
 class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
-    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.base.requests`)."""
+    """Base class of all tasks: a worker that cannot acknowledge a message ends (`valerie.pipeline.base.requests`)."""
 
     abstract = True
     Request = "valerie.pipeline.base.requests:WatchfulRequest"
 
 
 def create_app(settings: Settings) -> Celery:
-    """The Celery app of one process; built from settings, never a global."""
+    """Build the Celery app of one process; there is no global app."""
     app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
     app.conf.update(
         accept_content=["json"],
@@ -59,7 +60,7 @@ def create_app(settings: Settings) -> Celery:
         result_backend=None,
         task_ignore_result=True,
         task_store_errors_even_if_ignored=False,
-        # A message is acknowledged when its work is done, and handed back when the process that did it died.
+        # A message is acknowledged when its work is done, and returned to the queue if its process dies.
         task_acks_late=True,
         task_reject_on_worker_lost=True,
         task_default_queue=EVAL_QUEUE,
@@ -73,15 +74,15 @@ def create_app(settings: Settings) -> Celery:
         worker_enable_remote_control=False,
         worker_send_task_events=False,
         worker_hijack_root_logger=False,
-        # A worker that loses the broker ends and is made anew (see `valerie.pipeline.work.workers.serve`).
+        # A worker that loses the broker ends and is started again (see `valerie.pipeline.work.workers.serve`).
         broker_connection_retry=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         worker_cancel_long_running_tasks_on_connection_loss=False,
         broker_transport_options={
-            # Longer than any task: a message that outlives it is doubled, which the claim makes harmless.
+            # Longer than any task: an older message is delivered again, which is harmless since products are claimed.
             "visibility_timeout": settings.visibility_timeout_seconds,
-            # kombu's own cadence restores about every 100 s; a killed worker's messages shall be back in seconds.
+            # By default, kombu restores about every 100 s; the messages of a killed worker must be back in seconds.
             "unacked_restore_interval": 1,
             "unacked_restore_throttle": 1,
             "unacked_restore_limit": 1000,
@@ -96,7 +97,7 @@ def create_app(settings: Settings) -> Celery:
     return app
 
 
-#: How every message is sent. What stands in its header for people is given, since making it costs as much as the rest.
+#: Options of every message. The representation of the arguments is fixed, since computing it doubles the cost.
 _SENDING: Final[dict[str, Any]] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
@@ -106,7 +107,11 @@ _SENDING: Final[dict[str, Any]] = {
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """Turn what happens when the broker is away into our error."""
+    """Convert the errors of an unreachable broker.
+
+    Raises:
+        TransientError: the broker does not answer.
+    """
     try:
         yield
     except (OperationalError, BatchPublishError, RedisError, OSError) as error:
@@ -114,19 +119,19 @@ def _answering() -> Iterator[None]:
 
 
 class Broker:
-    """Sends messages and looks at queues; one per process."""
+    """Sends messages and inspects queues; one per process."""
 
     def __init__(self, app: Celery) -> None:
         self._app = app
 
     def send_products(self, ready: Iterable[tuple[str, str, str, str]]) -> None:
-        """Ring for products that became ready.
+        """Announce products that are ready.
 
         Args:
-            ready: (digest, kind, route, cache group). One message holds products of one route, kind and group.
+            ready: (digest, kind, route, cache group). A message holds products of one route, kind and group.
 
         Raises:
-            TransientError: the broker does not answer; the sweeper will ring again.
+            TransientError: the broker does not answer; the sweeper will announce the products again.
         """
         groups: dict[tuple[str, str, str], list[str]] = {}
         for digest, kind, route, group in ready:
@@ -141,11 +146,11 @@ class Broker:
         try:
             self._send_together(messages)
         except TransientError:
-            # A connection that a restarted broker closed is noticed only now. Messages may arrive twice, which is harmless.
+            # Only now is it noticed that a restarted broker closed the connection. Messages may repeat without harm.
             self._send_together(messages)
 
     def _send_together(self, messages: Iterable[tuple[str, list[str], str]]) -> None:
-        """(task, digests, queue): one round trip for a thousand messages instead of one each."""
+        """Send (task, digests, queue) in one round trip for a thousand messages instead of one each."""
         with _answering(), self._app.producer_or_acquire() as producer, producer.batch():
             for task, digests, queue in messages:
                 self._app.send_task(
@@ -163,7 +168,7 @@ class Broker:
             self._app.send_task(FINISH, args=[run_id], queue=EVAL_QUEUE, argsrepr=run_id, **_SENDING)
 
     def queue_length(self, route: str) -> int:
-        """Messages that wait in a queue, without those that a worker holds.
+        """Return the number of messages that wait in a queue, without those that a worker holds.
 
         Raises:
             TransientError: the broker does not answer.
