@@ -1,11 +1,11 @@
-"""What a product costs beside its computation: real processes, real queues, engines that cost nothing.
+"""Measure the overhead of a product: real processes, real queues, engines that cost nothing.
 
 Starts the one-machine mode (Redis, API with control loop, one worker per queue) with the blank engine and function on a tiny
 asset, and reads the CPU time of every process:
 
 - *feeding*: 30,000 variants in this process, as the control loop feeds them: every row written, every message sent to a Redis,
-  nothing worked off;
-- *running*: runs of growing size, worked off. ``--largest N`` sets the largest (default 30,000 variants of one camera: 120,001
+  none of it processed;
+- *running*: runs of growing size. ``--largest N`` sets the largest (default 30,000 variants of one camera: 120,001
   products; 100,000 take ten to twenty minutes of CPU).
 """
 
@@ -27,9 +27,12 @@ from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.embedded import redis_server
 from valerie.pipeline.base.context import open_context
+from valerie.pipeline.base.pins import choose_pins
 from valerie.pipeline.control.feeding import Feeder
 from valerie.pipeline.control.submit import submit
+from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.runs.spec import parse
+from valerie.runs.states import RunState
 from valerie.settings import load_settings
 
 SIZES = (1_000, 10_000, 30_000, 100_000)
@@ -37,7 +40,7 @@ FED = 30_000
 
 
 def document(variants: int) -> dict[str, Any]:
-    """A run of exactly ``variants`` legal variants seen by one camera."""
+    """Return the spec of a run of exactly ``variants`` legal variants, all seen by one camera."""
     return {
         "name": f"{variants} variants",
         "asset": "box-street",
@@ -56,7 +59,7 @@ def document(variants: int) -> dict[str, Any]:
 
 
 def cpu_seconds(system: System) -> dict[str, float]:
-    """CPU seconds that each service used so far, its children included, the dead ones too."""
+    """Return the CPU seconds of each service so far, including its running and its ended child processes."""
     used: dict[str, float] = {}
     for name, pid in system.supervisor.pids().items():
         total = 0.0
@@ -71,13 +74,13 @@ def cpu_seconds(system: System) -> dict[str, float]:
 
 
 def redis_megabytes(system: System) -> float:
-    """Resident memory of the broker."""
+    """Return the resident memory of the broker."""
     process = psutil.Process(system.supervisor.pids()["redis"])
     return sum(p.memory_info().rss for p in [process, *process.children(recursive=True)]) / 1e6
 
 
 def measure(system: System, variants: int) -> dict[str, Any]:
-    """One run."""
+    """Measure one run."""
     before = cpu_seconds(system)
     started = time.perf_counter()
     run = system.submit(document(variants))
@@ -110,7 +113,7 @@ def measure(system: System, variants: int) -> dict[str, Any]:
 
 
 def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
-    """One run of `FED` variants: CPU seconds of this process for the rows, and for the messages."""
+    """Measure one run of `FED` variants: CPU seconds of this process for the rows, and for the messages."""
     folder.mkdir()
     socket = folder / "redis.sock"
     settings = load_settings(
@@ -127,15 +130,12 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
         redis_server.wait_until_it_answers(socket, seconds=30)
         context = open_context(settings)
         migrate(context.engine)
-        offer = {"name": "blank", "numeric_class": "blank", "revision": 1, "digest": "0" * 64}
-        pins = {
-            "engine": {**offer, "route": "render.blank.blank"},
-            "truth": {**offer, "route": "render.truth.blank"},
-            "functions": {"blank": {**offer, "route": "infer.blank"}},
-        }
-        run_id = submit(context, parse(document(FED)))
+        spec = parse(document(FED))
+        pins, reason = choose_pins(spec, [*probe_engine("blank"), *probe_function("blank")], {})
+        assert pins is not None, reason
+        run_id = submit(context, spec)
         with writing(context.engine) as connection:
-            runs.change_state(connection, run_id, expected=("submitted",), state="running", pins=pins)
+            runs.change_state(connection, run_id, expected=(RunState.SUBMITTED,), state=RunState.RUNNING, pins=pins)
         with reading(context.engine) as connection:
             run = runs.get(connection, run_id)
         rows = messages = 0.0
@@ -146,9 +146,10 @@ def measure_feeding(folder: Path, assets: Path) -> dict[str, Any]:
             fed = feeder.feed(context.engine, following, time.time())
             written = time.process_time()
             context.broker.send_products(fed.ready)
-            following = fed.next_index
             rows += written - started
             messages += time.process_time() - written
+            with reading(context.engine) as connection:
+                following = runs.fed(connection, run_id).next_index
     finally:
         server.terminate()
         server.wait()

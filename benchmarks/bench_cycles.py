@@ -1,14 +1,15 @@
-"""What Cycles' pictures cost and how far they are from the light itself, and whether a layer over a background is the frame.
+"""Measure cost and error of Cycles' pictures, and compare a layer over a background with the full frame.
 
 ``python -m benchmarks.bench_cycles [STEP …]``, of
 
-* ``render``: parts of frames, into ``--folder``. It goes on where it was ended (Ctrl-C, a crash), and takes Blender.
-* ``score``: what there is so far, into ``var/bench/cycles.json``. Layers against full frames, beside two seeds: grey levels and
-  pACC. Qualities against many samples: error, pACC, CPU seconds. Takes no Blender; networks may have changed since.
-* ``reach``: what a pedestrian changes by indirect light, by its distance in body heights, beside the noise.
+* ``render``: renders parts of frames into ``--folder``. Resumes after Ctrl-C or a crash. Needs Blender.
+* ``score``: scores all parts rendered so far, into ``var/bench/cycles.json``. Compares layers with full frames, beside two seeds:
+  grey levels and pACC. Compares qualities with many samples: error, pACC, CPU seconds. Needs no Blender; networks may be newer.
+* ``reach``: measures the change of indirect light around a pedestrian by distance in body heights, beside the noise.
 
-Without a step: all, small. The validation of docs/cycles.md, whose windows and samples `benchmarks.cycles_frames` explains:
-``render score --width 960 --height 540 --frames 100 --presets 10``, hours.
+Without a step, all three run at a small size. The validation of docs/cycles.md takes hours; `benchmarks.cycles_frames` explains
+its windows and samples:
+``render score --width 960 --height 540 --frames 100 --presets 10``.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ from valerie.scene.variation.variant import apply
 from valerie.settings import load_settings
 
 STEPS = ("render", "score", "reach")
-#: Pedestrians of the table of presets stand at least so far away: 1024 samples of a near one's window cost too much.
+#: Least distance of pedestrians in the table of presets: 1024 samples of a near pedestrian's window cost too much.
 PRESETS_BEYOND_M = 32.0
-#: And show at least so many pixels: hidden ones have no pACC.
+#: Least number of their visible pixels: hidden pedestrians have no pACC.
 PRESETS_VISIBLE = 100
 
 
 def render(folder: Path, asset: SceneAsset, frames: list[Planned], *, seeds: int, presets: int) -> None:
-    """All frames; the first ``seeds`` in a second seed too, the first ``presets`` distant and visible ones at every quality."""
+    """Render all frames; the first ``seeds`` in two seeds, the first ``presets`` distant, visible ones at every quality."""
     holder = BlenderHolder(load_settings())
     engine = CyclesRenderer(holder=holder)
     size = frames[0].view
@@ -56,21 +57,23 @@ def render(folder: Path, asset: SceneAsset, frames: list[Planned], *, seeds: int
         "width": size.width,
         "height": size.height,
     }
-    started, done = time.monotonic(), 0
+    started, count = time.monotonic(), 0
     try:
         parts = Parts(folder, setup)
         studio = Studio(parts, holder)
-        for one in frames:
-            made = studio.frame(one, other_seed=one.index < seeds)
-            visible = parts.figures(f"{one.index}/person")["pixels"] >= PRESETS_VISIBLE
-            if presets and visible and one.distance_m >= PRESETS_BEYOND_M:
+        for frame in frames:
+            rendered = studio.frame(frame, other_seed=frame.index < seeds)
+            visible = parts.figures(f"{frame.index}/person")["pixels"] >= PRESETS_VISIBLE
+            if presets and visible and frame.distance_m >= PRESETS_BEYOND_M:
                 presets -= 1
-                made |= studio.presets(one)
-            done += made
-            if made:
-                pace = (time.monotonic() - started) / done
-                left = pace * (len(frames) - 1 - one.index) / 3600
-                print(f"frame {one.index + 1} of {len(frames)}: {pace:.0f} s each, about {left:.1f} h left", flush=True)
+                rendered |= studio.presets(frame)
+            count += rendered
+            if rendered:
+                pace = (time.monotonic() - started) / count
+                left = pace * (len(frames) - 1 - frame.index) / 3600
+                print(
+                    f"frame {frame.index + 1} of {len(frames)}: {pace:.0f} s each, about {left:.1f} h left", flush=True
+                )
     finally:
         holder.close()
 
@@ -80,7 +83,7 @@ def score(folder: Path, frames: list[Planned], functions: list[str]) -> dict[str
     scores = cycles_scores.Scores(parts, folder, {name: plugins.create_function(name) for name in functions})
     return {
         "setup": json.loads((folder / "setup.json").read_text()),
-        "checks": [parts.figures(f"{one.index}/checks") for one in frames if f"{one.index}/checks" in parts],
+        "checks": [parts.figures(f"{frame.index}/checks") for frame in frames if f"{frame.index}/checks" in parts],
         "layers": cycles_scores.of_layers(parts, frames, scores),
         "presets": cycles_scores.of_presets(parts, frames, scores),
     }
@@ -91,11 +94,11 @@ def engine(**settings: Any) -> CyclesRenderer:
 
 
 def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any]:
-    """Share by which a pedestrian changes light outside its own pixels and shadow, in rings of half a body height."""
+    """Return the relative change of light outside a pedestrian's pixels and shadow, in rings of half a body height."""
     scene = apply({"scene.person-1.pos.x": 1.0, "scene.person-1.pos.y": 8.0}, asset)
-    made, height = engine(samples=64, denoise=False), 1.8
-    # The same seed: a path that does not meet the person has the same value in both.
-    without, with_person = made.background(scene, view).pixels, made.full(scene, view).pixels
+    renderer, height = engine(samples=64, denoise=False), 1.8
+    # With the same seed, a path that does not meet the person has the same value in both.
+    without, with_person = renderer.background(scene, view).pixels, renderer.full(scene, view).pixels
     other = engine(samples=64, denoise=True, seed=1).background(scene, view).pixels
     smooth = engine(samples=64, denoise=True).background(scene, view).pixels
     truth = truth_pass.truth(scene, view)
@@ -113,49 +116,51 @@ def reach(asset: SceneAsset, view: View, truth_pass: TruthPass) -> dict[str, Any
     offset = points - node[:3, 3]
     shadow = np.abs(offset[..., 0] * toward[1] - offset[..., 1] * toward[0]) < 0.6 * np.hypot(*toward[:2])
     shadow &= (offset[..., :2] @ toward[:2]) < 0.6
-    found: dict[str, Any] = {}
+    rings: dict[str, Any] = {}
     for low in np.arange(0.0, 3.0, 0.25):
         ring = seen & ~shadow & (distance >= low) & (distance < low + 0.25)
         if ring.sum() >= 12:
-            found[f"{low:.2f}"] = {
+            rings[f"{low:.2f}"] = {
                 "pixels": int(ring.sum()),
                 "change": round(float((gray[1] - gray[0])[ring].sum() / gray[0][ring].sum()), 4),
                 "noise": round(float(np.sqrt(((gray[3] - gray[2])[ring] ** 2).mean()) / gray[2][ring].mean()), 4),
             }
-            print(f"reach {low:.2f} heights", found[f"{low:.2f}"])
-    return found
+            print(f"reach at {low:.2f} body heights:", rings[f"{low:.2f}"])
+    return rings
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("steps", nargs="*", metavar="STEP", help=f"any of {', '.join(STEPS)}; all if not given")
+    parser.add_argument("steps", nargs="*", metavar="STEP", help=f"any of {', '.join(STEPS)}; default: all")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=108)
-    parser.add_argument("--frames", type=int, default=3, help="how many pedestrians")
+    parser.add_argument("--frames", type=int, default=3, help="number of pedestrians")
     parser.add_argument(
-        "--seeds", type=int, help="how many of them in a second seed too, half of the work; all if not given"
+        "--seeds",
+        type=int,
+        help="number of pedestrians rendered with a second seed too, half of the work; all by default",
     )
-    parser.add_argument("--presets", type=int, default=1, help="how many of them at every quality")
+    parser.add_argument("--presets", type=int, default=1, help="number of pedestrians at every quality")
     parser.add_argument("--functions", nargs="*", default=list(FUNCTIONS))
-    parser.add_argument("--folder", type=Path, help="of the parts; var/bench/cycles-WIDTHxHEIGHT if not given")
-    given = parser.parse_args()
-    steps = given.steps or list(STEPS)
+    parser.add_argument("--folder", type=Path, help="folder of the parts; default: var/bench/cycles-WIDTHxHEIGHT")
+    arguments = parser.parse_args()
+    steps = arguments.steps or list(STEPS)
     if unknown := set(steps) - set(STEPS):
-        parser.error(f"no such step: {', '.join(sorted(unknown))}; there are {', '.join(STEPS)}")
-    folder = given.folder or Path(f"var/bench/cycles-{given.width}x{given.height}")
+        parser.error(f"unknown step: {', '.join(sorted(unknown))}; known: {', '.join(STEPS)}")
+    folder = arguments.folder or Path(f"var/bench/cycles-{arguments.width}x{arguments.height}")
     asset = load_asset("urban-street")
-    frames = planned(asset, given.width, given.height, given.frames)
+    frames = planned(asset, arguments.width, arguments.height, arguments.frames)
     figures: dict[str, Any] = {}
     try:
         if "render" in steps:
-            seeds = given.frames if given.seeds is None else given.seeds
-            render(folder, asset, frames, seeds=seeds, presets=given.presets)
+            seeds = arguments.frames if arguments.seeds is None else arguments.seeds
+            render(folder, asset, frames, seeds=seeds, presets=arguments.presets)
         if "score" in steps:
-            figures |= score(folder, frames, given.functions)
+            figures |= score(folder, frames, arguments.functions)
         if "reach" in steps:
-            figures["reach"] = reach(asset, View("camera-1", given.width, given.height), TruthPass())
+            figures["reach"] = reach(asset, View("camera-1", arguments.width, arguments.height), TruthPass())
     except KeyboardInterrupt:
-        raise SystemExit("ended; the same command goes on from here") from None
+        raise SystemExit("interrupted; run the same command again to resume") from None
     except ValerieError as error:
         raise SystemExit(str(error)) from None
     if figures:

@@ -1,9 +1,9 @@
-"""CPU seconds per full-HD frame of the paper's two networks, in eager fp32 and in every engine and precision, side by side.
+"""Measure the paper's two networks: CPU seconds per full-HD frame, in eager fp32 and in every engine and precision.
 
 ``python -m benchmarks.bench_infer [--threads 1] [--frames 2] [--networks NAME …] [--size 1920x1080]``. Every row is a process of
 its own that opens the function as a worker does. The large networks are mmsegmentation's deeplabv3plus_r101-d8 and fpn_r101 with
-random weights, which changes no cost. How well labels agree is measured with the trained small networks on rendered frames,
-against eager fp32: the network as torch makes it, without VALERIE's engine, on what every engine is given of the frame.
+random weights, which changes no cost. The agreement of labels is measured with the trained small networks on rendered frames,
+against eager fp32: the network as torch makes it, without VALERIE's engine, on the input that every engine gets.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ WIDTH, HEIGHT = 1920, 1080
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--frames", type=int, default=2, help="timed frames of the large networks")
+    parser.add_argument("--frames", type=int, default=2, help="number of timed frames of the large networks")
     parser.add_argument(
-        "--networks", nargs="+", choices=NETWORKS, default=NETWORKS, metavar="NAME", help="all when left out"
+        "--networks", nargs="+", choices=NETWORKS, default=NETWORKS, metavar="NAME", help="default: all"
     )
-    parser.add_argument("--size", default=f"{WIDTH}x{HEIGHT}", help="of the frames; default %(default)s")
+    parser.add_argument("--size", default=f"{WIDTH}x{HEIGHT}", help="size of the frames; default: %(default)s")
     parser.add_argument(
         "--row", nargs=3, metavar=("NETWORK", "ENGINE", "PRECISION"), help="one row, in this process, as JSON"
     )
@@ -86,10 +86,10 @@ def main() -> None:
 def run(arguments: list[str]) -> dict[str, Any]:
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
     command = [sys.executable, "-m", "benchmarks.bench_infer", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise SystemExit(done.stderr)
-    row: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
+    process = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if process.returncode:
+        raise SystemExit(process.stderr)
+    row: dict[str, Any] = json.loads(process.stdout.strip().splitlines()[-1])
     return row
 
 
@@ -100,7 +100,7 @@ def in_own_process(task: str, folder: Path, *arguments: object) -> None:
 
 
 def render(folder: Path, width: int, height: int) -> None:
-    """Frames of the street with the pedestrian near and far, under two suns."""
+    """Render frames of the street with the pedestrian near and far, under two suns."""
     from valerie import plugins
     from valerie.rendering.base import View
     from valerie.scene.assets.asset import load_asset
@@ -119,7 +119,7 @@ def render(folder: Path, width: int, height: int) -> None:
 
 
 def write(folder: Path, *networks: str) -> None:
-    """Files of the large ones among these networks, with random weights."""
+    """Write the files of the large networks, with random weights."""
     import torch
 
     from valerie.perception.importing.function_file import function_file_bytes
@@ -129,14 +129,14 @@ def write(folder: Path, *networks: str) -> None:
     for name in (name for name in networks if name in LARGE):
         state = build_network(name).state_dict()
         tensors = {key: value.numpy() for key, value in state.items() if not key.endswith("num_batches_tracked")}
-        made = function_file_bytes(
+        content = function_file_bytes(
             tensors, architecture=name, mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225), provenance={}
         )
-        (folder / f"{name}.safetensors").write_bytes(made)
+        (folder / f"{name}.safetensors").write_bytes(content)
 
 
 def measure(network: str, engine: str, precision: str, folder: Path, threads: int, frames: int) -> dict[str, Any]:
-    """In this process: seconds per frame after a first one, and the labels into the folder."""
+    """Measure seconds per frame after a first frame, in this process, and write the labels to the folder."""
     from valerie.errors import MissingDependency
     from valerie.perception.running.adaptation import plan
     from valerie.perception.running.opening import open_function
@@ -165,13 +165,13 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
     opened = time.process_time()
     seconds, labels = [], []
     for picture in pictures:
-        begun = time.process_time()
+        start = time.process_time()
         labels.append(predict(picture))
-        seconds.append(time.process_time() - begun)
+        seconds.append(time.process_time() - start)
     np.save(folder / f"{network} {engine} {precision}.npy", np.stack(labels))
     from valerie.perception.networks.architectures import (
         ARCHITECTURES,
-    )  # brings torch along: not before the clock stopped
+    )  # Imports torch, so it must come after the last timed frame.
 
     return {
         "cpu_s_per_frame": round(median(seconds), 3),
@@ -184,9 +184,9 @@ def measure(network: str, engine: str, precision: str, folder: Path, threads: in
 
 
 def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.uint8]]:
-    """The network as anyone would run it in torch: no special memory order, all in fp32, one operation after the other.
+    """Return the network as plain torch runs it: default memory order, fp32 throughout, one operation after the other.
 
-    Frames are reduced and padded as the file's document says, with what every engine is given.
+    Frames are reduced and padded as the file's document says, as for every engine.
     """
     import torch
     from torch.nn import functional
@@ -213,10 +213,10 @@ def eager(path: Path, threads: int) -> Callable[[NDArray[np.uint8]], NDArray[np.
 
 
 def agreement(folder: Path, network: str, engine: str, precision: str) -> float | None:
-    found = folder / f"{network} {engine} {precision}.npy"
-    if not found.exists():
+    path = folder / f"{network} {engine} {precision}.npy"
+    if not path.exists():
         return None
-    return round(float((np.load(found) == np.load(folder / f"{network} eager fp32.npy")).mean()), 6)
+    return round(float((np.load(path) == np.load(folder / f"{network} eager fp32.npy")).mean()), 6)
 
 
 def show(network: str, engine: str, precision: str, row: dict[str, Any]) -> None:
@@ -224,17 +224,17 @@ def show(network: str, engine: str, precision: str, row: dict[str, Any]) -> None
         print(f"{network:22} {engine:12} {precision}   {row['not_here']}", flush=True)
         return
     if engine == "eager":
-        print("{}: output stride {}, given {} × {}".format(network, row["output_stride"], *row["given"]))
+        print("{}: output stride {}, input {} × {}".format(network, row["output_stride"], *row["given"]))
     random = "  (random weights)" if network in LARGE else ""
     print(
         f"{network:22} {engine:12} {precision} {row['cpu_s_per_frame']:8.2f} CPU s {row['speed_up']:6.2f} × "
-        f"{row['peak_mb']:6} MB   labels as eager fp32 {100 * row['agreement']:8.4f} %{random}",
+        f"{row['peak_mb']:6} MB   same labels as eager fp32 {100 * row['agreement']:8.4f} %{random}",
         flush=True,
     )
 
 
 def table(figures: dict[str, Any]) -> list[str]:
-    """CPU seconds per frame of all networks side by side, as Markdown; speed-ups where there is an aim."""
+    """Return a Markdown table of CPU seconds per frame of all networks; speed-ups only where there is an aim."""
     heads, rows = [], []
     for network, modes in figures.items():
         facts = modes["eager fp32"]

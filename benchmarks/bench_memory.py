@@ -1,10 +1,10 @@
-"""Memory of each worker over many frames: real processes with the raster engine and both networks; it must be flat.
+"""Measure the memory of each worker over many frames: real processes, the raster engine, both networks. It must stay flat.
 
-``python -m benchmarks.bench_memory [--frames 2000]``: the resident memory of each worker is sampled all along; the figure is
-how much the median of the last fifth lies above the median of the second fifth (the first fifth warms up).
+``python -m benchmarks.bench_memory [--frames 2000]`` samples the resident memory of each worker throughout. The figure is the
+median of the last fifth minus the median of the second fifth (the first fifth warms up).
 
-``--rendering-only`` takes the render worker's part alone, in this process: layers and truths of small frames with changing
-places, suns and cameras, encoded and thrown away; ``var/bench/memory_rendering.json``.
+``--rendering-only`` measures the render worker's part alone, in this process: layers and truths of small frames with changing
+places, suns and cameras, encoded and dropped. It writes ``var/bench/memory_rendering.json``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from valerie.scene.assets.asset import load_asset
 from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 
-#: Frames that follow each other under one camera and sun, where the render worker's part is taken alone.
+#: Consecutive frames under one camera and sun with ``--rendering-only``.
 GROUP = 40
 
 
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def rendering_only(frames: int) -> dict[str, object]:
-    """What the render worker keeps in memory over ``frames`` frames of 96 × 54 pixels."""
+    """Measure the memory that the render worker's part takes over ``frames`` frames of 96 × 54 pixels."""
     asset = load_asset("urban-street")
     engine, truth_pass = plugins.create_renderer("raster"), plugins.create_truth_pass("")
     process, random = psutil.Process(), np.random.default_rng(0)
@@ -99,7 +99,7 @@ def rendering_only(frames: int) -> dict[str, object]:
 
 
 def _growth(name: str, values: list[tuple[int, float]]) -> dict[str, float]:
-    """How (frames done, megabytes) went from the second fifth to the last; printed too."""
+    """Return and print the growth of (frames done, megabytes) from the second fifth to the last."""
     total = max(done for done, _ in values)
     early = median(mb for done, mb in values if 0.2 * total <= done < 0.4 * total)
     late = median(mb for done, mb in values if done >= 0.8 * total)

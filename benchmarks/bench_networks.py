@@ -1,11 +1,11 @@
-"""What the shipped networks see on the paper's pattern: pACC, precision and mIoU of frames that show a person, and of all.
+"""Measure the shipped networks on the paper's pattern: pACC, precision and mIoU, over frames with a person and over all.
 
 ``python -m benchmarks.bench_networks [--data-dir DIR] [--cycles]``. Runs ``examples/pattern-sample.yaml`` as ``valerie run``
-does, so that what the data folder has is not made again, and reads the confusion matrices that its evaluations stored. With
-``--cycles`` the same variants rendered by Cycles too, quality ``draft``: hours on two cores.
+does, which reuses the products of the data folder, and reads the confusion matrices that its evaluations stored. With
+``--cycles`` Cycles renders the same variants too, at quality ``draft``: hours on two cores.
 
-The aim is set for pooled counts over the frames with at least 100 visible pixels of persons: a person of fewer is a speck, of
-which no frame says much. Frame means and all frames stand beside it.
+The aim applies to pooled counts over the frames with at least 100 visible pixels of persons, since a smaller person is a mere
+speck. The table also shows frame means, and figures over all frames.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from valerie.settings import Settings, load_settings
 from valerie.storage import codecs
 
 SPEC: Final = Path("examples/pattern-sample.yaml")
-#: Visible pixels of persons from which on a frame counts for the aim.
+#: Least number of visible pixels of persons in a frame that counts for the aim.
 LEAST_PIXELS: Final = 100
-#: Of the pooled figures on frames of the raster engine.
+#: Aims for the pooled figures on frames of the raster engine.
 AIMS: Final = {"pacc": 0.85, "precision": 0.75, "miou": 0.60}
 CYCLES: Final = {"name": "cycles", "quality": "draft"}
 
@@ -46,16 +46,16 @@ def main() -> None:
     parser.add_argument("--data-dir", type=Path, help="data folder (default: that of `valerie run`)")
     parser.add_argument("--cycles", action="store_true", help="the same variants rendered by Cycles too")
     parser.add_argument("--spec", type=Path, default=SPEC, help=f"another validation (default: {SPEC})")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        settings = load_settings(data_dir=given.data_dir)
-        document = load_document(given.spec.read_bytes())
-        if given.cycles:
-            interpreter(settings)  # before minutes of the other engine: is it there?
+        settings = load_settings(data_dir=arguments.data_dir)
+        document = load_document(arguments.spec.read_bytes())
+        if arguments.cycles:
+            interpreter(settings)  # Fail before the other engine takes minutes.
         engines: dict[str, Mapping[str, Any]] = {"raster": {"name": "raster"}}
-        if given.cycles:
+        if arguments.cycles:
             engines["cycles"] = CYCLES
-        figures: dict[str, Any] = {"spec": str(given.spec), "least_person_pixels": LEAST_PIXELS, "aims": AIMS}
+        figures: dict[str, Any] = {"spec": str(arguments.spec), "least_person_pixels": LEAST_PIXELS, "aims": AIMS}
         for engine, renderer in engines.items():
             run_id, state = validate(
                 {**document, "name": f"{document['name']}-{engine}", "renderer": dict(renderer)}, settings
@@ -63,48 +63,51 @@ def main() -> None:
             figures[engine] = {"run": run_id, "state": state, "functions": measured(settings, run_id)}
             show(engine, figures[engine]["functions"], aims=AIMS if engine == "raster" else {})
             if state != "completed":
-                print(f"the run is {state}: frames that failed are in none of these figures")
+                print(f"the run is {state}; these figures leave out the frames that failed")
     except (ValerieError, OSError) as error:
         raise SystemExit(str(error)) from None
     results.write("networks", figures)
 
 
 def validate(document: Mapping[str, Any], settings: Settings) -> tuple[str, str]:
-    """Run a validation through the real system, which tells how far it is; the run's id and the state in which it ended.
+    """Run a validation through the real system, which reports its progress; return the run's id and its final state.
 
     Raises:
         SystemExit: it did not end with results.
     """
     command = [sys.executable, "-m", "valerie", "run", "-", "--data-dir", str(settings.data_dir), "--json"]
-    done = subprocess.run(command, input=json.dumps(document), stdout=subprocess.PIPE, text=True, check=False)
-    events = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    process = subprocess.run(command, input=json.dumps(document), stdout=subprocess.PIPE, text=True, check=False)
+    events = [json.loads(line) for line in process.stdout.splitlines() if line.startswith("{")]
     finished = next((event for event in events if event["event"] == "finished"), None)
     if finished is None or finished["summary"] is None:
-        raise SystemExit(done.returncode or 1)
+        raise SystemExit(process.returncode or 1)
     return str(finished["run"]), str(finished["state"])
 
 
 def measured(settings: Settings, run_id: str) -> dict[str, Any]:
-    """Function to its figures, over what is evaluated of the run's frames behind the first sensor setting."""
+    """Return the figures of each function over the run's evaluated frames behind the first sensor setting."""
     context = open_context(settings)
     try:
         with reading(context.engine) as connection:
             run = runs.get(connection, run_id)
-            functions = resolve_stored(run, settings).spec.functions
-            found = {name: predictions(connection, run_id, 0, index) for index, name in enumerate(functions)}
+            stored = resolve_stored(run, settings)
+            scores = {
+                name: predictions(connection, run_id, 0, index)
+                for index, name in enumerate(stored.resolved.spec.functions)
+            }
     finally:
         context.engine.dispose()
     return {
         name: {
-            "digest": run.pins["functions"][name]["digest"],
+            "digest": stored.pins.functions[name].digest,
             **statistics([codecs.decode_counts(packed) for _, packed in rows.values()]),
         }
-        for name, rows in found.items()
+        for name, rows in scores.items()
     }
 
 
 def statistics(matrices: Sequence[ConfusionMatrix], least: int = LEAST_PIXELS) -> dict[str, Any]:
-    """Figures over the frames with at least ``least`` visible pixels of persons, and over all frames.
+    """Return figures over the frames with at least ``least`` visible pixels of persons, and over all frames.
 
     Args:
         matrices: (19, 20) per frame; the row of the truth's persons counts what is visible of them.
@@ -115,7 +118,7 @@ def statistics(matrices: Sequence[ConfusionMatrix], least: int = LEAST_PIXELS) -
 
 
 def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
-    """Ratios in [0, 1]: pooled, and means over the frames in which they are defined, with how many these are."""
+    """Return ratios in [0, 1]: pooled, and as means over the frames that define them, with the number of these frames."""
     scores = collection_scores(matrices)
     person = scores.of(PERSON)
     both: dict[str, Averages] = {
@@ -123,18 +126,18 @@ def figures_of(matrices: Sequence[ConfusionMatrix]) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "frames": scores.frames,
-        "pooled": {name: one.pooled for name, one in both.items()},
-        "frame_mean": {name: one.frames.mean for name, one in both.items()},
-        "defined_in": {name: one.frames.defined for name, one in both.items()},
+        "pooled": {name: entry.pooled for name, entry in both.items()},
+        "frame_mean": {name: entry.frames.mean for name, entry in both.items()},
+        "defined_in": {name: entry.frames.defined for name, entry in both.items()},
     }
 
 
 def show(engine: str, functions: Mapping[str, Any], aims: Mapping[str, float]) -> None:
-    """A line per function, choice of frames and average; the aim's own line says where it stands."""
+    """Print a line per function, choice of frames and average, and a line with the verdict on the aim."""
     names = ("pacc", "precision", "iou", "miou")
     heads = ("pACC", "precision", "IoU", "mIoU")
     wide = max(len(name) for name in functions)
-    print(f"\n{engine}, per cent; persons, and the mean IoU of the classes present")
+    print(f"\n{engine}, in per cent: persons, and the mean IoU of the classes present")
     print(f"{'':{wide}}  {'frames':32}" + "".join(f"{head:>15}" for head in heads))
     for function, figures in functions.items():
         for frames, words in (("visible", f"≥ {LEAST_PIXELS} person pixels"), ("all", "all")):

@@ -1,13 +1,13 @@
-"""CPU seconds and bytes per frame of `raster` and of stock pyrender, on the paper's pattern and the same variants.
+"""Measure CPU seconds and bytes per frame of `raster` and of stock pyrender on the same variants of the paper's pattern.
 
 Pattern: 3 cameras × 4 suns × 30 poses at 1920 × 1080 (section 6 of the paper; poses drawn from `examples/paper-pattern.yaml`).
-A frame is the linear image, class, instance and depth maps and amodal masks, encoded and written to a folder, read back by
-nobody. Each engine runs in a process of its own, single-threaded; CPU seconds are the process's, with all that Python does.
+A frame is the linear image, class, instance and depth maps and amodal masks, encoded and written to a folder.
+Each engine runs in a process of its own, single-threaded; CPU seconds are those of the whole process, Python included.
 
 - ``raster.cold``: the first frame of each (camera, sun), with its background; every third of them has a new camera too.
 - ``raster.warm``: the other frames.
-- ``pyrender``: what a user of pyrender 0.1.45 does for the same data: the scene with its default 4× MSAA and sun shadows as 8-bit
-  RGB, a SEG pass for ids and depth, one SEG pass per person alone for the amodal mask; stored with the codecs of this project.
+- ``pyrender``: the same data from pyrender 0.1.45 as its users call it: the scene with its default 4× MSAA and sun shadows as
+  8-bit RGB, a SEG pass for ids and depth, one SEG pass per person for the amodal mask; stored with the codecs of this project.
 
 ``python -m benchmarks.bench_render [--poses 30] [--pyrender-frames 24]`` writes ``var/bench/render.json``.
 """
@@ -44,10 +44,10 @@ WIDTH, HEIGHT = 1920, 1080
 
 
 def poses(asset: SceneAsset, count: int) -> list[dict[str, Value]]:
-    """Legal places, headings and outfits of the paper's pattern, drawn evenly with a fixed seed."""
+    """Return legal places, headings and outfits of the paper's pattern, drawn evenly with a fixed seed."""
     random = np.random.default_rng(6)
-    found: list[dict[str, Value]] = []
-    while len(found) < count:
+    places: list[dict[str, Value]] = []
+    while len(places) < count:
         pose: dict[str, Value] = {
             "scene.person-1.pos.x": float(random.integers(-2, 8)),
             "scene.person-1.pos.y": float(5 + 2 * random.integers(0, 16)),
@@ -55,12 +55,12 @@ def poses(asset: SceneAsset, count: int) -> list[dict[str, Value]]:
             "scene.person-1.character": ("black-outfit", "yellow-shirt")[int(random.integers(0, 2))],
         }
         if rejection_reason(pose, asset.manifest) is None:
-            found.append(pose)
-    return found
+            places.append(pose)
+    return places
 
 
 def variants(asset: SceneAsset, count: int) -> Iterator[tuple[str, float, list[dict[str, Value]]]]:
-    """(camera, sun, poses with that sun) of each group."""
+    """Return (camera, sun, poses with that sun) of each group."""
     drawn = poses(asset, count)
     for camera in CAMERAS:
         for sun in SUNS_DEG:
@@ -68,7 +68,7 @@ def variants(asset: SceneAsset, count: int) -> Iterator[tuple[str, float, list[d
 
 
 def triangles(scene: Scene) -> int:
-    """Triangles that are drawn."""
+    """Return the number of triangles drawn."""
     hidden = {path for path, node in scene.nodes.items() if not node.visible}
     return sum(
         len(mesh.faces)
@@ -79,7 +79,7 @@ def triangles(scene: Scene) -> int:
 
 
 class Writer:
-    """Writes artifacts to a folder and counts their bytes."""
+    """Folder for artifacts, with a count of their bytes."""
 
     def __init__(self, folder: str) -> None:
         self._store = open_store(folder)
@@ -147,7 +147,7 @@ def measure_raster(count: int) -> dict[str, Any]:
 
 
 def measure_pyrender(count: int, frames: int) -> dict[str, Any]:
-    """Stock pyrender: its own renderer, materials and passes, nothing of this project's engine."""
+    """Measure stock pyrender: its own renderer, materials and passes, nothing of this project's engine."""
     asset = load_asset("urban-street")
     chosen = [
         (camera, values) for camera, _, group in variants(asset, count) for values in group[:: max(1, count // 2)][:2]
@@ -161,7 +161,7 @@ def measure_pyrender(count: int, frames: int) -> dict[str, Any]:
             image, truth = stock.frame(apply(values, asset), View(camera, WIDTH, HEIGHT))
             out.put("image", codecs.encode_image(image))
             out.put("truth", codecs.encode_truth(truth))
-            if i:  # the first one uploads and compiles
+            if i:  # The first frame uploads and compiles.
                 seconds.append(time.process_time() - started)
     return {"cpu_s_per_frame": round(float(np.mean(seconds)), 3), "frames": len(seconds)}
 
@@ -223,7 +223,7 @@ class StockPyrender:
         return LinearImage(linear), GroundTruth(classes, instances, axis_depth, tuple(persons))
 
     def _mesh(self, meshes: Any, scene: Scene) -> Any:
-        """One mesh of pyrender per node, uploaded once: nodes share nothing, since ids are per node."""
+        """Return one pyrender mesh per node, uploaded once; ids are per node, so nodes share nothing."""
         if not meshes:
             return None
         key = id(meshes)
@@ -257,7 +257,7 @@ class StockPyrender:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--poses", type=int, default=30, help="per camera and sun")
+    parser.add_argument("--poses", type=int, default=30, help="number of poses per camera and sun")
     parser.add_argument("--pyrender-frames", type=int, default=24)
     parser.add_argument("--engine", choices=("raster", "pyrender"), help="one engine, in this process, as JSON")
     arguments = parser.parse_args()
@@ -270,7 +270,7 @@ def main() -> None:
     figures: dict[str, Any] = {"width": WIDTH, "height": HEIGHT, "cameras": CAMERAS, "suns_deg": SUNS_DEG}
     figures["poses"] = arguments.poses
     for engine in ("raster", "pyrender"):
-        done = subprocess.run(
+        process = subprocess.run(
             [
                 sys.executable, "-m", "benchmarks.bench_render", f"--engine={engine}", f"--poses={arguments.poses}",
                 f"--pyrender-frames={arguments.pyrender_frames}",
@@ -278,13 +278,13 @@ def main() -> None:
             capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1],
             env={**os.environ, "LP_NUM_THREADS": "0", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
-        if done.returncode:
-            raise SystemExit(done.stderr)
-        figures[engine] = json.loads(done.stdout.strip().splitlines()[-1])
+        if process.returncode:
+            raise SystemExit(process.stderr)
+        figures[engine] = json.loads(process.stdout.strip().splitlines()[-1])
         print(f"{engine:10}", json.dumps(figures[engine]), flush=True)
     figures["ratio"] = round(figures["pyrender"]["cpu_s_per_frame"] / figures["raster"]["cpu_s_per_frame"], 1)
     print(
-        f"{figures['raster']['triangles']} triangles; pyrender takes {figures['ratio']} times the CPU seconds of raster"
+        f"{figures['raster']['triangles']} triangles; pyrender needs {figures['ratio']} times the CPU seconds of raster"
     )
     results.write("render", figures)
 

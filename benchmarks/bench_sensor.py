@@ -1,7 +1,7 @@
-"""CPU milliseconds per megapixel of every effect of the sensor stage, each alone.
+"""Measure the CPU milliseconds per megapixel of each effect of the sensor stage.
 
-``make bench-sensor``, or ``python -m benchmarks.bench_sensor [--width W --height H --repeat N]``. The image is made of random
-tiles over a road-like depth; *first* includes the tables and maps that the next pictures with the same setting share.
+``make bench-sensor``, or ``python -m benchmarks.bench_sensor [--width W --height H --repeat N]``. The image consists of random
+tiles over a road-like depth. *First* includes the tables and maps that later pictures with the same setting share.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ EFFECTS: Final[dict[str, dict[str, Any]]] = {
 
 
 def frame(width: int, height: int) -> tuple[NDArray[np.float16], Shot]:
-    """Tiles of 20 pixels, and a depth that grows towards a horizon."""
+    """Return an image of tiles of 20 pixels, and a depth that grows towards a horizon."""
     rng = np.random.default_rng(0)
     tiles = rng.gamma(1.5, 0.3, (-(-height // 20), -(-width // 20), 3))
     linear = np.kron(tiles, np.ones((20, 20, 1)))[:height, :width].astype(np.float16)
@@ -63,7 +63,7 @@ def frame(width: int, height: int) -> tuple[NDArray[np.float16], Shot]:
 
 
 def milliseconds(call: Any, megapixels: float) -> float:
-    """CPU time of one call, per megapixel."""
+    """Return the CPU time of one call, per megapixel."""
     started = time.process_time()
     call()
     return (time.process_time() - started) * 1000.0 / megapixels
@@ -78,7 +78,7 @@ def main() -> None:
     linear, shot = frame(arguments.width, arguments.height)
     megapixels = linear.shape[0] * linear.shape[1] / 1e6
     figures: dict[str, object] = {"width": arguments.width, "height": arguments.height, "unit": "CPU ms per megapixel"}
-    settings = {name: SensorSetting.model_validate(given) for name, given in EFFECTS.items()}
+    settings = {name: SensorSetting.model_validate(effect) for name, effect in EFFECTS.items()}
     calls: dict[str, Any] = {name: partial(develop, linear, setting, shot) for name, setting in settings.items()}
     for name, call in calls.items():
         first = milliseconds(call, megapixels)

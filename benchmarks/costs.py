@@ -1,13 +1,13 @@
-"""Measure what products cost and write the shipped table.
+"""Measure the costs of products and write the shipped table.
 
 ``OMP_NUM_THREADS=1 LP_NUM_THREADS=1 python -m benchmarks.costs [--write] [--only truth] [--sizes]``
 
-CPU seconds of this process, warm caches (the first product of each kind is not counted), with what a worker does around
-it (decoding inputs, encoding the product). Two resolutions give the fixed and the per-megapixel part. On a machine that is busy
-``--sizes`` keeps the seconds that were measured on a quiet one.
+The costs are CPU seconds of this process with warm caches (the first product of each kind does not count). They include the
+worker's decoding of inputs and encoding of the product. Two resolutions give the fixed and the per-megapixel part. On a busy
+machine, ``--sizes`` keeps the seconds that were measured on a quiet one.
 
-``start`` is not measured here: it is what the CPU times of all processes of `valerie run examples/first-run.yaml`, in a data
-folder of its own, come to beside the products.
+``start`` is not measured here: it is the CPU time of all processes of `valerie run examples/first-run.yaml`, in a data folder
+of its own, minus that of the products.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ from valerie.storage.annotations import Annotation, encode_annotation
 RESOLUTIONS = ((960, 540), (1920, 1080))
 SUNS_DEG = (150.0, 210.0, 240.0)
 CAMERAS = ("camera-1", "camera-2", "camera-3")
-#: No product of its own: what the truths of a camera share.
+#: The part that the truths of a camera share; no product of its own.
 STATICS: Final = "statics"
 PLACES_M = (8.0, 12.0, 16.0, 20.0, 30.0)
-#: Cycles, with minutes a picture, is measured by `benchmarks.bench_cycles`; its entries stay.
+#: `benchmarks.bench_cycles` measures Cycles, which takes minutes a picture; its entries stay.
 ENGINES = ("raster", "pyrender")
 TABLE = Path(__file__).parents[1] / "valerie" / "runs" / "costs.json"
 
@@ -59,8 +59,8 @@ Samples = dict[tuple[str, str], dict[tuple[int, int], list[tuple[float, int]]]]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="replace the shipped table")
-    parser.add_argument("--only", choices=PARTS, help="one part; the other entries stay as they are")
-    parser.add_argument("--sizes", action="store_true", help="bytes alone; the seconds stay as they are")
+    parser.add_argument("--only", choices=PARTS, help="measure one part and keep the other entries")
+    parser.add_argument("--sizes", action="store_true", help="measure bytes only and keep the seconds")
     arguments = parser.parse_args()
     samples: Samples = defaultdict(lambda: defaultdict(list))
     for name, part in PARTS.items():
@@ -121,7 +121,7 @@ def measure_truth(samples: Samples) -> None:
 
 
 def measure_annotations(samples: Samples) -> None:
-    """Those of one moment; the light with what puts its inputs together."""
+    """Measure the annotations of one moment; the light includes the preparation of its inputs."""
     asset = load_asset("urban-street")
     truth_pass, engine = plugins.create_truth_pass(""), RasterRenderer()
     for width, height in RESOLUTIONS:
@@ -147,7 +147,7 @@ def measure_annotations(samples: Samples) -> None:
 
 
 def measure_functions(samples: Samples) -> None:
-    """As shipped, on pictures of the street: longer frames are reduced before them, and label maps of real pictures are small."""
+    """Measure the shipped functions on pictures of the street: they reduce larger frames, and real label maps compress well."""
     asset, engine = load_asset("urban-street"), RasterRenderer()
     pictures = {}
     for width, height in RESOLUTIONS:
@@ -171,7 +171,7 @@ PARTS: Final = {
 
 
 class timed:  # noqa: N801  reads as a statement
-    """Records CPU seconds and bytes of one product."""
+    """Context that records CPU seconds and bytes of one product."""
 
     def __init__(self, samples: Samples, kind: str, maker: str, view: View) -> None:
         self._into = samples[kind, maker][view.width, view.height]
@@ -189,7 +189,7 @@ class timed:  # noqa: N801  reads as a statement
 
 def table(samples: Samples, *, sizes_only: bool) -> dict[str, Any]:
     known: dict[str, Any] = json.loads(TABLE.read_text("utf-8"))
-    # What was not measured now stays as it is, as Cycles always does.
+    # Entries without a new measurement stay, such as those of Cycles.
     costs: dict[str, dict[str, Any]] = known["costs"]
     for (kind, maker), by_resolution in samples.items():
         # The first product of each resolution fills caches.

@@ -1,8 +1,8 @@
-"""Whole frames of a path tracer, composed of a window around the pedestrian and a background.
+"""Plan and compose whole frames of a path tracer from a window around the pedestrian and a background.
 
 A pixel of a render inside a border is the pixel of the whole render, bit for bit (tests/cycles). So the full render of a
-frame needs to be made only where it can differ from a background of its own seed by more than noise: in a window, the
-rectangle of the layer with what the denoiser is shown around it (`denoised_window`).
+frame is needed only where it can differ from a background of its own seed by more than noise: in a window, the rectangle of
+the layer and the margin that the denoiser reads (`denoised_window`).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from valerie.scene.legality.rejection import rejection_reason
 from valerie.scene.variation.variant import apply
 
 _BRIGHTEST: Final = float(np.finfo(np.float16).max)
-#: Where pedestrians stand: metres across the street, and from the line of the cameras along it.
+#: Places of pedestrians: metres across the street, and along it from the line of the cameras.
 _ACROSS_M: Final = (-2.0, 7.0)
 _DISTANCE_M: Final = (16.0, 64.0)
 _CAMERAS_AT_M: Final = -12.0
-#: Consecutive frames of one group: a background is the dearest part.
+#: Consecutive frames of one group: a background is the most expensive part.
 _BLOCK: Final = 50
 
 
@@ -54,7 +54,7 @@ class Planned:
     Attributes:
         index: number of the frame, from 0.
         rectangle: of the layer.
-        window: where the full render is made.
+        window: the rectangle of the full render.
     """
 
     index: int
@@ -66,30 +66,30 @@ class Planned:
 
     @property
     def core(self) -> Rectangle:
-        """The rectangle in the window's own pixels."""
+        """Return the rectangle in the window's own pixels."""
         inside = self.rectangle
         return Rectangle(inside.x - self.window.x, inside.y - self.window.y, inside.width, inside.height)
 
     @property
     def distance_m(self) -> float:
-        """From the optical centre to the pedestrian's origin on the ground."""
+        """Return the distance from the optical centre to the pedestrian's origin on the ground."""
         feet = self.scene.world_transform("scene.person-1")[:3, 3]
         return float(np.linalg.norm(feet - self.scene.cameras[self.view.camera].position))
 
 
 def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Planned]:
-    """The first ``count`` frames: distances even in their logarithm, all outfits and headings, two cameras and suns.
+    """Return the first ``count`` frames: distances even in their logarithm, all outfits and headings, two cameras and suns.
 
     Places follow Roberts' low-discrepancy sequence (R₃; *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), so
-    that any beginning of the list is spread evenly; those that cannot be (inside a car) or are out of view are passed over.
+    that any beginning of the list is spread evenly. Illegal places (inside a car) and places out of view are skipped.
     """
     outfits = [name for name in asset.manifest.definition("scene.person-1.character").choices if name != "absent"]
     root = 1.2207440846057596  # of x⁴ = x + 1
     steps = np.array([1 / root, 1 / root**2, 1 / root**3])
-    found: list[Planned] = []
+    frames: list[Planned] = []
     for number in counted():
-        if len(found) == count:
-            return found
+        if len(frames) == count:
+            return frames
         across, along, turn = (0.5 + number * steps) % 1
         near, far = _DISTANCE_M
         values: dict[str, Value] = {
@@ -98,18 +98,18 @@ def planned(asset: SceneAsset, width: int, height: int, count: int) -> list[Plan
             "scene.person-1.heading": round(360.0 * float(turn), 1),
             "scene.person-1.character": outfits[number % len(outfits)],
         }
-        group = GROUPS[len(found) // _BLOCK % len(GROUPS)]
+        group = GROUPS[len(frames) // _BLOCK % len(GROUPS)]
         if rejection_reason(values, asset.manifest) is not None:
             continue
         scene, view = apply({**group.light, **values}, asset), View(group.camera, width, height)
         rectangle = reached_rectangle(scene, view)
         if not rectangle.empty:
-            found.append(Planned(len(found), group, scene, view, rectangle, denoised_window(rectangle, view)))
+            frames.append(Planned(len(frames), group, scene, view, rectangle, denoised_window(rectangle, view)))
     raise AssertionError("numbers do not end")
 
 
 def put(window: Guided, at: Rectangle, background: Guided) -> Guided:
-    """The whole frame: a background of the window's kind, with the window put in."""
+    """Return the whole frame: a background of the window's kind with the window inserted."""
     whole = [layer.copy() for layer in background]
     for layer, part in zip(whole, window, strict=True):
         layer[at.slices] = part
@@ -121,10 +121,10 @@ def cut(frame: Guided, part: Rectangle) -> Guided:
 
 
 def mean(first: Guided, second: Guided) -> Guided:
-    """Of two seeds: a picture of twice the samples."""
+    """Return the mean of two seeds: a picture of twice the samples."""
     return Guided(*((a + b) / np.float32(2) for a, b in zip(first, second, strict=True)))
 
 
 def linear(pixels: NDArray[np.float32]) -> LinearImage:
-    """As the engine hands pixels out."""
+    """Return pixels in the engine's output format."""
     return LinearImage(np.clip(pixels, 0.0, _BRIGHTEST).astype(np.float16))

@@ -1,7 +1,7 @@
-"""Parts of pictures in a folder, one line of JSON each: what was made once is not made again, whenever the work is ended.
+"""Keep parts of pictures in a folder, one line of JSON each, so that an interrupted run never renders a part twice.
 
-``setup.json`` says what all parts of the folder were made with; ``parts.jsonl`` has a line for each part, written after its
-arrays: what a crash cut off is made again.
+``setup.json`` states the setup of all parts of the folder. ``parts.jsonl`` has a line for each part, written after its arrays,
+so a part that a crash cut off has no line and is rendered again.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ class Parts:
     """The parts of one folder.
 
     Args:
-        folder: made if it is not there.
-        setup: what parts have to be made with to be comparable.
+        folder: created if missing.
+        setup: the setup that makes parts comparable.
 
     Raises:
-        InvalidInput: the folder holds parts that were made with something else.
+        InvalidInput: the folder holds parts of another setup.
     """
 
     def __init__(self, folder: Path, setup: Mapping[str, Any]) -> None:
@@ -53,26 +53,26 @@ class Parts:
         return key in self._records
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """What was noted of each part."""
+        """Yield the record of each part."""
         return iter(self._records.values())
 
     def figures(self, key: str) -> dict[str, Any]:
-        """What was noted of a part."""
+        """Return the record of a part."""
         return dict(self._records[key])
 
     def arrays(self, key: str) -> dict[str, NDArray[Any]]:
-        with np.load(self._file(key)) as found:
-            return {name: found[name] for name in found.files}
+        with np.load(self._file(key)) as archive:
+            return {name: archive[name] for name in archive.files}
 
     def add(self, key: str, arrays: Arrays, **figures: Any) -> None:
-        """Keep a part for good."""
+        """Store a part for good."""
         np.savez(self._file(key), **dict[str, Any](arrays))
         record = {"key": key, **figures}
         append_line(self._lines, record)
         self._records[key] = record
 
     def remove_arrays(self, keys: Iterable[str]) -> None:
-        """Keep what was noted of parts that went into another one, not their arrays."""
+        """Remove the arrays of parts that went into another part, and keep their records."""
         for key in keys:
             self._file(key).unlink(missing_ok=True)
 
@@ -81,7 +81,7 @@ class Parts:
 
 
 def append_line(path: Path, record: Mapping[str, Any]) -> None:
-    """One line at the end, flushed; a line that a crash cut off is ended first."""
+    """Append a line and flush it; a line that a crash cut off gets its end first."""
     with path.open("a+b") as lines:
         size = lines.seek(0, os.SEEK_END)
         lines.seek(max(size - 1, 0))
@@ -91,7 +91,7 @@ def append_line(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """The whole lines of a file; what a crash cut off is left out."""
+    """Return the whole lines of a file, without a line that a crash cut off."""
     with suppress(FileNotFoundError):
         for line in path.read_text().splitlines():
             with suppress(json.JSONDecodeError):

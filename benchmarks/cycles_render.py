@@ -1,4 +1,4 @@
-"""The slow half of Cycles' validation: windows and backgrounds into a folder, in an order that is useful wherever it ends."""
+"""Render windows and backgrounds into a folder, the slow half of Cycles' validation; every beginning of the order is useful."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from valerie.rendering.cycles.settings import PRESETS, CyclesSettings
 from valerie.rendering.cycles.translation import Guided
 from valerie.rendering.ground_truth import TruthPass
 
-#: Of the preset ``standard``, the engine's default.
+#: Samples of the preset ``standard``, the engine's default.
 SAMPLES: Final = PRESETS["standard"].samples
-#: Of the layer and the background below it; of the frame that they are compared with; of the reference of the presets.
+#: Seeds of the layer and the background below it, of the full frame for comparison, and of the reference of the presets.
 LAYER_SEED, FULL_SEED, REFERENCE_SEED = 0, 1, 9
 #: Samples of the presets, compared with `REFERENCE`.
 COUNTS: Final = (16, 64, 256)
 REFERENCE: Final = PRESETS["paper"].samples
-#: Frames whose layer is also rendered as the engine does, to show that what is cut from a window is the engine's layer.
+#: Number of frames whose layer is also rendered by the engine, to show that a window's cut is the engine's layer.
 CHECKED: Final = 2
-#: Light paths between two moments at which nothing is lost: about a minute of one core.
+#: Light paths between two stored states: about a minute of one core.
 _STRIP: Final = 6e6
 _PERSON: Final = PERSON.id
 
 
 class Studio:
-    """Makes parts that a folder lacks.
+    """Renderer of the parts that a folder lacks.
 
     Args:
         parts: the folder.
         holder: of the Blender.
-        say: takes a line on what was made.
+        say: gets a line about each new part.
     """
 
     def __init__(self, parts: Parts, holder: BlenderHolder, say: Callable[[str], None] = print) -> None:
@@ -52,8 +52,10 @@ class Studio:
         self._made = 0
 
     def frame(self, planned: Planned, *, other_seed: bool = True) -> bool:
-        """Everything that one frame's layer is judged by, the full render of another seed if wanted; whether anything was left
-        to make.
+        """Render everything that judges one frame's layer, optionally with a full render of another seed.
+
+        Returns:
+            Whether any part was missing.
         """
         before = self._made
         for seed in (LAYER_SEED, FULL_SEED) if other_seed else (LAYER_SEED,):
@@ -68,7 +70,7 @@ class Studio:
         return self._made > before
 
     def presets(self, planned: Planned) -> bool:
-        """One pedestrian at every quality, and as the reference; whether there was anything left to make."""
+        """Render one pedestrian at every quality and as the reference; return whether any part was missing."""
         before = self._made
         for samples in COUNTS:
             self._window(planned, samples, LAYER_SEED)
@@ -81,7 +83,7 @@ class Studio:
         self._make(key, lambda: self._denoised(composed(self._parts, planned, samples, seed)))
 
     def _window(self, planned: Planned, samples: int, seed: int) -> None:
-        """The window, and the backgrounds around it."""
+        """Render the window and the backgrounds around it."""
         for key, count, number in around(planned.group, samples, seed):
             whole = Rectangle(0, 0, planned.view.width, planned.view.height)
             self._render(key, planned, whole, count, number, movables=False)
@@ -94,7 +96,7 @@ class Studio:
         self._render(key, planned, planned.window, samples, seed, movables=True)
 
     def _check(self, planned: Planned) -> None:
-        """The two facts that everything rests on, at the size of the comparison: largest differences, which should be 0.
+        """Record two differences, at the size of the comparison, that must be 0 for the method to hold.
 
         ``border``: a border of the background against the same pixels of the whole one. ``layer``: the engine's own layer
         against the denoised cut of the window, as float16.
@@ -124,7 +126,7 @@ class Studio:
         self._say(f"{key}: {figures}")
 
     def _render(self, key: str, planned: Planned, where: Rectangle, samples: int, seed: int, *, movables: bool) -> None:
-        """A rectangle, strip by strip where it is much work: what is ended in between is not lost."""
+        """Render a rectangle, strip by strip where it is large, so that an interruption loses one strip at most."""
         if key in self._parts:
             return
         settings, strips = _settings(samples, seed), list(strips_of(where, samples))
@@ -132,10 +134,10 @@ class Studio:
 
             def rendered(strip: Rectangle = strip) -> dict[str, NDArray[Any]]:
                 blender = self._holder.get()
-                made = translation.guided(
+                result = translation.guided(
                     blender, planned.scene, planned.view, settings, border=strip, movables=movables
                 )
-                return dict(made._asdict())
+                return dict(result._asdict())
 
             self._make(f"{key}/strip/{number}", rendered)
         keys = [f"{key}/strip/{number}" for number in range(len(strips))]
@@ -159,12 +161,12 @@ class Studio:
         return {"pixels": linear(translation.denoised(self._holder.get(), frame)).pixels}
 
     def _layer(self, window: Guided, core: Rectangle) -> dict[str, NDArray[Any]]:
-        """As the engine makes a layer: denoised with the pixels around, which are then cut off."""
+        """Return a layer as the engine makes it: denoised with the pixels around it, which are then cut off."""
         return {"pixels": np.ascontiguousarray(self._denoised(window)["pixels"][core.slices])}
 
 
 def strips_of(where: Rectangle, samples: int) -> Iterator[Rectangle]:
-    """Full-width parts of a rectangle, from top to bottom, of about `_STRIP` light paths."""
+    """Return full-width parts of a rectangle, from top to bottom, of about `_STRIP` light paths."""
     count = min(max(round(where.width * where.height * samples / _STRIP), 1), where.height)
     rows = [where.y + where.height * number // count for number in range(count + 1)]
     for top, bottom in pairwise(rows):
@@ -172,10 +174,10 @@ def strips_of(where: Rectangle, samples: int) -> Iterator[Rectangle]:
 
 
 def around(group: Group, samples: int, seed: int) -> Iterator[tuple[str, int, int]]:
-    """(key, samples, seed) of the backgrounds that surround a window.
+    """Return (key, samples, seed) of the backgrounds that surround a window.
 
-    A window of up to `SAMPLES` samples stands in a background of as many. One of more stands in the mean of two seeds of
-    `SAMPLES` each: nothing more would show, at a fraction of the cost.
+    A window of up to `SAMPLES` samples gets a background of as many. A window of more gets the mean of two seeds of
+    `SAMPLES` each, which looks the same at a fraction of the cost.
     """
     seeds = (LAYER_SEED, FULL_SEED) if samples > SAMPLES else (seed,)
     for number in seeds:
@@ -184,7 +186,7 @@ def around(group: Group, samples: int, seed: int) -> Iterator[tuple[str, int, in
 
 
 def composed(parts: Parts, planned: Planned, samples: int, seed: int) -> Guided:
-    """The noisy whole frame."""
+    """Return the noisy whole frame."""
     layers = [part(parts, key) for key, _, _ in around(planned.group, samples, seed)]
     background = layers[0] if len(layers) == 1 else mean(*layers)
     return put(part(parts, window_key(planned, samples, seed)), planned.window, background)

@@ -1,7 +1,6 @@
-"""The quick half of Cycles' validation: what networks make of the composed frames, and the statistics of it.
+"""Score networks on the composed frames and compute the statistics, the quick half of Cycles' validation.
 
-Scores are kept beside the parts (``scores.jsonl``) by the network's digest: another network is scored in seconds a frame,
-without Blender.
+``scores.jsonl`` keeps the scores beside the parts, by the network's digest. Another network takes seconds a frame and no Blender.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ from valerie.sensing.sensor import develop
 from valerie.sensing.settings import SensorSetting
 
 LEVEL: Final = 0.9
-#: Of linear values, where errors are measured in them: the sun in chrome would outweigh the street.
+#: Upper limit of linear values in their errors: the sun in chrome would outweigh the street.
 _BRIGHTEST: Final = 2.0
 
 Picture = NDArray[np.uint8]
 
-#: Full renders of a frame, and which pictures of it are compared.
+#: Seeds of a frame's full renders, and pairs of its pictures to compare.
 _SEEDS: Final = {"same seed": LAYER_SEED, "other seed": FULL_SEED}
 _PAIRS: Final = {
     "layer": ("layered", "other seed"),
@@ -66,28 +65,28 @@ class Estimate:
 
 
 def estimate(values: Sequence[float]) -> Estimate | None:
-    """Mean, interval and the value farthest from 0; None of nothing."""
+    """Return mean, interval and the value farthest from 0; None without values."""
     if not values:
         return None
-    found = np.asarray(values, np.float64)
-    centre, largest = float(found.mean()), float(found[np.abs(found).argmax()])
-    if len(found) < 2:
-        return Estimate(len(found), centre, None, None, largest)
-    half = float(found.std(ddof=1) / np.sqrt(len(found)) * stdtrit(len(found) - 1, 0.5 + LEVEL / 2))
-    return Estimate(len(found), centre, centre - half, centre + half, largest)
+    numbers = np.asarray(values, np.float64)
+    centre, largest = float(numbers.mean()), float(numbers[np.abs(numbers).argmax()])
+    if len(numbers) < 2:
+        return Estimate(len(numbers), centre, None, None, largest)
+    half = float(numbers.std(ddof=1) / np.sqrt(len(numbers)) * stdtrit(len(numbers) - 1, 0.5 + LEVEL / 2))
+    return Estimate(len(numbers), centre, centre - half, centre + half, largest)
 
 
 def ratio(tops: Sequence[float], bottoms: Sequence[float]) -> dict[str, Any]:
-    """Geometric mean of the ratios with its interval, and the largest."""
+    """Return the geometric mean of the ratios with its interval, and the largest ratio."""
     logs = [float(np.log(top / bottom)) for top, bottom in zip(tops, bottoms, strict=True) if top > 0 and bottom > 0]
-    found = estimate(logs)
-    if found is None:
+    logarithm = estimate(logs)
+    if logarithm is None:
         return {"count": 0}
-    low, high = (None if edge is None else round(float(np.exp(edge)), 4) for edge in (found.low, found.high))
+    low, high = (None if edge is None else round(float(np.exp(edge)), 4) for edge in (logarithm.low, logarithm.high))
     largest = round(float(np.exp(max(logs))), 4)
     return {
-        "count": found.count,
-        "mean": round(float(np.exp(found.mean)), 4),
+        "count": logarithm.count,
+        "mean": round(float(np.exp(logarithm.mean)), 4),
         "low": low,
         "high": high,
         "largest": largest,
@@ -95,23 +94,23 @@ def ratio(tops: Sequence[float], bottoms: Sequence[float]) -> dict[str, Any]:
 
 
 def levels(image: LinearImage) -> Picture:
-    """As functions see it: after the default sensor."""
+    """Return the picture after the default sensor, as functions see it."""
     return develop(image.pixels, SensorSetting())
 
 
 def rms(first: NDArray[Any], second: NDArray[Any], where: NDArray[np.bool_]) -> float:
-    """Root mean square difference, in the values' own unit."""
+    """Return the root mean square difference, in the values' own unit."""
     return float(np.sqrt(((first[where].astype(np.float64) - second[where].astype(np.float64)) ** 2).mean()))
 
 
 def region(rectangle: Rectangle, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    found = np.zeros(shape[:2], np.bool_)
-    found[rectangle.slices] = True
-    return found
+    mask = np.zeros(shape[:2], np.bool_)
+    mask[rectangle.slices] = True
+    return mask
 
 
 def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
-    """The layered frame and the full ones of the seeds that there are; each as its samples left it, and denoised."""
+    """Return the layered frame and the full frames of all rendered seeds, each noisy and denoised."""
     background = background_key(planned.group, SAMPLES, LAYER_SEED)
     under = {"noisy": linear(parts.arrays(background)["noisy"]), "denoised": image(parts, f"{background}/denoised")}
     core = planned.core.slices
@@ -119,25 +118,25 @@ def pictures(parts: Parts, planned: Planned) -> dict[str, Picture]:
         "noisy": linear(parts.arrays(window_key(planned, SAMPLES, LAYER_SEED))["noisy"][core]),
         "denoised": image(parts, layer_key(planned)),
     }
-    found = {
+    images = {
         f"layered {kind}": levels(Layer(planned.rectangle, np.ascontiguousarray(layers[kind].pixels)).over(under[kind]))
         for kind in under
     }
     for name, seed in _SEEDS.items():
         if denoised_key(planned, SAMPLES, seed) in parts:
-            found[f"{name} noisy"] = levels(linear(composed(parts, planned, SAMPLES, seed).noisy))
-            found[f"{name} denoised"] = levels(image(parts, denoised_key(planned, SAMPLES, seed)))
-    return found
+            images[f"{name} noisy"] = levels(linear(composed(parts, planned, SAMPLES, seed).noisy))
+            images[f"{name} denoised"] = levels(image(parts, denoised_key(planned, SAMPLES, seed)))
+    return images
 
 
 def qualities(parts: Parts, planned: Planned) -> dict[str, LinearImage]:
-    """The frame at every number of samples, as these left it and denoised, and the reference."""
-    found: dict[str, LinearImage] = {}
+    """Return the frame at every number of samples, noisy and denoised, and the reference."""
+    images: dict[str, LinearImage] = {}
     for samples in COUNTS:
-        found[f"{samples}"] = linear(composed(parts, planned, samples, LAYER_SEED).noisy)
-        found[f"{samples} denoised"] = image(parts, denoised_key(planned, samples, LAYER_SEED))
-    found["reference"] = linear(composed(parts, planned, REFERENCE, REFERENCE_SEED).noisy)
-    return found
+        images[f"{samples}"] = linear(composed(parts, planned, samples, LAYER_SEED).noisy)
+        images[f"{samples} denoised"] = image(parts, denoised_key(planned, samples, LAYER_SEED))
+    images["reference"] = linear(composed(parts, planned, REFERENCE, REFERENCE_SEED).noisy)
+    return images
 
 
 def image(parts: Parts, key: str) -> LinearImage:
@@ -145,11 +144,11 @@ def image(parts: Parts, key: str) -> LinearImage:
 
 
 class Scores:
-    """pACC of every picture and function, in points; what was scored once is read.
+    """Cache of the pACC of every picture and function, in points.
 
     Args:
         parts: of the folder.
-        folder: where they lie.
+        folder: the folder of the parts.
         functions: by name.
     """
 
@@ -163,50 +162,50 @@ class Scores:
     def names(self) -> tuple[str, ...]:
         return tuple(self._functions)
 
-    def of(self, planned: Planned, names: Iterable[str], shown: Mapping[str, Picture]) -> dict[str, list[float]]:
-        """Function to the pACC of each named picture; functions look only at what is not known. Empty where nobody is seen."""
-        wanted = list(names)
+    def of(self, planned: Planned, names: Iterable[str], images: Mapping[str, Picture]) -> dict[str, list[float]]:
+        """Return the pACC of each named picture by function; empty where nobody is visible. Only new pictures are predicted."""
+        pictures = list(names)
         mask = self._parts.arrays(f"{planned.index}/person")["mask"]
         if not mask.any():
             return {}
-        found: dict[str, list[float]] = {}
+        scores: dict[str, list[float]] = {}
         for name, function in self._functions.items():
             identity = f"{function.card.digest} {function.numeric_class} {function.revision}"
-            for picture in wanted:
+            for picture in pictures:
                 key = (planned.index, picture, identity)
                 if key not in self._known:
-                    self._known[key] = 100 * float((function.predict(shown[picture])[mask] == PERSON.train_id).mean())
+                    self._known[key] = 100 * float((function.predict(images[picture])[mask] == PERSON.train_id).mean())
                     record = {"frame": planned.index, "picture": picture, "function": identity, "name": name}
                     append_line(self._lines, {**record, "pacc": self._known[key]})
-            found[name] = [self._known[planned.index, picture, identity] for picture in wanted]
-        return found
+            scores[name] = [self._known[planned.index, picture, identity] for picture in pictures]
+        return scores
 
 
 def of_layers(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
-    """Layer over background against the full frame: grey levels in and around the rectangle, and pACC."""
+    """Compare the layer over the background with the full frame: grey levels in and around the rectangle, and pACC."""
     rows: list[dict[str, Any]] = []
-    for planned in (one for one in frames if layer_key(one) in parts):
-        shown = pictures(parts, planned)
-        row = {"frame": planned.index, **_person(parts, planned), **_differences(planned, shown)}
-        names = [name for name in ("layered", *_SEEDS) if f"{name} denoised" in shown]
-        for function, each in scores.of(planned, [f"{name} denoised" for name in names], shown).items():
+    for planned in (frame for frame in frames if layer_key(frame) in parts):
+        images = pictures(parts, planned)
+        row = {"frame": planned.index, **_person(parts, planned), **_differences(planned, images)}
+        names = [name for name in ("layered", *_SEEDS) if f"{name} denoised" in images]
+        for function, each in scores.of(planned, [f"{name} denoised" for name in names], images).items():
             pacc = dict(zip(names, each, strict=True))
             row[function] = {"full": pacc["same seed"]} | {
                 pair: pacc[a] - pacc[b] for pair, (a, b) in _PAIRS.items() if a in pacc and b in pacc
             }
         rows.append(row)
-    found: dict[str, Any] = {"count": len(rows)}
+    statistics: dict[str, Any] = {"count": len(rows)}
     for kind in ("noisy", "denoised"):
         for where in ("rectangle", "around"):
             measured = [row[kind][where] for row in rows]
             twice = [m for m in measured if "seeds" in m]
-            found[f"{kind} {where}"] = {
+            statistics[f"{kind} {where}"] = {
                 **_by_pair(measured),
                 "layer_to_seeds": ratio([m["layer"] for m in twice], [m["seeds"] for m in twice]),
             }
     for function in scores.names:
-        found[function] = _by_pair([row[function] for row in rows if function in row])
-    return {**found, "frames": rows}
+        statistics[function] = _by_pair([row[function] for row in rows if function in row])
+    return {**statistics, "frames": rows}
 
 
 def _by_pair(measured: Sequence[Mapping[str, float]]) -> dict[str, Any]:
@@ -214,21 +213,21 @@ def _by_pair(measured: Sequence[Mapping[str, float]]) -> dict[str, Any]:
 
 
 def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[str, Any]:
-    """Every quality against the reference, in the windows: grey levels, linear values up to `_BRIGHTEST`, pACC; and its cost."""
+    """Compare every quality with the reference in the windows: grey levels, linear values up to `_BRIGHTEST`, pACC, cost."""
     chosen = [planned for planned in frames if window_key(planned, REFERENCE, REFERENCE_SEED) in parts]
     names = [f"{samples}{kind}" for samples in COUNTS for kind in ("", " denoised")]
     errors: dict[str, list[float]] = {name: [] for name in names}
     linear_errors: dict[str, list[float]] = {name: [] for name in names}
     changes: dict[str, dict[str, list[float]]] = {name: {f: [] for f in scores.names} for name in names}
     for planned in chosen:
-        made = qualities(parts, planned)
-        shown = {name: levels(one) for name, one in made.items()}
-        values = {name: np.minimum(one.pixels.astype(np.float32), _BRIGHTEST) for name, one in made.items()}
-        where = region(planned.window, shown["reference"].shape)
+        renders = qualities(parts, planned)
+        images = {name: levels(render) for name, render in renders.items()}
+        values = {name: np.minimum(render.pixels.astype(np.float32), _BRIGHTEST) for name, render in renders.items()}
+        where = region(planned.window, images["reference"].shape)
         for name in names:
-            errors[name].append(rms(shown[name], shown["reference"], where))
+            errors[name].append(rms(images[name], images["reference"], where))
             linear_errors[name].append(rms(values[name], values["reference"], where))
-        for function, (reference, *each) in scores.of(planned, ("reference", *names), shown).items():
+        for function, (reference, *each) in scores.of(planned, ("reference", *names), images).items():
             for name, pacc in zip(names, each, strict=True):
                 changes[name][function].append(pacc - reference)
     rows = {
@@ -243,7 +242,7 @@ def of_presets(parts: Parts, frames: Sequence[Planned], scores: Scores) -> dict[
 
 
 def cost(parts: Parts) -> dict[str, Any]:
-    """CPU seconds per megapixel: of each number of samples, and of the denoiser; over all that was made."""
+    """Return CPU seconds per megapixel of each number of samples and of the denoiser, over all parts."""
     spent: dict[str, list[tuple[float, int]]] = {}
     for record in parts:
         words = record["key"].split("/")
@@ -253,10 +252,12 @@ def cost(parts: Parts) -> dict[str, Any]:
             spent.setdefault(f"{words[1]} {record['samples']}", []).append((record["cpu_s"], record["pixels"]))
     return {
         kind: {
-            "count": len(made),
-            "cpu_s_per_megapixel": round(1e6 * sum(cpu for cpu, _ in made) / sum(pixels for _, pixels in made), 1),
+            "count": len(records),
+            "cpu_s_per_megapixel": round(
+                1e6 * sum(cpu for cpu, _ in records) / sum(pixels for _, pixels in records), 1
+            ),
         }
-        for kind, made in sorted(spent.items())
+        for kind, records in sorted(spent.items())
     }
 
 
@@ -265,16 +266,16 @@ def _person(parts: Parts, planned: Planned) -> dict[str, Any]:
     return {"group": planned.group.name, "distance_m": round(noted["distance_m"], 1), "pixels": noted["pixels"]}
 
 
-def _differences(planned: Planned, shown: dict[str, Picture]) -> dict[str, Any]:
-    shape = shown["layered noisy"].shape
+def _differences(planned: Planned, images: dict[str, Picture]) -> dict[str, Any]:
+    shape = images["layered noisy"].shape
     inside = region(planned.rectangle, shape)
     places = {"rectangle": inside, "around": region(planned.window, shape) & ~inside}
     return {
         kind: {
             name: {
-                pair: round(rms(shown[f"{a} {kind}"], shown[f"{b} {kind}"], where), 4)
+                pair: round(rms(images[f"{a} {kind}"], images[f"{b} {kind}"], where), 4)
                 for pair, (a, b) in _PAIRS.items()
-                if f"{b} {kind}" in shown
+                if f"{b} {kind}" in images
             }
             for name, where in places.items()
         }
@@ -283,5 +284,5 @@ def _differences(planned: Planned, shown: dict[str, Picture]) -> dict[str, Any]:
 
 
 def _document(values: Sequence[float]) -> dict[str, Any] | None:
-    found = estimate(values)
-    return None if found is None else found.document()
+    result = estimate(values)
+    return None if result is None else result.document()

@@ -1,4 +1,4 @@
-"""What every benchmark does with its figures: print both sides, write ``var/bench/NAME.json``."""
+"""Store the figures of a benchmark as ``var/bench/NAME.json``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def write(name: str, figures: dict[str, Any]) -> None:
-    """Write the figures with what machine they were taken on."""
+    """Write the figures, with a description of the machine."""
     folder = Path("var/bench")
     folder.mkdir(parents=True, exist_ok=True)
     machine = {"cpus": os.cpu_count(), "load": os.getloadavg()[0], "python": platform.python_version()}

@@ -14,7 +14,7 @@ def write_package(
     """Write a distribution.
 
     Args:
-        folder: to put on a path; made if missing.
+        folder: to put on a path; created if missing.
         name: of the distribution.
         modules: dotted name of each module to its source.
         entry_points: group to names to ``module:attribute``.
@@ -38,7 +38,7 @@ def write_package(
 
 
 def look_again() -> None:
-    """Let this process see what was installed, and what the operator names, since it first looked."""
+    """Forget what was installed and named, so that this process reads both again."""
     for cached in (entry_points.installed, entry_points.named_packages, plugins.samplers):
         cached.cache_clear()
 
@@ -116,12 +116,12 @@ _POINTS = {"valerie.functions": {"sleeper": "greedy:Sleeper", "glutton": "greedy
 
 
 def write_greedy(folder: Path) -> Path:
-    """The distribution ``greedy-functions`` with the functions ``sleeper`` and ``glutton``; ``folder``."""
+    """Write the distribution ``greedy-functions`` with the functions ``sleeper`` and ``glutton``; return ``folder``."""
     return write_package(folder, "greedy-functions", modules={"greedy": GREEDY}, entry_points=_POINTS)
 
 
 def write_boxes(folder: Path) -> Path:
-    """The distribution ``box-assets`` with the asset ``boxes``; ``folder``."""
+    """Write the distribution ``box-assets`` with the asset ``boxes``; return ``folder``."""
     return write_package(
         folder, "box-assets", modules={"boxes": BOXES}, entry_points={"valerie.assets": {"boxes": "boxes"}}
     )

@@ -1,4 +1,4 @@
-"""Contact sheets for the documentation: captioned tiles of equal size, in rows."""
+"""Build contact sheets for the documentation: captioned tiles of equal size, in rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _GAP: Final = 4
 
 
 def captioned(content: Image.Image | str, size: tuple[int, int], caption: str) -> Image.Image:
-    """A tile: a picture of ``size`` (width, height), or the reason why there is none, with a caption below."""
+    """Return a tile with a caption below a picture of ``size`` (width, height), or below the reason why it is missing."""
     width, height = size
     font = ImageFont.load_default(size=_FONT_SIZE)
     tile = Image.new("RGB", (width, height + _CAPTION), "white")
@@ -28,7 +28,7 @@ def captioned(content: Image.Image | str, size: tuple[int, int], caption: str) -
 
 
 def contact_sheet(tiles: Sequence[Image.Image], columns: int) -> Image.Image:
-    """The tiles row by row."""
+    """Return a sheet of the tiles, row by row."""
     width, height = tiles[0].size
     rows = -(-len(tiles) // columns)
     sheet = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")

@@ -1,11 +1,11 @@
-"""Fits the few numbers of `valerie.sensing.blender_filmic` to what Blender's Filmic view transform shows.
+"""Fit the numbers of `valerie.sensing.blender_filmic` to Blender's Filmic view transform.
 
 Run it with the Python of a Blender environment (`bpy`); it needs nothing of this project and prints the numbers::
 
     python tools/fit_blender_filmic.py
 
 Blender's colour management transforms images of known linear values, saved as 16-bit PNG without dither: colours with one
-bright channel (view "Filmic Log"), which tell how far highlights lose their saturation, and a grey ramp (views "Filmic Log"
+bright channel (view "Filmic Log"), which show how far highlights lose saturation, and a grey ramp (views "Filmic Log"
 and "Filmic"), which gives the contrast curve between the two.
 """
 
@@ -19,7 +19,7 @@ LOWEST_STOP, STOPS, SIZE, SHOWN, NODES = -12.473931188, 25.0, 33, 0.66, 65
 
 
 def shown(linear, view, folder):
-    """(H, W, 3) linear Rec. 709 as ``view`` shows it: float64 in [0, 1]."""
+    """Return (H, W, 3) linear Rec. 709 as ``view`` shows it: float64 in [0, 1]."""
     height, width, _ = linear.shape
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = linear
@@ -44,27 +44,27 @@ def shown(linear, view, folder):
 
 
 def linear_of(scale):
-    """Linear value at a place of the logarithmic scale, 0 to 1."""
+    """Return the linear value at a place of the logarithmic scale, 0 to 1."""
     return 2.0 ** (LOWEST_STOP + STOPS * scale)
 
 
 def fitted_shares(folder):
-    """Per step of the brightest channel: how far a darker one moves towards it (the median over all darker steps)."""
+    """Return, by step of the brightest channel, how far a darker one moves towards it (median over all darker steps)."""
     steps = linear_of(np.arange(SIZE) / (SIZE - 1))
     bright, dark = np.meshgrid(steps, steps, indexing="ij")
     after = shown(np.stack([bright, dark, dark], axis=-1), "Filmic Log", folder)[..., 1]
-    found = {}
+    shares = {}
     for step in range(21, SIZE):
-        # White and the black end are cut off and tell nothing.
-        told = (np.arange(SIZE) < step) & (after[step] < 0.9995) & (np.arange(SIZE) > 0)
-        if told.any():
-            moved = linear_of(after[step, told] * SHOWN) - dark[step, told]
-            found[step] = float(np.median(moved / (bright[step, told] - dark[step, told])))
-    return found
+        # Clipping at white and black hides the shares there.
+        usable = (np.arange(SIZE) < step) & (after[step] < 0.9995) & (np.arange(SIZE) > 0)
+        if usable.any():
+            moved = linear_of(after[step, usable] * SHOWN) - dark[step, usable]
+            shares[step] = float(np.median(moved / (bright[step, usable] - dark[step, usable])))
+    return shares
 
 
 def fitted_nodes(folder):
-    """The contrast curve at evenly spaced places."""
+    """Return the contrast curve at evenly spaced places."""
     grey = 2.0 ** np.linspace(LOWEST_STOP - 0.5, LOWEST_STOP + 17.0, 1 << 14)
     ramp = np.repeat(grey.reshape(64, 256, 1), 3, axis=2)
     log, display = (shown(ramp, view, folder)[..., 1].ravel() for view in ("Filmic Log", "Filmic"))

@@ -1,4 +1,4 @@
-"""Makes the gallery: ``docs/images/gallery.jpg``, and ``docs/images/street-<engine>.jpg`` for every engine.
+"""Render the gallery: ``docs/images/gallery.jpg``, and ``docs/images/street-<engine>.jpg`` for every engine.
 
 ``make gallery`` runs it. A row of the contact sheet is one light and weather with its own pedestrians, a column one engine.
 All engines get the same scene document; a tile says so where an engine cannot show it or is not installed.
@@ -36,7 +36,7 @@ LARGE: Final = (1280, 720)
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One row: what is assigned below ``scene.``, and the camera's setting."""
+    """One row: values below ``scene.``, and the camera's setting."""
 
     caption: str
     values: dict[str, Value]
@@ -47,7 +47,7 @@ class Condition:
 
 
 def person(character: str, x: float, y: float, heading: float, **more: Value) -> dict[str, Value]:
-    """Parameters of one pedestrian."""
+    """Return the parameters of one pedestrian."""
     return {"character": character, "pos.x": x, "pos.y": y, "heading": heading, **more}
 
 
@@ -122,26 +122,26 @@ CONDITIONS: Final = (
 
 @cache
 def street(season: str) -> SceneAsset:
-    """The street with everybody in it."""
+    """Return the street with everybody in it."""
     return load_asset({"name": "urban-street", "persons": 4, "season": season})
 
 
 def assignment(condition: Condition) -> dict[str, Value]:
-    """Everything that the condition says, by full path."""
-    found: dict[str, Value] = {f"scene.{path}": value for path, value in condition.values.items()}
+    """Return all values of the condition, by full path."""
+    values_by_path: dict[str, Value] = {f"scene.{path}": value for path, value in condition.values.items()}
     for name, values in condition.people.items():
-        found |= {f"scene.{name}.{key}": value for key, value in values.items()}
-    return found
+        values_by_path |= {f"scene.{name}.{key}": value for key, value in values.items()}
+    return values_by_path
 
 
 def picture(engine: Renderer, asset: SceneAsset, condition: Condition, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """(height, width, 3) uint8: what the camera makes of the condition."""
+    """Return the camera's picture of the condition: (height, width, 3) uint8."""
     image = engine.full(apply(assignment(condition), asset), View(condition.camera, *size))
     return develop(image.pixels, SensorSetting.model_validate({"exposure_ev": 0.8, **condition.sensor}))
 
 
 def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[np.uint8] | str:
-    """The tile's picture, or what the engine says that it cannot show."""
+    """Return the tile's picture, or the engine's message about what it cannot show."""
     try:
         return picture(engine, asset, condition, TILE)
     except RenderingError as error:
@@ -149,14 +149,14 @@ def tried(engine: Renderer, asset: SceneAsset, condition: Condition) -> NDArray[
 
 
 def refusal(engine: str, condition: Condition) -> str | None:
-    """Why an engine cannot show a condition, as a spec that asked for it would be told; None if it can."""
-    asked = {path.removeprefix("environment-1.") for path in condition.values if path.startswith("environment-1.")}
-    lacking = sorted(asked & (EVERYTHING - plugins.declared_engine(engine).shows))
+    """Return the reason why an engine cannot show a condition, as for a spec; None if it can."""
+    names = {path.removeprefix("environment-1.") for path in condition.values if path.startswith("environment-1.")}
+    lacking = sorted(names & (EVERYTHING - plugins.declared_engine(engine).shows))
     return f"{engine} has no {', '.join(lacking)}" if lacking else None
 
 
 def column(engine_name: str, out: Path) -> list[Image.Image]:
-    """One engine's tiles; its large picture is written on the way."""
+    """Return one engine's tiles, and write its large picture."""
     try:
         engine = plugins.create_renderer(engine_name, ENGINES[engine_name])
     except MissingDependency:
@@ -166,9 +166,9 @@ def column(engine_name: str, out: Path) -> list[Image.Image]:
     try:
         for condition in CONDITIONS:
             asset, caption = street(condition.season), f"{engine_name} · {condition.caption}"
-            shown = refusal(engine_name, condition) or tried(engine, asset, condition)
-            tiles.append(captioned(shown if isinstance(shown, str) else Image.fromarray(shown), TILE, caption))
-            sys.stdout.write(f"{caption}{': ' + shown if isinstance(shown, str) else ''}\n")
+            content = refusal(engine_name, condition) or tried(engine, asset, condition)
+            tiles.append(captioned(content if isinstance(content, str) else Image.fromarray(content), TILE, caption))
+            sys.stdout.write(f"{caption}{': ' + content if isinstance(content, str) else ''}\n")
             sys.stdout.flush()
             if condition is CONDITIONS[0]:
                 large = Image.fromarray(picture(engine, asset, condition, LARGE))

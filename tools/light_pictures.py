@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/light.md: ``docs/images/light.jpg``, one tile per light and weather, by the raster engine.
+"""Render ``docs/images/light.jpg`` for docs/light.md: one tile per light and weather, by the raster engine.
 
 ``python -m tools.light_pictures`` runs it; a minute of CPU time.
 """
@@ -28,7 +28,7 @@ LARGEST: Final = 150_000
 
 
 class Tile(NamedTuple):
-    """A picture: what is assigned below ``scene.``, and the camera's setting."""
+    """One picture: values below ``scene.``, and the camera's setting."""
 
     caption: str
     values: dict[str, Value]
@@ -57,12 +57,12 @@ _PERSON: Final[dict[str, Value]] = {"scene.person-1.pos.y": 9.0, "scene.person-1
 
 
 def main() -> None:
-    """Render the tiles and write the sheet, as well as its size allows."""
+    """Render the tiles and write the sheet in the best quality within `LARGEST`."""
     asset, engine = load_asset("urban-street"), RasterRenderer()
     tiles = []
     for tile in TILES:
         values = _PERSON | {f"scene.{path}": value for path, value in tile.values.items()}
-        # Twice the size, so that a small picture is as sharp as it can be.
+        # Rendering at twice the size keeps a small picture sharp.
         scene, view = apply(values, asset), View("camera-1", 2 * TILE[0], 2 * TILE[1])
         image = engine.layer(scene, view).over(engine.background(scene, view))
         picture = develop(image.pixels, SensorSetting.model_validate(tile.sensor))

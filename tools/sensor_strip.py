@@ -1,7 +1,7 @@
-"""Makes ``docs/images/sensor.jpg``: one frame of the generated street behind each effect of the sensor stage.
+"""Render ``docs/images/sensor.jpg``: one frame of the generated street behind each effect of the sensor stage.
 
-``make sensor-strip`` runs it. Every tile is computed by `valerie.sensing.sensor.develop` from the same linear image; tiles marked
-"detail" show the pixels of the middle as they are, the others the whole picture at half its size.
+``make sensor-strip`` runs it. `valerie.sensing.sensor.develop` computes every tile from the same linear image. Tiles marked
+"detail" show the middle pixel by pixel, the others the whole picture at half its size.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ VARIANT: Final = {
     "scene.sun-1.azimuth": 150.0,
     "scene.sun-1.elevation": 35.0,
 }
-#: How fast the camera turns to the side where the shutter shows: a car in a bend.
+#: Turn rate of the camera in the shutter's tiles: a car in a bend.
 YAW_DEG_PER_S: Final = 40.0
 WIDTH, HEIGHT = 960, 540
 COLUMNS: Final = 4
-#: Of all tiles that name no other.
+#: Exposure of all tiles that name no other.
 EXPOSURE_EV: Final = 0.8
 
-#: (caption, setting, whether the middle is shown as it is).
+#: (caption, setting, whether the tile shows the middle pixel by pixel).
 TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
     ("filmic", {}, False),
     ("exposure -2 EV", {"exposure_ev": EXPOSURE_EV - 2.0}, False),
@@ -79,7 +79,7 @@ TILES: Final[tuple[tuple[str, dict[str, Any], bool], ...]] = (
 
 
 def frame() -> tuple[NDArray[np.float16], Shot]:
-    """The linear image and what the sensor has to know of it."""
+    """Return the linear image and the sensor's other inputs."""
     asset = load_asset("urban-street")
     scene, view = apply(VARIANT, asset), View(CAMERA, WIDTH, HEIGHT)
     engine, truth_pass = plugins.create_renderer("raster"), TruthPass()
@@ -93,7 +93,7 @@ def frame() -> tuple[NDArray[np.float16], Shot]:
 
 
 def tile(picture: NDArray[np.uint8], caption: str, *, detail: bool) -> Image.Image:
-    """Half the size of the picture with a caption below."""
+    """Return the picture at half its size with a caption below."""
     width, height = WIDTH // 2, HEIGHT // 2
     image = Image.fromarray(picture)
     if detail:
@@ -109,11 +109,11 @@ def main(out: Path) -> None:
     linear, shot = frame()
     tiles = [
         tile(
-            develop(linear, SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **given}), shot),
+            develop(linear, SensorSetting.model_validate({"exposure_ev": EXPOSURE_EV, **setting}), shot),
             caption,
             detail=detail,
         )
-        for caption, given, detail in TILES
+        for caption, setting, detail in TILES
     ]
     out.parent.mkdir(parents=True, exist_ok=True)
     contact_sheet(tiles, COLUMNS).save(out, quality=80, optimize=True)

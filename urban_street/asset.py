@@ -1,12 +1,12 @@
-"""The built-in asset ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
+"""The asset pack ``urban-street``: a generated street with houses, trees, traffic, pedestrians, three cameras and the sun.
 
-Vehicles that move are hidden by default, and then cost nothing; those that are parked belong to the background, so that a
-varied colour or door of one of them makes one background per value. All are made of nodes for body, doors and wheels.
+Vehicles in traffic are hidden by default, and then cost nothing. Parked ones belong to the background: each value of a varied
+colour or door needs a background of its own. All vehicles have nodes for body, doors and wheels.
 
 The cameras (50 mm on a 36 mm wide sensor: 39.6° × 22.9° at 16:9) stand at y = −12 m, so that each of the paper's
-positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. Measured
-with the truth pass at 960×540 over these positions and both characters, headings mixed (seed 0; *alone* is the share of
-the image that nothing hides):
+positions (x −2…7 m, y 5…35 m; section 6.1) is at least 17 m from every optical centre and inside every image. The truth
+pass measured the following at 960×540 over these positions and both characters, headings mixed (seed 0; *alone* is the
+share of the image with nothing in front):
 
 ==== ============ ===================
 y    distance     pixel area, alone
@@ -19,8 +19,8 @@ y    distance     pixel area, alone
 35   47.0…47.5 m  0.07…0.11 %
 ==== ============ ===================
 
-There 22…39 % of a camera's frames are occluded by 5…75 %, about half by more than 5 %, and 3…5 % of the persons are fully
-hidden. The paper's 17…38.2 m are y 5…26.
+In 22…39 % of a camera's frames the person is occluded by 5…75 %, in about half by more than 5 %; 3…5 % of the persons are fully
+hidden. The paper's 17…38.2 m correspond to y 5…26.
 """
 
 from __future__ import annotations
@@ -63,28 +63,28 @@ from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.light.solar import CLOCK
 
 NAME: Final = "urban-street"
-#: Raised by hand whenever the street, the characters, cameras or defaults change: part of the asset's digest.
+#: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
 REVISION: Final = 4
 
-#: Compass bearing of the street (+y), south-south-west: at noon the sun stands ahead, a little to the left.
+#: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
 SUN_AZIMUTH_DEG: Final = 180.0
 SUN_ELEVATION_DEG: Final = 40.0
 SENSOR_WIDTH_MM: Final = 36.0
 
-#: How far above the ground things of a class reach, metres, where a camera may look over them.
+#: Heights in metres of classes that a camera may look over.
 _HEIGHTS_M: Final = {"car": 2.0, "static": 1.3, "wall": 1.1, "fence": 1.3}
 
 
 class Settings(StreetSettings, PackSettings):
-    """What the street can be told: see `StreetSettings`."""
+    """The arguments of the street: those of `StreetSettings`, and the number of persons."""
 
     persons: int = Field(default=2, ge=1, le=len(PLACES))
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPlace:
-    """Where a camera stands: metres and degrees (`camera_transform`), focal length on a 36 mm wide sensor."""
+    """The place of a camera: metres and degrees (`camera_transform`), focal length on a 36 mm wide sensor."""
 
     position: tuple[float, float, float]
     yaw: float
@@ -100,13 +100,13 @@ CAMERAS: Final = {
 }
 
 
-#: How many parked cars have parameters of their own: those nearest to where people are varied.
+#: Number of parked cars with parameters: those nearest to the places of people.
 PARKED_COUNT: Final = 3
 _PEOPLE_Y: Final = 18.0
 
 
 def make_manifest(settings: Settings) -> Manifest:
-    """What the asset declares; milliseconds, no meshes."""
+    """Return the declarations of the street: milliseconds, no meshes."""
     layout = layout_street(settings)
     places = traffic(layout)
     paths = tuple(f"{ROOT}.{name}" for name in persons(settings.persons))
@@ -138,7 +138,7 @@ def make_manifest(settings: Settings) -> Manifest:
 
 
 def make_scene(settings: Settings, manifest: Manifest) -> Scene:
-    """The street with its people; a few CPU seconds for the street, while people are made when they are looked at."""
+    """Build the street with its people in a few CPU seconds; shapes of people are built on first use."""
     from urban_street.street.build import build_street
     from urban_street.traffic import Traffic
 
@@ -154,9 +154,11 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
     for name, at in traffic(layout).items():
         nodes += vehicles.nodes(name, at)
     nodes += vehicles.nodes(*WAITING, shown=True)
-    twice = (content.materials.keys() & crowd.materials.keys()) | (content.textures.keys() & crowd.textures.keys())
-    if twice:
-        raise InvalidInput("the street and its people use the same name", field=NAME, value=min(twice))
+    shared = (content.materials.keys() & crowd.materials.keys()) | (content.textures.keys() & crowd.textures.keys())
+    if shared:
+        raise InvalidInput(
+            "the street and its people use the same name for a material or texture", field=NAME, value=min(shared)
+        )
     return Scene(
         nodes=classified(nodes, manifest.node_classes, manifest.movable),
         materials=materials | crowd.materials | vehicles.materials,
@@ -168,7 +170,7 @@ def make_scene(settings: Settings, manifest: Manifest) -> Scene:
 
 
 def draw_arguments(rng: np.random.Generator) -> dict[str, Any]:
-    """Draw what a street to train on is told besides its seed; all choices come from ``rng``."""
+    """Draw the arguments of a training street, except its seed; all choices come from ``rng``."""
 
     def pick(shares: Mapping[str, float]) -> str:
         return str(rng.choice(list(shares), p=list(shares.values())))
@@ -196,13 +198,13 @@ def _obstacles(layout: StreetLayout) -> Iterator[Footprint]:
 
 
 def parked_cars(layout: StreetLayout) -> list[Placement]:
-    """The parked cars that have parameters, nearest to the people first."""
+    """Return the parked cars that have parameters, nearest to the people first."""
     cars = [placement for placement in layout.placements if placement.object_class == "car"]
     return sorted(cars, key=lambda car: (abs(car.y - _PEOPLE_Y), car.path))[:PARKED_COUNT]
 
 
 def _with_own_paint(nodes: list[Node], materials: dict[str, Material], paths: list[str]) -> list[Node]:
-    """The same nodes; those below ``paths`` get a paint of their own, added to ``materials``, since it varies alone."""
+    """Return the nodes; those below ``paths`` get paints of their own, which are added to ``materials`` and vary alone."""
 
     def own(node: Node) -> Node:
         owner = next((path for path in paths if node.path.startswith(f"{path}.")), None)

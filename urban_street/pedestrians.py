@@ -1,4 +1,4 @@
-"""The pedestrians of a generated street: where they stand, as whom, what varies, and their nodes."""
+"""The pedestrians of a generated street: default places and characters, parameters, nodes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PERSON_RADIUS_M: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class PersonPlace:
-    """Where a person stands by default (metres, degrees) and as whom."""
+    """The default place of a person (metres, degrees), and its character."""
 
     x: float
     y: float
@@ -32,7 +32,7 @@ class PersonPlace:
     character: str
 
 
-#: In the order in which a street gets them.
+#: Places in the order in which persons take them.
 PLACES: Final = (
     PersonPlace(3.0, 20.0, 180.0, "yellow-shirt"),
     PersonPlace(1.5, 24.0, 0.0, ABSENT),
@@ -46,12 +46,12 @@ PLACES: Final = (
 
 
 def persons(count: int) -> dict[str, PersonPlace]:
-    """Names and places of the first ``count`` persons."""
+    """Return names and places of the first ``count`` persons."""
     return {f"person-{number}": spot for number, spot in enumerate(PLACES[:count], start=1)}
 
 
 def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefinition]:
-    """What can be varied of one person."""
+    """Yield the parameters of one person."""
     path = f"{ROOT}.{name}"
     yield number(f"{path}.pos.x", -10.0, 20.0, person.x, Affects.GEOMETRY, "m", "across the street")
     yield number(f"{path}.pos.y", 0.0, 100.0, person.y, Affects.GEOMETRY, "m", "along the street")
@@ -70,9 +70,9 @@ def person_parameters(name: str, person: PersonPlace) -> Iterator[ParameterDefin
 
 
 class Crowd:
-    """Nodes, materials and textures of persons; each person gets materials of its own, since each varies alone.
+    """Nodes, materials and textures of persons; each has materials of its own, which vary alone.
 
-    Bodies and textures are shared, and made when they are first looked at.
+    Bodies and textures are shared, and built on first use.
     """
 
     def __init__(self) -> None:
@@ -81,18 +81,18 @@ class Crowd:
         self._figures = {name: figure(name) for name in CHARACTERS}
         self.materials: dict[str, Material] = {}
         self.textures: dict[str, Texture] = {}
-        for one in self._figures.values():
-            self.textures.update(one.textures)
+        for person in self._figures.values():
+            self.textures.update(person.textures)
 
     def nodes(self, name: str, person: PersonPlace) -> Iterator[Node]:
-        """The node of a person and one child per character, of which the chosen one is shown."""
+        """Yield the node of a person, and one child per character, of which the chosen one is visible."""
         path = f"{ROOT}.{name}"
-        shown = person.character != ABSENT
-        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=shown)
-        for character, one in self._figures.items():
-            for material in one.materials.values():
+        present = person.character != ABSENT
+        yield Node(path, place(person.x, person.y, 0.0, person.heading), visible=present)
+        for character, model in self._figures.items():
+            for material in model.materials.values():
                 own = f"{name}/{material.name}"
                 self.materials[own] = replace(material, name=own)
-            figure = one.renamed(partial("{}/{}".format, name))
-            visible = shown and character == person.character
+            figure = model.renamed(partial("{}/{}".format, name))
+            visible = present and character == person.character
             yield Node(f"{path}.{character}", np.eye(4), figure.meshes, visible=visible, figure=figure)

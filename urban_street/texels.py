@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Linear reflectance in [0, 1] to sRGB bytes (IEC 61966-2-1)."""
+    """Encode linear reflectance in [0, 1] as sRGB bytes (IEC 61966-2-1)."""
     value = np.clip(linear, 0.0, 1.0)
     encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.power(np.maximum(value, 1e-8), 1.0 / 2.4) - 0.055)
     pixels: NDArray[np.uint8] = np.round(encoded * 255.0).astype(np.uint8)
@@ -15,7 +15,7 @@ def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def normal_map(height: NDArray[np.floating], texel: tuple[float, float]) -> NDArray[np.uint8]:
-    """(H, W, 3) tangent-space normals of a periodic height field, as in glTF: x right, y up the picture, z out.
+    """Encode the (H, W, 3) tangent-space normals of a periodic height field, as in glTF: x right, y up the picture, z out.
 
     Args:
         height: (H, W) metres.
@@ -29,7 +29,7 @@ def normal_map(height: NDArray[np.floating], texel: tuple[float, float]) -> NDAr
 
 
 def roughness_map(roughness: NDArray[np.floating], metallic: NDArray[np.floating] | None = None) -> NDArray[np.uint8]:
-    """As `Material.roughness_texture` holds them; roughness needs no finer detail than half of the colour's.
+    """Encode roughness and metallic for `Material.roughness_texture`, in half the resolution of the colour.
 
     Args:
         roughness: (H, W) in [0, 1].
@@ -45,7 +45,7 @@ def roughness_map(roughness: NDArray[np.floating], metallic: NDArray[np.floating
 
 
 def halved(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Means of two by two pixels of (H, W) or (H, W, C)."""
+    """Return the means of two by two pixels of (H, W) or (H, W, C)."""
     height, width, *channels = values.shape
     means: NDArray[np.floating] = values.reshape(height // 2, 2, width // 2, 2, *channels).mean(axis=(1, 3))
     return means

@@ -1,4 +1,4 @@
-"""Vehicles in traffic as nodes of a scene: which of several cars is seen, who rides."""
+"""Vehicles in traffic as nodes of a scene, with their riders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from valerie.scene.graph.transforms import place
 
 
 class Traffic:
-    """Nodes, materials and textures of vehicles in traffic; each has paint of its own, since each varies alone."""
+    """Nodes, materials and textures of vehicles in traffic; each has paint of its own, which varies alone."""
 
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
@@ -27,7 +27,7 @@ class Traffic:
         self._riders: dict[str, VehicleContent] = {}
 
     def nodes(self, name: str, at: TrafficPlace, *, shown: bool = False) -> Iterator[Node]:
-        """The node of a vehicle and what is below it: one of several kinds, or its parts and its rider, a class of his own."""
+        """Yield the nodes of a vehicle: the top one, and its kinds, or its parts and its rider, who is an object of his own."""
         path = f"{ROOT}.{name}"
         yield Node(path, place(at.x, at.y, 0.0, at.heading), visible=shown)
         for number, kind in enumerate(at.kinds):
@@ -49,15 +49,15 @@ class Traffic:
     def _parts(self, path: str, owner: str, content: VehicleContent, *, only: str = "") -> Iterator[Node]:
         self.textures |= content.textures
         for material in content.materials.values():
-            named = _own_name(material.name, owner)
-            self.materials[named] = replace(material, name=named)
+            renamed = _own_name(material.name, owner)
+            self.materials[renamed] = replace(material, name=renamed)
         for part in content.parts:
             meshes = tuple(_owned(mesh, owner) for mesh in part.meshes)
             yield Node(f"{path}.{only or part.name}", part.transform, meshes, joints=part.joints)
 
 
 def _own_name(material: str, owner: str) -> str:
-    """Paint varies, and lenses glow, of each vehicle alone."""
+    """Return a material's name: with the owner's prefix for paint and glowing lenses, which each vehicle has alone."""
     return f"{owner}/{material}" if is_paint(material) or material in GLOWING else material
 
 

@@ -1,6 +1,6 @@
-"""The vehicles in traffic of a generated street: which there are, where they are by default, what varies, which ground they take.
+"""The vehicles in traffic of a generated street: default places, parameters, outlines.
 
-All are hidden by default, and then cost nothing. Shown at their default places, none is in anything's or anybody's way.
+All are hidden by default, and then cost nothing. Their default places block nobody and nothing.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ CAR_KINDS: Final = ("hatchback", "sedan", "estate", "suv", "van")
 
 @dataclass(frozen=True, slots=True)
 class TrafficPlace:
-    """Where a vehicle in traffic is by default (metres, degrees), and what it can be.
+    """The default place of a vehicle in traffic (metres, degrees), and its kinds.
 
     Attributes:
-        kinds: of a car, of which one or none is shown; empty for a vehicle of which there is one kind.
+        kinds: of a car, of which one or none is visible; empty for a vehicle with a single kind.
         rider: name of the node of its rider, if it has one.
         seed: of its rims and number plate.
     """
@@ -51,19 +51,19 @@ _FIXED: Final = {
     "car-101": TrafficPlace(2.5, 40.0, 180.0, CAR_KINDS),
     "bicycle-101": TrafficPlace(1.9, 16.0, 0.0, rider="rider-101"),
 }
-#: Vehicles that take the first free place of their lane from the given one on.
+#: Vehicles that take the first free place in their lane, from their wished place on.
 _FITTED: Final = {
     "car-102": TrafficPlace(2.5, 47.0, 180.0, CAR_KINDS, seed=10),
     "motorcycle-101": TrafficPlace(2.9, 33.0, 180.0, rider="rider-102"),
     "truck-101": TrafficPlace(2.5, 60.0, 180.0),
     "bus-101": TrafficPlace(2.5, 60.0, 0.0),
 }
-#: Paths of the vehicles that scenes to train on show; what a seed draws is fixed, and shipped networks were trained on it.
+#: Paths of the vehicles in training scenes. Shipped networks were trained on the draws of each seed, so these are fixed.
 TRAINED_ON: Final = tuple(f"{ROOT}.{name}" for name in _FIXED)
-#: A cyclist who waits far down the street: he belongs to the background, and shares his shape with the moving one.
+#: A cyclist who waits far down the street. He belongs to the background, and shares his shape with the moving cyclist.
 WAITING: Final = ("bicycle-100", TrafficPlace(3.1, 57.0, 180.0, rider="rider-100"))
 
-#: Along the street, metres: between which places vehicles may be, the room before the far end, and the step of the search.
+#: Along the street, metres: the range of vehicles, the room before the far end, and the step of the search.
 _ALONG: Final = (-30.0, 112.0)
 _END_M: Final = 12.0
 _STEP_M: Final = 0.5
@@ -72,12 +72,12 @@ _ROOM_M: Final = 0.05
 
 
 def class_of(name: str) -> str:
-    """The class that a node's name states: ``truck`` of ``truck-101``."""
+    """Return the class that a node's name states: ``truck`` of ``truck-101``."""
     return name.rpartition("-")[0]
 
 
 def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
-    """The vehicles in traffic by name, each where there is room for it."""
+    """Return the vehicles in traffic by name, each where there is room for it."""
     places = dict(_FIXED)
     taken = [shapely.Polygon(footprint.polygon) for footprint in layout.footprints]
     taken += [shapely.Point(person.x, person.y).buffer(PERSON_RADIUS_M) for person in PLACES]
@@ -89,17 +89,17 @@ def traffic(layout: StreetLayout) -> dict[str, TrafficPlace]:
 
 
 def outlines(name: str, at: TrafficPlace) -> list[Polygon]:
-    """The ground that each kind of a vehicle takes, metres."""
-    found = []
+    """Return the outline of each kind of a vehicle at its place, metres."""
+    polygons = []
     for kind in at.kinds or (class_of(name),):
         length, width, _ = dimensions(kind)
         low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
-        found.append(turned_rectangle(at.x, at.y, math.radians(at.heading), low, high))
-    return found
+        polygons.append(turned_rectangle(at.x, at.y, math.radians(at.heading), low, high))
+    return polygons
 
 
 def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]:
-    """Outlines of the vehicles in traffic, and of the cyclist who waits."""
+    """Yield outlines of the vehicles in traffic, and of the cyclist who waits."""
     for name, at in (*places.items(), WAITING):
         for kind, polygon in zip(at.kinds or (class_of(name),), outlines(name, at), strict=True):
             path = f"{ROOT}.{name}.{kind}" if at.kinds else f"{ROOT}.{name}"
@@ -108,7 +108,7 @@ def traffic_obstacles(places: Mapping[str, TrafficPlace]) -> Iterator[Footprint]
 
 
 def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[ParameterDefinition]:
-    """What can be varied of them."""
+    """Yield the parameters of the vehicles in traffic."""
     for name, at in places.items():
         path = f"{ROOT}.{name}"
         if at.kinds:
@@ -120,16 +120,16 @@ def traffic_parameters(places: Mapping[str, TrafficPlace]) -> Iterator[Parameter
 
 
 def place_parameters(path: str, x: float, y: float, heading: float) -> Iterator[ParameterDefinition]:
-    """Position and heading of a vehicle, anywhere in the street."""
+    """Yield position and heading of a vehicle, anywhere in the street."""
     yield number(f"{path}.pos.x", -20.0, 25.0, x, Affects.GEOMETRY, "m", "across the street")
     yield number(f"{path}.pos.y", *_ALONG, y, Affects.GEOMETRY, "m", "along the street")
     yield angle(f"{path}.heading", heading, Affects.GEOMETRY, "0 faces +y, counter-clockwise from above")
 
 
 def _fitted(name: str, wish: TrafficPlace, layout: StreetLayout, taken: shapely.STRtree) -> TrafficPlace:
-    """The wished place or the first beyond it with room for every kind; else the first before it.
+    """Return the first place with room for every kind, from the wished one onwards; else the first one before it.
 
-    Behind the cameras the carriageway is free in every street, so there is one.
+    The carriageway behind the cameras is free in every street, so a place always exists.
     """
     ahead = round((min(_ALONG[1], layout.extent[3] - _END_M) - wish.y) / _STEP_M)
     behind = round((wish.y - _ALONG[0]) / _STEP_M)

@@ -1,7 +1,7 @@
 """The houses of a generated street that can be moved, turned and resized within limits, and the ways that they leave free.
 
-They belong to the background. Houses stand side by side, so most of what varies needs room first: a smaller house, or one farther
-back. What is in the way of what is decided by outlines (`valerie.scene.legality.mover_rules`).
+They belong to the background. Houses stand side by side, so most changes need room first: a smaller house, or one farther back.
+Outlines decide what is in the way (`valerie.scene.legality.mover_rules`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from valerie.parameters.declaring import angle, number
 from valerie.parameters.definitions import Affects, ParameterDefinition
 from valerie.scene.assets.manifest import Footprint
 
-#: How many houses of each side have parameters: those nearest to where people are varied.
+#: Number of houses with parameters on each side: those nearest to the places of people.
 _EACH_SIDE: Final = 3
 _PEOPLE_Y: Final = 18.0
 #: Metres forward and back, metres to both sides, degrees to both sides, smallest and largest size.
@@ -30,10 +30,10 @@ _SIZES: Final = (0.85, 1.1)
 
 
 def varied_houses(layout: StreetLayout) -> list[Placement]:
-    """The houses with parameters, the left ones first, each side by path."""
-    found: list[Placement] = []
+    """Return the houses with parameters, the left ones first, each side by path."""
+    houses: list[Placement] = []
     for heading in (0.5 * math.pi, -0.5 * math.pi):
-        # Rows along the street: a side street's houses face it, and that across its end stands far from its front.
+        # Only rows along the street count: houses of a side street face that street or stand far from this front.
         fronts = layout.lines.front(left=heading > 0.0)
         row = [
             house
@@ -41,14 +41,14 @@ def varied_houses(layout: StreetLayout) -> list[Placement]:
             if house.object_class == "building" and house.heading == heading and abs(house.x - fronts) < 5.0
         ]
         nearest = sorted(row, key=lambda house: (abs(_middle(house) - _PEOPLE_Y), house.path))[:_EACH_SIDE]
-        found += sorted(nearest, key=layout.placements.index)
-    return found
+        houses += sorted(nearest, key=layout.placements.index)
+    return houses
 
 
 def house_parameters(house: Placement) -> Iterator[ParameterDefinition]:
-    """Limited position, orientation and size (the paper's table 1); the default is the house as it was planned.
+    """Yield the parameters of a house: limited position, orientation and size (the paper's table 1).
 
-    It is turned and resized about the left end of its front, seen from the street, on the ground.
+    It turns and grows about the left end of its front, seen from the street, on the ground. The default is the planned house.
     """
     back = -_BACK_M if house.heading > 0.0 else -_FORWARD_M, _FORWARD_M if house.heading > 0.0 else _BACK_M
     degrees = round(math.degrees(house.heading)) % 360.0
@@ -68,7 +68,7 @@ def house_parameters(house: Placement) -> Iterator[ParameterDefinition]:
 
 
 def ways(layout: StreetLayout) -> Iterator[Footprint]:
-    """The ground of carriageways and pavements, which a house leaves free."""
+    """Yield the ground of carriageways and pavements, which a house leaves free."""
     lines = layout.lines
     start, stop = lines.road_start, lines.road_stop
     for name, x0, x1 in (
@@ -94,6 +94,6 @@ def _middle(house: Placement) -> float:
     return house.y + math.copysign(0.5 * house.size[0], house.heading)
 
 
-def _sum(one: float, other: float) -> float:
-    """To a decimetre: a range is read by people."""
-    return round(one + other, 1)
+def _sum(first: float, second: float) -> float:
+    """Return the sum, rounded to decimetres: people read the ranges."""
+    return round(first + second, 1)

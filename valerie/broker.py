@@ -1,8 +1,7 @@
-"""All messages of the system: the Celery app, the queues and the tasks.
+"""All messages of the system: the Celery app, the names of the tasks, and how messages are sent.
 
-The database is the queue of record. A message only announces work: a short list of product digests that share a warm
-cache. A message may be lost, repeated or late without harm, since workers claim products by compare-and-set and the
-sweeper announces them again.
+The database is the queue of record; a message is a doorbell: a short list of product digests that share a warm cache. A
+message may be lost, doubled or late without harm: workers claim products by compare-and-set, the sweeper sends it again.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 # A plain SIGTERM makes Celery wait for the running task, however long; remapped, the soft shutdown below applies. Celery
 # reads this when it is imported.
@@ -21,6 +20,8 @@ from kombu.exceptions import BatchPublishError, OperationalError
 from redis.exceptions import RedisError
 
 from valerie.errors import TransientError
+from valerie.runs.products import Ready
+from valerie.runs.states import EVAL_QUEUE, ProductKind, Stage, stage_of
 from valerie.settings import Settings
 
 RENDER: Final = "valerie.render"
@@ -28,31 +29,23 @@ INFER: Final = "valerie.infer"
 EVALUATE: Final = "valerie.evaluate"
 FINISH: Final = "valerie.finish"
 
-#: Queue of evaluation and finishing. It has no numeric class, since counting integers is the same on every machine.
-EVAL_QUEUE: Final = "eval"
+_TASK_OF_STAGE: Final = {Stage.RENDER: RENDER, Stage.INFER: INFER, Stage.EVAL: EVALUATE}
 
-_TASK_OF_STAGE: Final = {"render": RENDER, "infer": INFER, "eval": EVALUATE}
-
-#: Products per message, by kind: large enough to spread overhead, small enough that a killed worker loses little.
-#: Predictions: two batches of a GPU.
-CHUNK: Final = {"background": 1, "layer": 24, "truth": 24, "prediction": 8, "evaluation": 24}
-_OTHERS: Final = 24
-
-
-def route_of(stage: str, name: str, numeric_class: str) -> str:
-    """Return the queue of the workers of one numeric class, e.g. ``render.raster.llvmpipe-15``."""
-    return f"{stage}.{name}.{numeric_class}"
+#: Products per message: large enough to spread overhead, small enough that a killed worker loses little.
+CHUNK: Final = 24
+#: Kinds with another number: a background takes as long as many layers; 8 predictions are two batches of a GPU.
+_CHUNKS: Final = {ProductKind.BACKGROUND: 1, ProductKind.PREDICTION: 8}
 
 
 class WatchfulTask(Task):  # type: ignore[misc]  # Celery has no types
-    """Base class of all tasks: a worker that cannot acknowledge a message ends (`valerie.pipeline.base.requests`)."""
+    """Base of all tasks: a worker that cannot acknowledge a message ends (see `valerie.pipeline.base.requests`)."""
 
     abstract = True
     Request = "valerie.pipeline.base.requests:WatchfulRequest"
 
 
 def create_app(settings: Settings) -> Celery:
-    """Build the Celery app of one process; there is no global app."""
+    """Build the Celery app of one process from its settings."""
     app = Celery("valerie", broker=settings.broker_url, set_as_current=False, task_cls=WatchfulTask)
     app.conf.update(
         accept_content=["json"],
@@ -60,7 +53,7 @@ def create_app(settings: Settings) -> Celery:
         result_backend=None,
         task_ignore_result=True,
         task_store_errors_even_if_ignored=False,
-        # A message is acknowledged when its work is done, and returned to the queue if its process dies.
+        # A message is acknowledged when its work is done, and handed back when the process that did it died.
         task_acks_late=True,
         task_reject_on_worker_lost=True,
         task_default_queue=EVAL_QUEUE,
@@ -74,15 +67,15 @@ def create_app(settings: Settings) -> Celery:
         worker_enable_remote_control=False,
         worker_send_task_events=False,
         worker_hijack_root_logger=False,
-        # A worker that loses the broker ends and is started again (see `valerie.pipeline.work.workers.serve`).
+        # A worker that loses the broker ends and starts anew (see `valerie.pipeline.work.workers.serve`).
         broker_connection_retry=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         worker_cancel_long_running_tasks_on_connection_loss=False,
         broker_transport_options={
-            # Longer than any task: an older message is delivered again, which is harmless since products are claimed.
+            # Longer than any task: a message that outlives it is doubled, which the claim makes harmless.
             "visibility_timeout": settings.visibility_timeout_seconds,
-            # By default, kombu restores about every 100 s; the messages of a killed worker must be back in seconds.
+            # kombu's own cadence restores about every 100 s; a killed worker's messages shall be back in seconds.
             "unacked_restore_interval": 1,
             "unacked_restore_throttle": 1,
             "unacked_restore_limit": 1000,
@@ -97,7 +90,7 @@ def create_app(settings: Settings) -> Celery:
     return app
 
 
-#: Options of every message. The representation of the arguments is fixed, since computing it doubles the cost.
+#: How every message is sent. The texts for people in its header are given: making them costs as much as the rest.
 _SENDING: Final[dict[str, Any]] = {
     "ignore_result": True,
     "kwargsrepr": "{}",
@@ -107,50 +100,50 @@ _SENDING: Final[dict[str, Any]] = {
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """Convert the errors of an unreachable broker.
-
-    Raises:
-        TransientError: the broker does not answer.
-    """
+    """Turn the errors of a stopped broker into ours."""
     try:
         yield
     except (OperationalError, BatchPublishError, RedisError, OSError) as error:
         raise TransientError(f"the broker does not answer: {error}") from error
 
 
+class _Message(NamedTuple):
+    task: str
+    digests: list[str]
+    queue: str
+
+
 class Broker:
-    """Sends messages and inspects queues; one per process."""
+    """Sends messages and looks at queues; one per process."""
 
     def __init__(self, app: Celery) -> None:
         self._app = app
 
-    def send_products(self, ready: Iterable[tuple[str, str, str, str]]) -> None:
-        """Announce products that are ready.
-
-        Args:
-            ready: (digest, kind, route, cache group). A message holds products of one route, kind and group.
+    def send_products(self, ready: Iterable[Ready]) -> None:
+        """Tell workers about products that became ready; one message holds products of one route, kind and cache group.
 
         Raises:
-            TransientError: the broker does not answer; the sweeper will announce the products again.
+            TransientError: the broker does not answer.
         """
-        groups: dict[tuple[str, str, str], list[str]] = {}
-        for digest, kind, route, group in ready:
-            groups.setdefault((route, kind, group), []).append(digest)
+        groups: dict[tuple[str, ProductKind, str], list[str]] = {}
+        for product in ready:
+            groups.setdefault((product.route, product.kind, product.cache_group), []).append(product.digest)
         messages = [
-            (_TASK_OF_STAGE[route.partition(".")[0]], digests[start : start + CHUNK.get(kind, _OTHERS)], route)
+            _Message(_TASK_OF_STAGE[stage_of(route)], digests[start : start + size], route)
             for (route, kind, _), digests in groups.items()
-            for start in range(0, len(digests), CHUNK.get(kind, _OTHERS))
+            for size in (_CHUNKS.get(kind, CHUNK),)
+            for start in range(0, len(digests), size)
         ]
         if not messages:
             return
         try:
             self._send_together(messages)
         except TransientError:
-            # Only now is it noticed that a restarted broker closed the connection. Messages may repeat without harm.
+            # A connection that a restarted broker closed is noticed only now. Messages may arrive twice, which is harmless.
             self._send_together(messages)
 
-    def _send_together(self, messages: Iterable[tuple[str, list[str], str]]) -> None:
-        """Send (task, digests, queue) in one round trip for a thousand messages instead of one each."""
+    def _send_together(self, messages: Iterable[_Message]) -> None:
+        """Send messages in one round trip for a thousand of them."""
         with _answering(), self._app.producer_or_acquire() as producer, producer.batch():
             for task, digests, queue in messages:
                 self._app.send_task(
@@ -168,7 +161,7 @@ class Broker:
             self._app.send_task(FINISH, args=[run_id], queue=EVAL_QUEUE, argsrepr=run_id, **_SENDING)
 
     def queue_length(self, route: str) -> int:
-        """Return the number of messages that wait in a queue, without those that a worker holds.
+        """Return how many messages wait in a queue, without those that a worker holds.
 
         Raises:
             TransientError: the broker does not answer.

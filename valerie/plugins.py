@@ -145,43 +145,43 @@ def create_renderer(name: str, settings: Mapping[str, Any] | None = None) -> Ren
     return renderer
 
 
-def engine_settings(name: str, engine: Engine, given: Mapping[str, Any]) -> EngineSettings:
+def engine_settings(name: str, engine: Engine, settings: Mapping[str, Any]) -> EngineSettings:
     """Check the settings that a spec gives an engine.
 
     Raises:
         InvalidInputs: a setting that the engine does not have, or a value that it does not take, as ``renderer.samples``.
     """
     model = engine.settings
-    if given and not engine.has_settings:
+    if settings and not engine.has_settings:
         raise InvalidInputs(
-            [InvalidInput(f"the renderer {name!r} has no settings", field=f"renderer.{key}") for key in given]
+            [InvalidInput(f"the renderer {name!r} has no settings", field=f"renderer.{key}") for key in settings]
         )
-    unknown = [key for key in given if key not in model.model_fields]
+    unknown = [key for key in settings if key not in model.model_fields]
     if unknown:
         what = f"setting of {name}"
         raise InvalidInputs([UnknownName(what, key, model.model_fields, field=f"renderer.{key}") for key in unknown])
     try:
-        return model.model_validate(dict(given))
+        return model.model_validate(dict(settings))
     except ValidationError as error:
         raise InvalidInputs(
             [problem_of(detail, f"renderer.{detail['loc'][0]}") for detail in error.errors(include_url=False)]
         ) from None
 
 
-def engine_inputs(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all settings that an engine's pixels depend on; of an engine that is gone, what was given.
+def engine_inputs(name: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all settings that an engine's pixels depend on; of an engine that is gone, the settings as they are.
 
     Raises:
         InvalidInputs: see `engine_settings`.
     """
     engine = known_engine(name)
-    return dict(given) if engine is None else engine_settings(name, engine, given).inputs()
+    return dict(settings) if engine is None else engine_settings(name, engine, settings).inputs()
 
 
-def engine_cost(name: str, given: Mapping[str, Any]) -> float:
+def engine_cost(name: str, settings: Mapping[str, Any]) -> float:
     """Return the CPU seconds of a picture relative to the engine's default settings."""
     engine = known_engine(name)
-    return 1.0 if engine is None else engine_settings(name, engine, given).cost()
+    return 1.0 if engine is None else engine_settings(name, engine, settings).cost()
 
 
 def create_truth_pass(numeric_class: str) -> TruthMaker:
@@ -201,7 +201,7 @@ def function_names(*, testing: bool = False) -> tuple[str, ...]:
 
 
 def create_function(name: str, *, threads: int = 1, device: str = "auto") -> PerceptionFunction:
-    """Load a function under test; one of an installed package is made by calling its entry point without arguments.
+    """Load a function under test; the entry point of an installed package is called without arguments.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.

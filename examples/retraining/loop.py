@@ -1,7 +1,7 @@
-"""The loop back to training, end to end: validate, find the weak region, train against it, validate again.
+"""Close the loop back to training: validate, find the weak region, train against it, validate again.
 
 Trains twice from the same weights for the same number of steps: on frames drawn until they show the weakness, and on as many
-frames drawn anywhere. What came out, good or bad, is printed and written (``comparison.json``, ``comparison.png``).
+frames drawn anywhere. It prints and writes the result, good or bad (``comparison.json``, ``comparison.png``).
 
     make example-loop
 """
@@ -60,7 +60,7 @@ def close_the_loop(
     threads: int = 1,
     processes: int = 1,
 ) -> dict[str, Any]:
-    """From a run to its comparison with two new versions, one trained on targeted frames, one on as many drawn anywhere.
+    """Train two new versions, one on targeted frames and one on as many drawn anywhere, and compare them with the run.
 
     Args:
         context: of the deployment that has the run.
@@ -69,17 +69,17 @@ def close_the_loop(
         settings: of both trainings.
         out: folder of frames, function files, ``comparison.json`` and ``comparison.png``.
         threads: torch's CPU threads, in training.
-        processes: that render.
+        processes: number of processes that render.
 
     Returns:
-        What ``comparison.json`` holds.
+        The content of ``comparison.json``.
     """
     started = time.monotonic()
     _say(f"2. read where {FUNCTION} is weak: {where}")
     weakness = find_weakness(context, run_id, where, FUNCTION)
     _say(f"   {weakness.selected} of {weakness.evaluated} persons; region: {weakness.region}")
     versions = [FUNCTION]
-    made: dict[str, object] = {}
+    training_sets: dict[str, object] = {}
     for name, targeted in (("targeted", True), ("random", False)):
         _say(f"3. {name} frames, and {settings.steps} steps of training on them")
         lines = Lines("steps")
@@ -98,7 +98,7 @@ def close_the_loop(
         _say(f"   {retrained.frames} frames of {retrained.drawn:,} drawn scenes, streets {retrained.street_seeds}")
         registered, _ = register_retrained(context, retrained, f"{FUNCTION}-{name}")
         versions.append(registered.document.name)
-        made[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
+        training_sets[name] = {"frames": retrained.frames, "drawn": retrained.drawn, "reference": registered.reference}
     _say("4. the same validation again: the same frames, nothing is rendered")
     lines = Lines("frames")
     comparison = compare_versions(
@@ -117,7 +117,7 @@ def close_the_loop(
         "where": where,
         "region": weakness.region.model_dump(mode="json"),
         "settings": settings.model_dump(mode="json"),
-        "training_sets": made,
+        "training_sets": training_sets,
         "seconds": round(time.monotonic() - started),
         **comparison.as_document(),
     }
@@ -129,22 +129,22 @@ def close_the_loop(
 
 
 def _validate(data: Path) -> str:
-    """Run the validation through the real system; its id."""
+    """Run the validation through the real system and return the run's id."""
     command = [sys.executable, "-m", "valerie", "run", str(HERE / "validation.yaml"), "--data-dir", str(data), "--json"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env={**os.environ})
-    events = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    process = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env={**os.environ})
+    events = [json.loads(line) for line in process.stdout.splitlines() if line.startswith("{")]
     return str(next(event["run"] for event in events if event["event"] == "finished"))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("var/example-loop"), help="folder of everything that is made")
+    parser.add_argument("--out", type=Path, default=Path("var/example-loop"), help="folder of all results")
     parser.add_argument("--where", default="pacc < 0.5 and distance_m > 25", help="the weakness")
     parser.add_argument("--frames", type=int, default=24, help="training frames of each kind")
     parser.add_argument("--streets", type=int, default=3)
     parser.add_argument("--steps", type=int, default=120)
     parser.add_argument("--threads", type=int, default=1, help="torch's CPU threads")
-    parser.add_argument("--processes", type=int, default=1, help="that render")
+    parser.add_argument("--processes", type=int, default=1, help="number of processes that render")
     return parser
 
 

@@ -1,6 +1,6 @@
-"""runs, variants, frames, evaluations, products
+"""all tables of release 0.1.0
 
-Revision: 0001
+Revision: 0001_initial
 """
 
 from __future__ import annotations
@@ -9,13 +9,30 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.dialects import postgresql
 
-revision = "0001"
+revision = "0001_initial"
 down_revision = None
 branch_labels = None
 depends_on = None
 
+DOCUMENT = sa.JSON().with_variant(postgresql.JSONB(), "postgresql")
+
 
 def upgrade() -> None:
+    op.create_table(
+        "functions",
+        sa.Column("name", sa.String(length=64), nullable=False),
+        sa.Column("digest", sa.String(length=32), nullable=False),
+        sa.Column("version", sa.Integer(), nullable=False),
+        sa.Column("document", DOCUMENT, nullable=False),
+        sa.Column("payload", sa.String(length=64), nullable=True),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.PrimaryKeyConstraint("name", "digest", name=op.f("pk_functions")),
+        sa.UniqueConstraint("name", "version", name=op.f("uq_functions_name_version")),
+    )
+    with op.batch_alter_table("functions", schema=None) as batch_op:
+        batch_op.create_index("ix_functions_digest", ["digest"], unique=False)
+        batch_op.create_index("ix_functions_payload", ["payload"], unique=False)
+
     op.create_table(
         "leases",
         sa.Column("name", sa.String(length=64), nullable=False),
@@ -32,13 +49,12 @@ def upgrade() -> None:
         sa.Column("cache_group", sa.String(length=32), nullable=False),
         sa.Column("input_a", sa.String(length=32), nullable=True),
         sa.Column("input_b", sa.String(length=32), nullable=True),
+        sa.Column("input_c", sa.String(length=32), nullable=True),
         sa.Column("attempts", sa.Integer(), nullable=False),
         sa.Column("lease_owner", sa.String(length=64), nullable=True),
         sa.Column("lease_until", sa.Float(), nullable=True),
         sa.Column("sent_at", sa.Float(), nullable=True),
-        sa.Column(
-            "error", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
-        ),
+        sa.Column("error", DOCUMENT, nullable=True),
         sa.Column("bytes", sa.BigInteger(), nullable=True),
         sa.Column("pixels", sa.BigInteger(), nullable=True),
         sa.Column("cpu_seconds", sa.Float(), nullable=True),
@@ -46,8 +62,34 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("digest", name=op.f("pk_products")),
     )
     with op.batch_alter_table("products", schema=None) as batch_op:
-        batch_op.create_index("ix_products_input_a", ["input_a"], unique=False)
-        batch_op.create_index("ix_products_input_b", ["input_b"], unique=False)
+        batch_op.create_index(
+            "ix_products_ended",
+            ["kind", "state", "finished_at", "cpu_seconds"],
+            unique=False,
+            sqlite_where=sa.text("state IN ('done','failed')"),
+            postgresql_where=sa.text("state IN ('done','failed')"),
+        )
+        batch_op.create_index(
+            "ix_products_input_a",
+            ["input_a"],
+            unique=False,
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
+        batch_op.create_index(
+            "ix_products_input_b",
+            ["input_b"],
+            unique=False,
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
+        batch_op.create_index(
+            "ix_products_input_c",
+            ["input_c"],
+            unique=False,
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
         batch_op.create_index(
             "ix_products_unfinished",
             ["state", "route"],
@@ -62,23 +104,16 @@ def upgrade() -> None:
         sa.Column("name", sa.String(length=200), nullable=False),
         sa.Column("state", sa.String(length=32), nullable=False),
         sa.Column("reason", sa.Text(), nullable=True),
-        sa.Column(
-            "spec", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
-        ),
+        sa.Column("spec", DOCUMENT, nullable=False),
         sa.Column("spec_digest", sa.String(length=32), nullable=False),
         sa.Column("asset_digest", sa.String(length=32), nullable=False),
-        sa.Column("pins", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True),
+        sa.Column("pins", DOCUMENT, nullable=True),
         sa.Column("parent_run", sa.String(length=32), nullable=True),
         sa.Column("iteration", sa.Integer(), nullable=False),
         sa.Column("variant_count", sa.BigInteger(), nullable=False),
         sa.Column("next_index", sa.BigInteger(), nullable=False),
         sa.Column("rejected_count", sa.BigInteger(), nullable=False),
-        sa.Column(
-            "progress", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
-        ),
-        sa.Column(
-            "summary", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
-        ),
+        sa.Column("progress", DOCUMENT, nullable=True),
         sa.Column("idempotency_key", sa.String(length=200), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
@@ -97,9 +132,7 @@ def upgrade() -> None:
         sa.Column("stage", sa.String(length=16), nullable=False),
         sa.Column("host", sa.String(length=200), nullable=False),
         sa.Column("pid", sa.Integer(), nullable=False),
-        sa.Column(
-            "offers", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
-        ),
+        sa.Column("offers", DOCUMENT, nullable=False),
         sa.Column("started_at", sa.Float(), nullable=False),
         sa.Column("seen_at", sa.Float(), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_workers")),
@@ -110,12 +143,21 @@ def upgrade() -> None:
         sa.Column("number", sa.Integer(), nullable=False),
         sa.Column("first", sa.BigInteger(), nullable=False),
         sa.Column("last", sa.BigInteger(), nullable=False),
-        sa.Column("closed", sa.Boolean(), nullable=False),
-        sa.Column(
-            "counts", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
-        ),
+        sa.Column("counts", DOCUMENT, nullable=True),
         sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_blocks_run_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("run_id", "number", name=op.f("pk_blocks")),
+    )
+    op.create_table(
+        "person_lights",
+        sa.Column("product", sa.String(length=32), nullable=False),
+        sa.Column("instance_id", sa.Integer(), nullable=False),
+        sa.Column("irradiance", sa.Float(), nullable=True),
+        sa.Column("shadow_share", sa.Float(), nullable=True),
+        sa.Column("contrast", sa.Float(), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["product"], ["products.digest"], name=op.f("fk_person_lights_product"), ondelete="CASCADE"
+        ),
+        sa.PrimaryKeyConstraint("product", "instance_id", name=op.f("pk_person_lights")),
     )
     op.create_table(
         "person_scores",
@@ -133,17 +175,17 @@ def upgrade() -> None:
         "person_views",
         sa.Column("truth", sa.String(length=32), nullable=False),
         sa.Column("instance_id", sa.Integer(), nullable=False),
+        sa.Column("box", DOCUMENT, nullable=True),
+        sa.Column("amodal_box", DOCUMENT, nullable=True),
+        sa.Column("distance_m", sa.Float(), nullable=True),
+        sa.Column("depth_m", sa.Float(), nullable=True),
+        sa.Column("bearing_deg", sa.Float(), nullable=True),
+        sa.Column("aspect_deg", sa.Float(), nullable=True),
+        sa.Column("occlusion_rate", sa.Float(), nullable=True),
+        sa.Column("truncation_rate", sa.Float(), nullable=True),
         sa.Column("pixel_area", sa.Integer(), nullable=True),
         sa.Column("pixel_area_percent", sa.Float(), nullable=True),
         sa.Column("pixel_area_amodal", sa.Integer(), nullable=True),
-        sa.Column("occlusion_rate", sa.Float(), nullable=True),
-        sa.Column("truncation_rate", sa.Float(), nullable=True),
-        sa.Column("distance_m", sa.Float(), nullable=True),
-        sa.Column("depth_m", sa.Float(), nullable=True),
-        sa.Column("box", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True),
-        sa.Column(
-            "amodal_box", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=True
-        ),
         sa.Column("undefined_reason", sa.String(length=64), nullable=True),
         sa.ForeignKeyConstraint(["truth"], ["products.digest"], name=op.f("fk_person_views_truth"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("truth", "instance_id", name=op.f("pk_person_views")),
@@ -153,7 +195,6 @@ def upgrade() -> None:
         sa.Column("digest", sa.String(length=32), nullable=False),
         sa.Column("confusion", sa.LargeBinary(), nullable=False),
         sa.Column("tp", sa.Integer(), nullable=False),
-        sa.Column("fp", sa.Integer(), nullable=False),
         sa.Column("fn", sa.Integer(), nullable=False),
         sa.Column("tn", sa.Integer(), nullable=False),
         sa.Column("pacc", sa.Float(), nullable=True),
@@ -163,6 +204,7 @@ def upgrade() -> None:
         sa.Column("miou", sa.Float(), nullable=True),
         sa.Column("fwiou", sa.Float(), nullable=True),
         sa.Column("macc", sa.Float(), nullable=True),
+        sa.Column("fp", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(["digest"], ["products.digest"], name=op.f("fk_scores_digest"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("digest", name=op.f("pk_scores")),
     )
@@ -171,9 +213,7 @@ def upgrade() -> None:
         sa.Column("run_id", sa.String(length=32), nullable=False),
         sa.Column("index", sa.BigInteger(), nullable=False),
         sa.Column("block", sa.Integer(), nullable=False),
-        sa.Column(
-            "assignment", sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"), nullable=False
-        ),
+        sa.Column("assignment", DOCUMENT, nullable=False),
         sa.Column("rejection", sa.Text(), nullable=True),
         sa.ForeignKeyConstraint(["run_id"], ["runs.id"], name=op.f("fk_variants_run_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("run_id", "index", name=op.f("pk_variants")),
@@ -210,6 +250,7 @@ def upgrade() -> None:
         sa.Column("function_index", sa.Integer(), nullable=False),
         sa.Column("prediction", sa.String(length=32), nullable=False),
         sa.Column("scores", sa.String(length=32), nullable=False),
+        sa.Column("distorted", sa.Boolean(), nullable=False),
         sa.ForeignKeyConstraint(
             ["run_id", "variant_index", "camera_index", "time_index"],
             ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
@@ -230,8 +271,33 @@ def upgrade() -> None:
         batch_op.create_index("ix_evaluations_prediction", ["prediction"], unique=False)
         batch_op.create_index("ix_evaluations_scores", ["scores"], unique=False)
 
+    op.create_table(
+        "frame_annotations",
+        sa.Column("run_id", sa.String(length=32), nullable=False),
+        sa.Column("variant_index", sa.BigInteger(), nullable=False),
+        sa.Column("camera_index", sa.Integer(), nullable=False),
+        sa.Column("time_index", sa.Integer(), nullable=False),
+        sa.Column("kind", sa.String(length=16), nullable=False),
+        sa.Column("product", sa.String(length=32), nullable=False),
+        sa.ForeignKeyConstraint(
+            ["run_id", "variant_index", "camera_index", "time_index"],
+            ["frames.run_id", "frames.variant_index", "frames.camera_index", "frames.time_index"],
+            name="fk_frame_annotations_frame",
+            ondelete="CASCADE",
+        ),
+        sa.PrimaryKeyConstraint(
+            "run_id", "variant_index", "camera_index", "time_index", "kind", name=op.f("pk_frame_annotations")
+        ),
+    )
+    with op.batch_alter_table("frame_annotations", schema=None) as batch_op:
+        batch_op.create_index("ix_frame_annotations_product", ["product"], unique=False)
+
 
 def downgrade() -> None:
+    with op.batch_alter_table("frame_annotations", schema=None) as batch_op:
+        batch_op.drop_index("ix_frame_annotations_product")
+
+    op.drop_table("frame_annotations")
     with op.batch_alter_table("evaluations", schema=None) as batch_op:
         batch_op.drop_index("ix_evaluations_scores")
         batch_op.drop_index("ix_evaluations_prediction")
@@ -247,6 +313,7 @@ def downgrade() -> None:
     op.drop_table("scores")
     op.drop_table("person_views")
     op.drop_table("person_scores")
+    op.drop_table("person_lights")
     op.drop_table("blocks")
     op.drop_table("workers")
     with op.batch_alter_table("runs", schema=None) as batch_op:
@@ -260,8 +327,31 @@ def downgrade() -> None:
             sqlite_where=sa.text("state IN ('waiting','ready','running')"),
             postgresql_where=sa.text("state IN ('waiting','ready','running')"),
         )
-        batch_op.drop_index("ix_products_input_b")
-        batch_op.drop_index("ix_products_input_a")
+        batch_op.drop_index(
+            "ix_products_input_c",
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
+        batch_op.drop_index(
+            "ix_products_input_b",
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
+        batch_op.drop_index(
+            "ix_products_input_a",
+            sqlite_where=sa.text("state = 'waiting'"),
+            postgresql_where=sa.text("state = 'waiting'"),
+        )
+        batch_op.drop_index(
+            "ix_products_ended",
+            sqlite_where=sa.text("state IN ('done','failed')"),
+            postgresql_where=sa.text("state IN ('done','failed')"),
+        )
 
     op.drop_table("products")
     op.drop_table("leases")
+    with op.batch_alter_table("functions", schema=None) as batch_op:
+        batch_op.drop_index("ix_functions_payload")
+        batch_op.drop_index("ix_functions_digest")
+
+    op.drop_table("functions")

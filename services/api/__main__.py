@@ -1,4 +1,4 @@
-"""`python -m services.api`: the API with the control loop; ``--control-only``: the loop alone."""
+"""Start the API with the control loop: `python -m services.api`; ``--control-only`` starts the loop alone."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from valerie.settings import load_settings
 
 
 def main() -> None:
-    """Run until told to stop."""
+    """Run until a signal ends the process."""
     parser = argparse.ArgumentParser(prog="services.api", description=__doc__)
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--control-only", action="store_true", help="the control loop without the API")
     group.add_argument("--no-control", action="store_true", help="the API without the control loop")
-    group.add_argument("--migrate-only", action="store_true", help="bring the database up to date and end")
+    group.add_argument("--migrate-only", action="store_true", help="migrate the database and exit")
     arguments = parser.parse_args()
     try:
         _run(arguments)
     except ValerieError as error:
-        # What an operator can put right: a missing token, a folder that cannot be written, a newer database.
+        # An operator can fix these: a missing token, a read-only folder, a newer database.
         sys.exit(f"services.api: {error}")
 
 
@@ -49,7 +49,7 @@ def _run(arguments: argparse.Namespace) -> None:
             signal.signal(number, lambda *_: stop.set())
         ControlLoop(context).run(stop)
         return
-    context.engine.dispose()  # the application opens its own where it serves
+    context.engine.dispose()  # the application opens its own engine
     app = create_app(settings, control=not arguments.no_control)
     uvicorn.run(app, host=settings.api_host, port=settings.api_port, log_config=None, access_log=False)
 

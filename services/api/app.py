@@ -1,4 +1,4 @@
-"""The control module: REST API, dashboard and, unless told otherwise, the control loop in a thread of this process."""
+"""The control module: REST API, dashboard and, by default, the control loop in a thread of this process."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from valerie.settings import Settings, load_settings
 log = structlog.get_logger()
 
 _DESCRIPTION = """
-Submit a *run* (a spec as JSON or YAML), follow it, read what came of it. Errors are problem documents (RFC 9457) that name
-field, value and limit. Lists are paged by opaque cursors: give `next` back as `cursor` until it is null. Pictures and stored
-objects carry an ETag and answer to Range.
+Submit a *run* (a spec as JSON or YAML), follow its progress, read its results. Errors are problem documents (RFC 9457) that
+name field, value and limit. Lists are paged by opaque cursors: pass `next` as `cursor` until it is null. Pictures and stored
+objects carry an ETag and support Range.
 """
 
 
 def create_app(settings: Settings | None = None, *, control: bool = True) -> FastAPI:
-    """The ASGI application.
+    """Return the ASGI application.
 
     Args:
-        settings: read from the environment when not given.
-        control: also run the control loop; False where it runs alone (`python -m services.api --control-only`).
+        settings: None: read from the environment.
+        control: whether to run the control loop too; False where it runs alone (`python -m services.api --control-only`).
 
     Raises:
-        InvalidInput: it would listen to the network without a token.
-        Conflict: the database was written by a newer version.
+        InvalidInput: it would listen on the network without a token.
+        Conflict: a newer version has written the database.
     """
     settings = settings or load_settings()
     settings.require_token()
@@ -83,7 +83,7 @@ def create_app(settings: Settings | None = None, *, control: bool = True) -> Fas
     app.add_middleware(HeadAsGet)
     for router in routers:
         app.include_router(router, dependencies=[Depends(only_declared_queries)])
-    # Machines that watch may add what they like.
+    # Probes may add any query parameter.
     app.include_router(health.router)
     app.mount("/dashboard", DashboardFiles(), name="dashboard")
 

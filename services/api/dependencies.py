@@ -1,4 +1,4 @@
-"""What endpoints are given: the process's context, and pieces of requests that several share."""
+"""Dependencies that endpoints share: the context of the process, path and query parameters, cursors."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ def _context(request: Request) -> Context:
 
 
 def wake_control(request: Request) -> None:
-    """Let the control loop of this process look at once (another process's looks by itself)."""
+    """Wake the control loop of this process; a loop in another process polls."""
     loop = request.app.state.control
     if loop is not None:
         loop.wake()
 
 
 def only_declared_queries(request: Request) -> None:
-    """Refuse a query parameter that the endpoint does not have: a filter with a slip in its name would select everything.
+    """Refuse query parameters that the endpoint does not have; a misspelt filter would otherwise select everything.
 
     Raises:
-        InvalidInputs: with an `UnknownName` for each.
+        InvalidInputs: one `UnknownName` for each unknown parameter.
     """
     route: APIRoute = request.scope["route"]
     known = frozenset(_declared(route.dependant))
@@ -46,7 +46,7 @@ def only_declared_queries(request: Request) -> None:
 
 
 def _declared(dependant: Dependant) -> Iterator[str]:
-    """Names of query parameters, those of dependencies included."""
+    """Yield the names of all query parameters, also of dependencies."""
     yield from (field.alias for field in dependant.query_params)
     for inner in dependant.dependencies:
         yield from _declared(inner)
@@ -66,23 +66,23 @@ def _frame_key(
 
 FrameDependency = Annotated[FrameKey, Depends(_frame_key)]
 Limit = Annotated[int, Query(ge=1, le=1000, description="rows per page")]
-Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the page before", examples=["WzVd"])]
+Cursor = Annotated[str | None, Query(max_length=400, description="`next` of the previous page", examples=["WzVd"])]
 
 
 def encode_cursor(*values: Any) -> str:
-    """An opaque cursor that holds ``values``."""
+    """Return an opaque cursor that holds ``values``."""
     return base64.urlsafe_b64encode(orjson.dumps(values)).decode().rstrip("=")
 
 
 def decode_cursor(cursor: str | None, *parts: Part) -> tuple[Any, ...] | None:
-    """Values of a cursor made by `encode_cursor`; None without one.
+    """Return the values of a cursor from `encode_cursor`; None without a cursor.
 
     Args:
-        cursor: as the client gave it back.
+        cursor: from the request.
         parts: one check per value: `index`, `text`, `moment` or `value_of_column`.
 
     Raises:
-        InvalidInput: not one of ours.
+        InvalidInput: no cursor of this list.
     """
     if cursor is None:
         return None
@@ -100,24 +100,24 @@ Part = Callable[[Any], Any]
 
 
 def index(value: Any) -> int:
-    """A whole number that a database holds."""
+    """Check a non-negative integer that a database can hold."""
     if type(value) is not int or not 0 <= value < 2**62:
         raise ValueError(value)
     return value
 
 
 def text(value: Any) -> str:
-    """Short text."""
+    """Check a short text."""
     if not isinstance(value, str) or len(value) > 200 or "\0" in value:
         raise ValueError(value)
     return value
 
 
 def moment(value: Any) -> datetime:
-    """A time in ISO 8601."""
+    """Return the time of an ISO 8601 text."""
     return datetime.fromisoformat(text(value))
 
 
 def value_of_column(value: Any) -> float | str | None:
-    """A value of a column: a number, text or nothing."""
+    """Check a value of a column: a number, text or null."""
     return value if value is None or type(value) in (int, float) else text(value)

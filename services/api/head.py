@@ -1,4 +1,4 @@
-"""HEAD wherever there is GET: the same status and headers, no body (RFC 9110, section 9.3.2)."""
+"""HEAD for every GET endpoint: the same status and headers without a body (RFC 9110, section 9.3.2)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadAsGet:
-    """ASGI middleware: what is behind it sees GET instead of HEAD."""
+    """ASGI middleware that turns HEAD into GET and drops the body of the answer."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,4 +1,4 @@
-"""The OpenAPI document: problem documents of every endpoint, the bearer token, one example per answer."""
+"""The OpenAPI document, with the problems of every endpoint, the bearer token and an example of every answer."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pydantic import TypeAdapter
 
 from services.api.problems import INVALID_INPUT, MEDIA_TYPE, Problem
 
-#: Status to what it means here and an example of its detail.
+#: Status to description, title and example of a detail.
 _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
     401: ("The bearer token is missing or wrong", "Unauthorized", "a bearer token is needed (Authorization header)"),
     403: (
-        "Another site's page asks, or under another name",
+        "The request comes from a page of another site, or was sent to another host name",
         "Forbidden",
-        "requests of another site's pages are refused",
+        "requests from pages of other sites, or to another host name, are refused",
     ),
-    404: ("There is no such thing (any more)", "Not found", "there is no run r1ng219w3v1ks"),
+    404: ("Not found, or deleted", "Not found", "there is no run r1ng219w3v1ks"),
     409: (
-        "Its state does not allow this",
+        "The present state does not allow this",
         "Conflict",
         "run r1ng219w3v1ks is completed; this is possible when it is running",
     ),
@@ -31,21 +31,21 @@ _MEANINGS: Final[dict[int, tuple[str, str, str]]] = {
     416: (
         "The range begins beyond the end",
         INVALID_INPUT,
-        "range: it begins beyond the end; limit: 2190 bytes",
+        "range: begins beyond the end; limit: 2190 bytes",
     ),
-    422: ("Something that was given is wrong: field, value and limit", INVALID_INPUT, "step: must be above 0; got 0"),
+    422: ("The request is invalid; errors name field, value and limit", INVALID_INPUT, "step: must be above 0; got 0"),
     501: (
-        "This needs a library that is not installed where the server runs",
+        "The server lacks a library that this needs",
         "Missing library",
         "converting a checkpoint needs torch, which is not installed here",
     ),
     503: (
-        "Database, broker or artifact store do not answer; try again",
+        "Database, broker or artifact store does not answer; try again",
         "Temporarily unavailable",
         "the broker does not answer",
     ),
     507: (
-        "No space is left for artifacts or database",
+        "No space left for artifacts or database",
         "No space left",
         "no space left for artifact runs/r1/report.html",
     ),
@@ -54,28 +54,28 @@ _ALWAYS: Final = (401, 403, 503)
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """``responses=`` of a router or an endpoint: those of every endpoint, and ``statuses``."""
+    """Return ``responses=`` with the problems of every endpoint and those of ``statuses``."""
     return {status: _response(status) for status in sorted({*_ALWAYS, *statuses})}
 
 
 def example(value: Any, *, media_type: str = "application/json", status: int = 200) -> dict[int | str, dict[str, Any]]:
-    """``responses=`` entry with an example of the answer."""
+    """Return ``responses=`` with an example of the answer."""
     return {status: {"content": {media_type: {"example": value}}}}
 
 
 def binary(media_type: str, description: str) -> dict[int | str, dict[str, Any]]:
-    """``responses=`` of bytes that can be asked for in part and again."""
+    """Return ``responses=`` of bytes that support ranges and entity tags."""
     content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
     return {
         200: {"description": description, "content": content},
-        206: {"description": "The part that Range asked for", "content": content},
-        304: {"description": "What If-None-Match names still holds"},
+        206: {"description": "The requested range", "content": content},
+        304: {"description": "The version in If-None-Match is current"},
         416: _response(416),
     }
 
 
 def install(app: FastAPI, routers: Sequence[APIRouter]) -> None:
-    """Replace the generated document's weak points; it is built once, at the first request."""
+    """Complete the generated document; it is built once, at the first request."""
 
     def build() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -99,7 +99,7 @@ def _document(app: FastAPI, routers: Sequence[APIRouter]) -> dict[str, Any]:
         "token": {
             "type": "http",
             "scheme": "bearer",
-            "description": "The value of VALERIE_API_TOKEN; a server that listens to its own machine only may have none.",
+            "description": "The value of VALERIE_API_TOKEN. A server that listens on its own machine alone may have none.",
         }
     }
     open_paths = ("/healthz", "/readyz")
@@ -142,16 +142,22 @@ def example_of(schema: Mapping[str, Any], models: Mapping[str, Any] | None = Non
     if "examples" in schema:
         return schema["examples"][0]
     if "$ref" in schema:
-        return example_of(models[schema["$ref"].rpartition("/")[2]], models)
+        return example_of(_referred(schema, models), models)
     if "anyOf" in schema:
         references = [one for one in schema["anyOf"] if "$ref" in one]
         return example_of(references[0], models) if references else schema.get("default")
     if "properties" in schema:
         return {name: example_of(one, models) for name, one in schema["properties"].items()}
     if "propertyNames" in schema:
-        names = schema["propertyNames"]["enum"]
+        names = _referred(schema["propertyNames"], models)["enum"]
         return dict.fromkeys(names, example_of(schema["additionalProperties"], models))
     return [example_of(schema["items"], models)] if "items" in schema else schema["default"]
+
+
+def _referred(schema: Mapping[str, Any], models: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the definition that a schema refers to, or the schema itself."""
+    definition: Mapping[str, Any] = models[schema["$ref"].rpartition("/")[2]] if "$ref" in schema else schema
+    return definition
 
 
 def _response(status: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The dashboard's files, with a policy that lets its page run its own scripts and talk to this server, and nothing else."""
+"""The dashboard's files, with a policy that allows its own scripts and requests to this server alone."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class DashboardFiles(StaticFiles):
         super().__init__(directory=str(resources.files("services.api") / "dashboard"), html=True)
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Add the policy; a new version of the software must show at the next reload."""
+        """Add the policy, and make browsers ask again so that a new version shows at the next reload."""
         response = await super().get_response(path, scope)
         return _guarded(response)
 
     def file_response(self, full_path: str | PathLike[str], *args: Any, **kwargs: Any) -> Response:
-        """A file, or the news that it did not change; both carry the policy."""
+        """Return a file or 304 Not Modified; both carry the policy."""
         return _guarded(super().file_response(full_path, *args, **kwargs))
 
 

@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 problem documents that name field, value and limit; no stack trace reaches a client."""
+"""Errors as problem documents (RFC 9457) that name field, value and limit; no stack trace reaches a client."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from valerie.errors import (
 log = structlog.get_logger()
 
 INVALID_INPUT: Final = "Invalid input"
-#: Class of error to status and title; the first that fits decides.
+#: Class of error to status and title; the first match counts.
 _KINDS: Final[tuple[tuple[type[ValerieError], HTTPStatus, str], ...]] = (
     (UnknownName, HTTPStatus.UNPROCESSABLE_ENTITY, "Unknown name"),
     (InvalidInput, HTTPStatus.UNPROCESSABLE_ENTITY, INVALID_INPUT),
@@ -52,38 +52,38 @@ MEDIA_TYPE: Final = "application/problem+json"
 
 
 class FieldProblem(BaseModel):
-    """What is wrong with one field of what was given."""
+    """Error in one field of the request."""
 
-    field: str = Field(description="dotted place in the document, name of the parameter, or empty for all of it")
+    field: str = Field(description="dotted path in the document or name of the parameter; empty for the whole request")
     message: str
-    value: str | float | int | bool | None = Field(None, description="what was given, shortened")
-    limit: str | float | int | bool | None = Field(None, description="the bound or the form that would be accepted")
+    value: str | float | int | bool | None = Field(None, description="rejected value, shortened")
+    limit: str | float | int | bool | None = Field(None, description="bound or form that would be accepted")
 
 
 class Problem(BaseModel):
     """A problem document (RFC 9457)."""
 
-    type: str = Field("about:blank", description="always about:blank: title and status say what it is")
-    title: str = Field(description="kind of error in words, e.g. Unknown name")
+    type: str = Field("about:blank", description="always about:blank; title and status identify the problem")
+    title: str = Field(description="kind of error, for example Unknown name")
     status: int
-    detail: str = Field(description="what went wrong, in words for people")
-    errors: list[FieldProblem] | None = Field(None, description="field by field, where something given was wrong")
+    detail: str = Field(description="explanation for people")
+    errors: list[FieldProblem] | None = Field(None, description="errors by field, where the request was wrong")
 
 
 class ProblemResponse(JSONResponse):
-    """JSON that can always be sent, whatever a client wrote that is shown back to it (half a surrogate pair)."""
+    """JSON that can be sent whatever it quotes from a request, even half a surrogate pair."""
 
     media_type = MEDIA_TYPE
 
     def render(self, content: Any) -> bytes:
-        """Encode; what is no character becomes a question mark."""
+        """Encode the content; invalid characters become question marks."""
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode(
             "utf-8", "replace"
         )
 
 
 def problem(status: int, title: str, detail: str, **members: Any) -> JSONResponse:
-    """One problem document."""
+    """Return one problem document."""
     document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
     return ProblemResponse(document, status_code=int(status))
 
@@ -92,7 +92,7 @@ def install(app: FastAPI) -> None:
     """Render every error of ``app`` as a problem document."""
 
     @app.exception_handler(ValerieError)
-    async def ours(_: Request, error: ValerieError) -> JSONResponse:
+    async def valerie_error(_: Request, error: ValerieError) -> JSONResponse:
         members: dict[str, Any] = {}
         deciding: ValerieError = error
         if isinstance(error, InvalidInput):
@@ -125,9 +125,7 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     async def defect(request: Request, error: Exception) -> JSONResponse:
         log.error("api.defect", path=request.url.path, exc_info=error)
-        return problem(
-            HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error", "a defect of the server; its log holds the details"
-        )
+        return problem(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error", "internal error of the server; see its log")
 
 
 def _members(error: InvalidInput) -> dict[str, Any]:
@@ -137,7 +135,7 @@ def _members(error: InvalidInput) -> dict[str, Any]:
     return {"field": error.field, "message": error.message, "value": _plain(value), "limit": _plain(limit)}
 
 
-#: Bounds of pydantic as people write them.
+#: Bounds of pydantic to their text.
 _BOUNDS = {"ge": ">= {}", "gt": "> {}", "le": "<= {}", "lt": "< {}", "max_length": "at most {} characters or items",
            "min_length": "at least {} characters or items", "pattern": "{}", "expected": "{}"}  # fmt: skip
 
@@ -147,7 +145,7 @@ def _limit(context: dict[str, Any]) -> str | None:
 
 
 def _plain(value: object) -> object:
-    """Something JSON can hold, and not too long to read."""
+    """Return a JSON value that is short enough to read."""
     if value is None or isinstance(value, bool | int | float):
         return value if not isinstance(value, float) or math.isfinite(value) else str(value)
     text = value if isinstance(value, str) else str(value)

@@ -1,4 +1,4 @@
-"""What stands between the network and the endpoints: the token, the size of a body, and headers for browsers."""
+"""Protection of all endpoints: bearer token, limit of the body, headers for browsers."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from services.api.problems import INVALID_INPUT, problem
 from valerie.settings import Settings
 
-#: Answered without a token: what a load balancer asks. The dashboard's files hold no data; its page asks for the token.
+#: Paths that need no token: probes of load balancers. The dashboard's files hold no data; its page asks for the token.
 _OPEN_PATHS = ("/healthz", "/readyz")
 _OPEN_PREFIXES = ("/dashboard",)
 
-#: No more digits than any limit has: a longer number would only cost time.
+#: A length with more digits exceeds every limit; converting it would only cost time.
 _NUMBER = re.compile(r"[0-9]{1,15}", re.ASCII)
 _FUNCTIONS = "/v1/functions"
 _PREDICTION = re.compile(r"/v1/frames/[^/]+/prediction")
-#: An uncompressed label map of 8K and its surroundings.
+#: Room for an uncompressed label map in 8K.
 _PREDICTION_BYTES = 1 << 25
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "::1")
 
@@ -51,8 +51,9 @@ class Protection:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                given = {name.lower() for name, _ in message.get("headers", [])}
-                message["headers"] = [*message.get("headers", []), *(one for one in _HEADERS if one[0] not in given)]
+                headers = message.get("headers", [])
+                present = {name.lower() for name, _ in headers}
+                message["headers"] = [*headers, *((name, text) for name, text in _HEADERS if name not in present)]
             await send(message)
 
         await self._guarded(scope, receive, with_headers)
@@ -68,7 +69,9 @@ class Protection:
             return
         if self._foreign(request):
             refusal = problem(
-                HTTPStatus.FORBIDDEN, "Forbidden", "requests of another site's pages, or to another name, are refused"
+                HTTPStatus.FORBIDDEN,
+                "Forbidden",
+                "requests from pages of other sites, or to another host name, are refused",
             )
             await refusal(scope, receive, send)
             return
@@ -97,7 +100,7 @@ class Protection:
         await self._app(scope, replay, send)
 
     def _limit_of(self, request: Request) -> int:
-        """Longest body of this request: files of functions and label maps are longer than documents."""
+        """Return the limit of this request's body in bytes; files of functions and label maps may be longer than documents."""
         if request.method == "POST" and request.url.path == _FUNCTIONS:
             return self._function_limit
         if request.method == "PUT" and _PREDICTION.fullmatch(request.url.path):
@@ -108,23 +111,26 @@ class Protection:
         path = request.url.path
         if self._token is None or path in _OPEN_PATHS or path == "/" or path.startswith(_OPEN_PREFIXES):
             return True
-        scheme, _, given = request.headers.get("authorization", "").partition(" ")
-        return scheme.lower() == "bearer" and hmac.compare_digest(given.strip().encode(), self._token)
+        scheme, _, token = request.headers.get("authorization", "").partition(" ")
+        return scheme.lower() == "bearer" and hmac.compare_digest(token.strip().encode(), self._token)
 
     def _foreign(self, request: Request) -> bool:
-        """Whether a web page of another origin, or a name that was bound to this address, asks (without a token)."""
+        """Return whether the request comes from a page of another origin or was sent to a foreign host name.
+
+        A name that was bound to this address would let such a page read answers (DNS rebinding). With a token, no page can.
+        """
         if self._token is not None:
             return False
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         try:
             name = urlsplit(f"//{host}").hostname or ""
             elsewhere = origin is not None and urlsplit(origin).netloc != host
-        except ValueError:  # "[": not an address at all
+        except ValueError:  # not an address, such as "["
             return True
         return name not in _LOOPBACK_NAMES or elsewhere
 
     async def _body(self, receive: Receive) -> bytes | None:
-        """The whole body, or None as soon as it is longer than the limit (a stream declares no length)."""
+        """Return the whole body; None as soon as it exceeds the limit, which a stream does without declaring a length."""
         parts: list[bytes] = []
         size = 0
         while True:
@@ -140,7 +146,7 @@ class Protection:
 
 
 def _counted(receive: Receive, limit: int) -> Receive:
-    """A large body goes through piece by piece; the endpoint that reads it is stopped when it is longer than announced."""
+    """Return a receiver for large bodies, which stops the endpoint that reads more than ``limit`` bytes."""
     size = 0
 
     async def counting() -> Message:

@@ -1,4 +1,4 @@
-"""Sending bytes: entity tags and one range (RFC 9110, sections 8.8.3, 13 and 14), reading no more than is sent."""
+"""Answers of bytes with entity tag and range (RFC 9110, sections 8.8.3, 13 and 14); they read no more than they send."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ from services.api.problems import INVALID_INPUT, problem
 from services.api.schemas.base import DIGEST
 
 _RANGE: Final = re.compile(r"bytes=(?:([0-9]{1,18})-([0-9]{0,18})|-([0-9]{1,18}))", re.ASCII)
-#: Must be asked again each time, which costs a 304 and no picture; never kept by anybody in between.
+#: Clients ask again each time, which costs a 304 and no picture; proxies keep nothing.
 _CACHE: Final = "private, no-cache"
 
 _ETAG: Final = f'"{DIGEST}"'
 
 
 class Conditions:
-    """What a request says about what it has already, and which part it wants."""
+    """Conditions of a request: the version that the client has, and the part that it wants."""
 
     def __init__(
         self,
         range_: Annotated[str | None, Header(alias="range", description="one range", examples=["bytes=0-99"])] = None,
         if_none_match: Annotated[
             str | None,
-            Header(description="ETag of what is there already: 304 if it still holds", examples=[_ETAG]),
+            Header(description="ETag of the client's version; 304 if it is still current", examples=[_ETAG]),
         ] = None,
         if_range: Annotated[str | None, Header(description="ETag that the range belongs to", examples=[_ETAG])] = None,
     ) -> None:
         self.range, self._known, self._if_range = range_, if_none_match, if_range
 
     def holds(self, etag: str) -> bool:
-        """Whether the client has this already."""
+        """Return whether the client has this version."""
         known = [] if self._known is None else [one.strip().removeprefix("W/") for one in self._known.split(",")]
         return etag in known or known == ["*"]
 
     def part(self, etag: str, size: int) -> tuple[int, int] | None:
-        """First byte and length of the wanted part, length 0 where there is no such part; None: all of it.
+        """Return first byte and length of the requested part; length 0 if it begins beyond the end; None for everything.
 
-        What is malformed, or several ranges, is ignored, as the RFC allows.
+        Malformed ranges and several ranges are ignored, as the RFC allows.
         """
-        found = _RANGE.fullmatch(self.range.strip()) if self.range else None
-        if found is None or (self._if_range is not None and self._if_range.strip() != etag):
+        match = _RANGE.fullmatch(self.range.strip()) if self.range else None
+        if match is None or (self._if_range is not None and self._if_range.strip() != etag):
             return None
-        first, last, suffix = found.groups()
+        first, last, suffix = match.groups()
         if suffix is not None:
             start, end = max(size - int(suffix), 0), size - 1
             return start, (end - start + 1 if int(suffix) else 0)
         start, end = int(first), min(int(last), size - 1) if last else size - 1
         if last and int(last) < start:
-            return None  # not a range at all
+            return None  # malformed
         return start, max(end - start + 1, 0)
 
 
@@ -68,15 +68,15 @@ def send(
     read: Callable[[int, int], bytes],
     headers: dict[str, str] | None = None,
 ) -> Response:
-    """Answer with the whole, a part, or the news that nothing changed.
+    """Return the whole content, the requested part, or 304 Not Modified.
 
     Args:
         conditions: of the request.
-        tag: stands for the content; no two contents share one.
+        tag: entity tag; different contents have different tags.
         media_type: of the content.
-        size: its bytes; called unless the client has it.
-        read: (first, length) → bytes; called for what is sent.
-        headers: further ones.
+        size: returns the number of bytes; called unless the client has the content.
+        read: (first, length) → bytes; called for the bytes that are sent.
+        headers: further headers.
     """
     etag = f'"{tag}"'
     common = {"ETag": etag, "Accept-Ranges": "bytes", "Cache-Control": _CACHE, **(headers or {})}
@@ -91,10 +91,8 @@ def send(
         refusal = problem(
             HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE,
             INVALID_INPUT,
-            f"range: it begins beyond the end; limit: {whole} bytes",
-            errors=[
-                {"field": "range", "message": "it begins beyond the end", "value": conditions.range, "limit": whole}
-            ],
+            f"range: begins beyond the end; limit: {whole} bytes",
+            errors=[{"field": "range", "message": "begins beyond the end", "value": conditions.range, "limit": whole}],
         )
         refusal.headers.update({**common, "Content-Range": f"bytes */{whole}"})
         return refusal

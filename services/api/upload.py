@@ -1,4 +1,4 @@
-"""Files that clients send: forms read to disk, within the bounds that `services.api.protection` has set before."""
+"""Uploaded forms, written to disk; `services.api.protection` has limited their size before."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Form:
     """The parts of a form with one file.
 
     Attributes:
-        texts: of `_TEXTS`, what was given.
-        payload: the file, under a name that is safe; None where there was none.
-        folder: for whatever is made of it; removed with the request.
+        texts: name to text of the parts in `_TEXTS` that the form has.
+        payload: path of the file under a safe name; None without a file.
+        folder: for files that are made from it; removed with the request.
     """
 
     texts: dict[str, str]
@@ -47,22 +47,22 @@ async def _form(request: Request) -> AsyncIterator[Form]:
     except HTTPException as error:
         if error.status_code != HTTPStatus.BAD_REQUEST:
             raise
-        raise InvalidInput(f"not a form that can be read ({error.detail})", field="body") from None
+        raise InvalidInput(f"not a readable form ({error.detail})", field="body") from None
     with TemporaryDirectory(prefix="valerie-upload-") as folder:
         try:
             texts: dict[str, str] = {}
             payload: Path | None = None
             for name, part in parts.multi_items():
+                if name in texts or (name == _FILE and payload is not None):
+                    raise InvalidInput("given twice", field=name)
                 if name == _FILE and isinstance(part, UploadFile):
                     payload = Path(folder) / _safe(part.filename)
                     with payload.open("xb") as stream:
                         shutil.copyfileobj(part.file, stream)
-                elif name in _TEXTS and name not in texts:
+                elif name in _TEXTS:
                     texts[name] = await _text(name, part)
                 else:
-                    raise UnknownName(
-                        "part of the form, or one that stands twice", name, (*_TEXTS, _FILE), field="body"
-                    )
+                    raise UnknownName("part of the form", name, (*_TEXTS, _FILE), field="body")
             yield Form(texts, payload, Path(folder))
         finally:
             with suppress(OSError):
@@ -85,6 +85,6 @@ async def _text(name: str, part: UploadFile | str) -> str:
 
 
 def _safe(filename: str | None) -> str:
-    """The last part of a name, with nothing in it that a file system or a program could take for something else."""
+    """Return the last part of a file name, with letters, digits, dots, underscores and hyphens alone."""
     last = re.split(r"[/\\]", filename or "")[-1]
     return re.sub(r"[^A-Za-z0-9._-]+", "-", last).lstrip(".-")[-100:] or "payload"

@@ -13,11 +13,12 @@ from valerie.logs import configure_logging
 from valerie.pipeline.functions.probe import inference_names
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.workers import infer_offers, serve
+from valerie.runs.states import Stage
 from valerie.settings import load_settings
 
 log = structlog.get_logger()
 
-#: No registered functions here.
+#: VALERIE_INFER_ENGINES of a worker without registered functions.
 _NO_ENGINE: Final = "none"
 
 
@@ -49,4 +50,4 @@ def main() -> None:
         log.warning("worker.plugins", reason=notice)
     functions = _functions(settings.infer_functions)
     engines = _engines(settings.infer_engines)
-    serve(settings, "infer", offers=infer_offers(functions, engines), register=register, open_maker=InferMaker)
+    serve(settings, Stage.INFER, offers=infer_offers(functions, engines), register=register, open_maker=InferMaker)

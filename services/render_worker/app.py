@@ -9,6 +9,7 @@ from valerie import plugins
 from valerie.logs import configure_logging
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.workers import render_offers, serve
+from valerie.runs.states import Stage
 from valerie.settings import load_settings
 
 log = structlog.get_logger()
@@ -21,4 +22,4 @@ def main() -> None:
     for notice in plugins.look_at_installed():
         log.warning("worker.plugins", reason=notice)
     offers = render_offers(settings.render_engines.split(","))
-    serve(settings, "render", offers=offers, register=register, open_maker=RenderMaker)
+    serve(settings, Stage.RENDER, offers=offers, register=register, open_maker=RenderMaker)

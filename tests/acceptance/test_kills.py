@@ -88,7 +88,7 @@ def test_messages_delivered_twice_change_nothing(undisturbed: Outcome, start: Ca
         with reading(engine) as connection:
             columns = (Product.digest, Product.kind, Product.route, Product.cache_group)
             everything: list[Ready] = [
-                tuple(row) for row in connection.execute(select(*columns).where(Product.route != ""))
+                Ready(*row) for row in connection.execute(select(*columns).where(Product.route != ""))
             ]
         engine.dispose()
         Broker(create_app(system.supervisor.settings)).send_products(everything)

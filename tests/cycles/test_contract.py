@@ -83,20 +83,20 @@ def test_guides_leave_the_picture_as_it_is(holder: BlenderHolder) -> None:
 def test_denoising_afterwards_is_denoising_at_once(holder: BlenderHolder) -> None:
     scene, settings = apply(POSES[1], simple_asset()), CyclesSettings(samples=4).inputs()
     at_once = translation.render(holder.get(), scene, VIEW, settings)
-    given = translation.guided(holder.get(), scene, VIEW, settings)
-    np.testing.assert_allclose(translation.denoised(holder.get(), given), at_once, atol=1e-4)
-    assert np.abs(given.noisy - at_once).max() > 0.05
+    inputs = translation.guided(holder.get(), scene, VIEW, settings)
+    np.testing.assert_allclose(translation.denoised(holder.get(), inputs), at_once, atol=1e-4)
+    assert np.abs(inputs.noisy - at_once).max() > 0.05
 
 
 def test_the_denoiser_takes_the_pixels_of_a_window_together_as_it_takes_those_of_the_whole_picture(
     holder: BlenderHolder,
 ) -> None:
     scene, view = apply(POSES[0], simple_asset()), View("camera-1", 320, 180)
-    given = translation.guided(holder.get(), scene, view, CyclesSettings(samples=8).inputs())
-    whole, wanted = translation.denoised(holder.get(), given), reached_rectangle(scene, view)
+    inputs = translation.guided(holder.get(), scene, view, CyclesSettings(samples=8).inputs())
+    whole, wanted = translation.denoised(holder.get(), inputs), reached_rectangle(scene, view)
 
     def error(window: Rectangle) -> float:
-        part = translation.Guided(*(np.ascontiguousarray(layer[window.slices]) for layer in given))
+        part = translation.Guided(*(np.ascontiguousarray(layer[window.slices]) for layer in inputs))
         made = np.zeros_like(whole)
         made[window.slices] = translation.denoised(holder.get(), part)
         return float(np.sqrt(((made - whole)[wanted.slices] ** 2).mean()))
@@ -164,7 +164,7 @@ def test_settings_of_the_picture_before_leave_no_trace(holder: BlenderHolder) ->
     assert_same(engine(holder).background(scene, VIEW), first)
 
 
-def test_what_was_rendered_before_leaves_no_trace(holder: BlenderHolder) -> None:
+def test_earlier_images_leave_no_trace(holder: BlenderHolder) -> None:
     made, asset = engine(holder), simple_asset()
     first = made.full(asset.base, VIEW)
     with pytest.raises(RenderingError):

@@ -96,7 +96,7 @@ def converted(deployment: Settings, blend: Path, place: Path) -> tuple[Path, tup
     return folder, convert_blend(blend, folder / "street.glb", deployment).notes
 
 
-def test_nothing_that_the_file_brings_is_run(
+def test_no_script_of_the_file_is_run(
     converted: tuple[Path, tuple[str, ...]], deployment: Settings, blend: Path, place: Path
 ) -> None:
     assert ran(place, "ran-while-made") == set()
@@ -106,7 +106,7 @@ def test_nothing_that_the_file_brings_is_run(
     assert ran(place, "ran-while-made") == {".text", ".driver"}
 
 
-def test_what_gltf_cannot_hold_and_images_from_elsewhere_are_named(converted: tuple[Path, tuple[str, ...]]) -> None:
+def test_parts_that_gltf_cannot_hold_and_outside_images_are_named(converted: tuple[Path, tuple[str, ...]]) -> None:
     assert any("material paint: its procedural colour" in note for note in converted[1])
     assert any("/somewhere/else.png lies outside" in note for note in converted[1])
 

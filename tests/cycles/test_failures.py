@@ -88,7 +88,7 @@ def test_blender_gives_signs_of_life_while_it_works_on_a_long_picture(
     assert len(signs) >= 3
 
 
-def test_what_cycles_refuses_is_an_error_for_good_and_blender_goes_on(own: BlenderHolder) -> None:
+def test_a_request_that_cycles_refuses_is_a_permanent_error_and_blender_goes_on(own: BlenderHolder) -> None:
     pid = own.get().pid
     with pytest.raises(RenderingError, match="KeyError"):
         own.get().ask("forget", meshes=["mesh-nowhere"], materials=[], textures=[])

@@ -29,7 +29,7 @@ from valerie.testing.assets import simple_asset
 
 pytestmark = pytest.mark.gl
 
-#: Of the simple asset: free, behind the car, cut by the border, two persons one before the other, on the pavement.
+#: Scenes of the simple asset: free, behind the car, cut by the border, one person before another, on the pavement.
 BOXES: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.heading": 33.0, "scene.person-1.pos.x": 1.2},
     {"scene.person-1.pos.x": 2.2, "scene.person-1.pos.y": 12.0},
@@ -37,7 +37,7 @@ BOXES: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-2.character": "blue-coat", "scene.person-2.pos.x": 0.2, "scene.person-2.pos.y": 14.0},
     {"scene.person-1.pos.x": 7.0, "scene.person-1.pos.y": 14.0, "scene.person-1.heading": 300.0},
 )
-#: Of the street: in the open, behind a parked car, far.
+#: Scenes of the street: in the open, behind a parked car, far.
 STREET: tuple[Mapping[str, float | str], ...] = (
     {"scene.person-1.pos.x": 1.0, "scene.person-1.pos.y": 10.0},
     {"scene.person-1.pos.x": 3.6, "scene.person-1.pos.y": 16.0, "scene.person-1.heading": 90.0},

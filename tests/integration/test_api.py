@@ -1,4 +1,4 @@
-"""The API over Postgres and Redis: what a client sees does not depend on the database; nothing it sends breaks it."""
+"""The API over Postgres and Redis gives clients the same answers as over SQLite."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def _logs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def deployment(
     new_database: Callable[[], str], redis_url: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Deployment]:
-    with _deployed(new_database(), redis_url, tmp_path_factory.mktemp("postgres")) as found:
-        yield found
+    with _deployed(new_database(), redis_url, tmp_path_factory.mktemp("postgres")) as deployment:
+        yield deployment
 
 
 def _deployed(database_url: str, broker_url: str, folder: Path) -> Any:
@@ -57,7 +57,7 @@ def _deployed(database_url: str, broker_url: str, folder: Path) -> Any:
     from sketch.serving import served
 
     @contextmanager
-    def made() -> Iterator[Deployment]:
+    def deployments() -> Iterator[Deployment]:
         settings_ = settings_of(folder, database_url=database_url, broker_url=broker_url)
         context, bell = open_sketch(settings_)
         finished = work(context, bell, spec("finished"))
@@ -70,7 +70,7 @@ def _deployed(database_url: str, broker_url: str, folder: Path) -> Any:
         with served(create_app(settings_, control=False)) as client:
             yield Deployment(client, finished, failed, running)
 
-    return made()
+    return deployments()
 
 
 def table(deployment: Deployment) -> list[dict[str, Any]]:
@@ -81,7 +81,7 @@ def table(deployment: Deployment) -> list[dict[str, Any]]:
 
 
 def walk(deployment: Deployment, **parameters: Any) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     cursor: str | None = None
     while True:
         answer = deployment.client.get(
@@ -89,18 +89,18 @@ def walk(deployment: Deployment, **parameters: Any) -> list[dict[str, Any]]:
             params={"limit": 23, **parameters, **({"cursor": cursor} if cursor else {})},
         )
         assert answer.status_code == 200, answer.text
-        found += answer.json()["items"]
+        rows += answer.json()["items"]
         cursor = answer.json()["next"]
         if cursor is None:
-            return found
+            return rows
 
 
-def test_everything_that_it_needs_answers(deployment: Deployment) -> None:
+def test_database_broker_and_store_answer(deployment: Deployment) -> None:
     checks = deployment.client.get("/readyz").json()
     assert checks == {"status": "ok", "checks": {"database": "ok", "broker": "ok", "artifacts": "ok"}}
 
 
-def test_a_broker_that_is_gone_makes_it_unready_and_says_so(new_database: Callable[[], str], tmp_path: Path) -> None:
+def test_without_a_broker_the_server_is_not_ready_and_says_why(new_database: Callable[[], str], tmp_path: Path) -> None:
     from sketch.runs import settings_of
     from sketch.serving import served
 
@@ -130,7 +130,7 @@ def test_sorted_pages_are_the_whole_table(deployment: Deployment, sort: str) -> 
         ("pacc:null:true", lambda row: row["pacc"] is None),
     ],
 )
-def test_filters_keep_what_holds(deployment: Deployment, text: str, holds: Any) -> None:
+def test_filters_keep_the_matching_rows(deployment: Deployment, text: str, holds: Any) -> None:
     assert walk(deployment, filter=text) == [row for row in table(deployment) if holds(row)]
 
 
@@ -142,7 +142,7 @@ def test_points_and_neighbours_are_found(deployment: Deployment) -> None:
     assert (first["previous"], first["next"]) == (None, frames[1])
 
 
-def test_a_key_that_is_used_at_once_makes_one_run(deployment: Deployment) -> None:
+def test_a_key_that_is_used_concurrently_makes_one_run(deployment: Deployment) -> None:
     from sketch.runs import spec
 
     def post(_: int) -> httpx.Response:
@@ -154,7 +154,7 @@ def test_a_key_that_is_used_at_once_makes_one_run(deployment: Deployment) -> Non
     assert len({answer.json()["id"] for answer in answers}) == 1
 
 
-def test_a_run_is_stopped_resumed_and_its_work_rung_for(deployment: Deployment) -> None:
+def test_a_run_is_cancelled_and_resumed_and_its_products_are_sent(deployment: Deployment) -> None:
     client, path = deployment.client, f"/v1/runs/{deployment.running}"
     assert client.post(f"{path}/cancel").json()["state"] == "cancelled"
     assert client.post(f"{path}/resume").json()["state"] == "running"

@@ -10,13 +10,15 @@ from pathlib import Path
 import pytest
 import redis
 
-from valerie.broker import CHUNK, Broker, create_app
+from valerie.broker import Broker, create_app
 from valerie.errors import TransientError
+from valerie.runs.products import Ready
+from valerie.runs.states import ProductKind
 from valerie.settings import load_settings
 
 pytestmark = pytest.mark.processes
 
-READY = [(f"{number:032x}", "layer", "render.test", "group") for number in range(100)]
+READY = [Ready(f"{number:032x}", ProductKind.LAYER, "render.test", "group") for number in range(100)]
 
 
 @pytest.fixture
@@ -37,12 +39,11 @@ def received(client: redis.Redis) -> list[list[str]]:
     return [json.loads(b64decode(message["body"]))[0][0] for message in messages]
 
 
-def test_every_product_is_rung_for_once_in_messages_of_limited_length(broker: Broker, client: redis.Redis) -> None:
+def test_every_product_is_sent_once_in_messages_of_limited_length(broker: Broker, client: redis.Redis) -> None:
     broker.send_products(READY)
     messages = received(client)
-    assert [digest for message in messages for digest in message] == [item[0] for item in READY]
+    assert [digest for message in messages for digest in message] == [ready.digest for ready in READY]
     assert [len(message) for message in messages] == [24, 24, 24, 24, 4]
-    assert CHUNK["layer"] == 24
     assert broker.queue_length("render.test") == 5
 
 
@@ -59,7 +60,7 @@ def test_a_connection_that_was_closed_meanwhile_is_made_anew(broker: Broker, cli
     broker.send_products(READY[:1])
     client.client_kill_filter(_type="normal", skipme=True)
     broker.send_products(READY[1:2])
-    assert received(client) == [[READY[0][0]], [READY[1][0]]]
+    assert received(client) == [[READY[0].digest], [READY[1].digest]]
 
 
 def test_a_broker_that_is_away_is_a_transient_fault(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The dashboard in a real browser: what a person sees and can do, over runs that the real pipeline worked off."""
+"""The dashboard in a real browser, over runs of the real control loop."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 TOKEN = "correct-horse-battery"
-#: As root (containers), and without a way to phone home.
+#: Flags to run as root in containers and without connections to the outside.
 FLAGS = [
     "--no-sandbox",
     "--disable-gpu",
@@ -29,7 +29,7 @@ FLAGS = [
     "--disable-sync",
 ]
 
-#: What the newest version of a registered function says of itself.
+#: Provenance of the newest version of a registered function.
 SECOND = {"source": "<b>second</b>.onnx", "checked": "opened and run"}
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(600)]
@@ -72,7 +72,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(browser: Browser, url: str) -> Iterator[Page]:
-    """A page that was let in; whatever the page complains of fails the test."""
+    """A page with the token; errors on its console fail the test."""
     context = browser.new_context(viewport={"width": 1280, "height": 860}, accept_downloads=True)
     opened = context.new_page()
     complaints: list[str] = []
@@ -82,7 +82,7 @@ def page(browser: Browser, url: str) -> Iterator[Page]:
     opened.fill("#token", TOKEN)
     opened.keyboard.press("Enter")
     opened.wait_for_selector("tbody tr")
-    # The browser itself notes the request that was refused before there was a token.
+    # The browser logs the request that was refused before the token was entered.
     complaints[:] = [text for text in complaints if "401" not in text]
     yield opened
     context.close()
@@ -94,7 +94,7 @@ def open_run(page: Page, name: str) -> None:
     page.wait_for_selector("h1")
 
 
-def test_a_wrong_token_is_told_and_asked_for_again(browser: Browser, url: str) -> None:
+def test_a_wrong_token_is_rejected_and_asked_for_again(browser: Browser, url: str) -> None:
     page = browser.new_page()
     page.goto(f"{url}/dashboard/")
     page.fill("#token", "wrong")
@@ -165,7 +165,7 @@ def test_a_sequence_is_played_and_its_slider_leads_to_its_moments(page: Page) ->
     page.wait_for_function("() => document.activeElement.type === 'range'")
 
 
-def test_results_can_be_taken_away(page: Page) -> None:
+def test_results_can_be_downloaded(page: Page) -> None:
     open_run(page, "finished")
     page.wait_for_selector(".plot canvas")
     with page.expect_download() as csv:
@@ -176,7 +176,7 @@ def test_results_can_be_taken_away(page: Page) -> None:
     assert "<html" in Path(report.value.path()).read_text()[:200].lower()
 
 
-def test_a_point_leads_to_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:
+def test_a_point_opens_its_frame_with_truth_and_prediction_over_the_picture(page: Page) -> None:
     open_run(page, "finished")
     page.wait_for_selector(".plot canvas")
     page.locator(".plot canvas").first.focus()
@@ -195,7 +195,7 @@ def test_a_point_leads_to_its_frame_with_truth_and_prediction_over_the_picture(p
     page.wait_for_function("before => location.href !== before", arg=first)
 
 
-def test_what_failed_is_shown_with_its_error(page: Page) -> None:
+def test_failures_are_shown_with_their_error(page: Page) -> None:
     open_run(page, "lost a layer")
     page.wait_for_selector("text=failed for good")
     assert page.locator("button:has-text('Retry failures')").is_visible()
@@ -225,7 +225,7 @@ def test_functions_show_their_cards_and_every_version(page: Page, tmp_path: Path
     assert "first.onnx" in rows.nth(1).inner_text()
 
 
-def test_a_run_is_cancelled_and_deleted_only_after_a_question(page: Page) -> None:
+def test_a_run_is_cancelled_and_deleted_only_after_confirmation(page: Page) -> None:
     open_run(page, "running")
     page.click("button:has-text('Cancel')")
     page.click("text=Cancel the run")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 from sqlalchemy import Engine, select
 
-from valerie.db import products
+from valerie.db import products, sweeping, totals
 from valerie.db.engine import open_engine, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
 from valerie.db.products import Finished, Wanted
+from valerie.runs.products import Fault
+from valerie.runs.states import ProductKind
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 
@@ -20,10 +23,11 @@ def digest(name: str) -> str:
     return name.ljust(32, "0")
 
 
+NO = Fault(stage=ProductKind.LAYER, type="RenderingError", message="no", attempts=1)
 WANTED: list[Wanted] = [
-    (digest("b"), "background", "render", "g", None, None, None),
-    (digest("l"), "layer", "render", "g", None, None, None),
-    (digest("p"), "prediction", "infer", "g", digest("l"), digest("b"), None),
+    Wanted(digest("b"), ProductKind.BACKGROUND, "render", "g"),
+    Wanted(digest("l"), ProductKind.LAYER, "render", "g"),
+    Wanted(digest("p"), ProductKind.PREDICTION, "infer", "g", digest("l"), digest("b")),
 ]
 
 
@@ -45,12 +49,12 @@ def finish(engine: Engine, *names: str) -> list[str]:
         done = [Finished(one, bytes=1, pixels=1, cpu_seconds=0.5) for one in digests]
         products.publish(connection, done, owner="w", now=1.0)
     with writing(engine) as connection:
-        return [item[0] for item in products.promote_dependents(connection, digests, 2.0)]
+        return [item.digest for item in products.promote_dependents(connection, digests, 2.0)]
 
 
 def test_wanted_products_become_ready_one_after_the_other(engine: Engine) -> None:
     with writing(engine) as connection:
-        assert [item[0] for item in products.want(connection, WANTED, 0.0)] == [digest("b"), digest("l")]
+        assert [item.digest for item in products.want(connection, WANTED, 0.0)] == [digest("b"), digest("l")]
     assert finish(engine, "l") == []
     assert finish(engine, "b") == [digest("p")]
     with writing(engine) as connection:
@@ -62,8 +66,8 @@ def test_what_failed_is_tried_again_where_its_inputs_are_done(engine: Engine) ->
         products.want(connection, WANTED, 0.0)
     finish(engine, "b", "l")
     with writing(engine) as connection:
-        products.fail(connection, digest("p"), owner=None, error={"message": "no"}, now=1.0)
-        assert [item[0] for item in products.want(connection, WANTED, 3.0)] == [digest("p")]
+        products.fail(connection, digest("p"), owner=None, error=NO, now=1.0)
+        assert [item.digest for item in products.want(connection, WANTED, 3.0)] == [digest("p")]
         row = connection.execute(select(Product).where(Product.digest == digest("p"))).one()
     assert (row.state, row.error, row.sent_at) == ("ready", None, 3.0)
 
@@ -73,12 +77,25 @@ def test_a_failure_is_passed_on_and_counted(engine: Engine) -> None:
         products.want(connection, WANTED, 0.0)
     finish(engine, "b")
     with writing(engine) as connection:
-        products.fail(connection, digest("l"), owner=None, error={"message": "no"}, now=1.0)
-        totals = {kind: rest for kind, *rest in products.totals(connection)}
-        costs = products.recorded_costs(connection)
-    assert {kind: rest for kind, rest in totals.items() if rest != [0, 0, 0.0]} == {
+        products.fail(connection, digest("l"), owner=None, error=NO, now=1.0)
+        ended = {kind: rest for kind, *rest in totals.totals(connection)}
+        costs = totals.recorded_costs(connection)
+    assert {kind: rest for kind, rest in ended.items() if rest != [0, 0, 0.0]} == {
         "background": [1, 0, 0.5],
         "layer": [0, 1, 0.0],
         "prediction": [0, 1, 0.0],
     }
     assert [(cost.kind, cost.cpu_seconds) for cost in costs] == [("background", 0.5)]
+
+
+def test_a_product_freed_after_its_lease_was_lost_harms_no_other(engine: Engine) -> None:
+    view = {"truth": digest("l"), "instance_id": 24001, "pixel_area": 5, "pixel_area_percent": 0.1}
+    finished = [Finished(digest(name), bytes=1, pixels=1, cpu_seconds=0.5) for name in "bl"]
+    finished[1] = replace(finished[1], person_views=({**view, "pixel_area_amodal": 5},))
+    with writing(engine) as connection:
+        products.want(connection, WANTED[:2], 0.0)
+        connection.execute(Product.__table__.update().values(state="running", lease_owner="w"))
+        sweeping.free(connection, [digest("l")])
+        assert products.publish(connection, finished, owner="w", now=1.0) == [digest("b")]
+    with writing(engine) as connection:
+        assert connection.execute(select(Product.digest, Product.state)).all() == [(digest("b"), "done")]

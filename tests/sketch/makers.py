@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,13 @@ from valerie.db import runs
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.errors import RenderingError
-from valerie.labels import PERSON, VOID, instance_id, to_train_ids
+from valerie.labels import PERSON, VOID, to_train_ids
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.reading.person_views import no_person, view_row
 from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.base import GroundTruth, View
+from valerie.rendering.visibility import measure_pixels
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -42,7 +45,7 @@ class SketchMaker:
         if self._broken(job):
             raise RenderingError("sketch: the image is constant (every sampled pixel is 0)")
         with reading(self._context.engine) as connection:
-            resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings)
+            resolved = resolve_stored(runs.get(connection, job.frame.key.run_id), self._context.settings).resolved
         values = {d.path: d.default for d in resolved.definitions} | job.frame.assignment
         size = resolved.spec.resolution
         view = View(resolved.cameras[job.frame.key.camera], size.width, size.height)
@@ -55,7 +58,7 @@ class SketchMaker:
         elif job.kind == "truth":
             truth = street.truth()
             data = codecs.encode_truth(truth)
-            rows = tuple(_view_row(job.digest, street, truth)) or (_nobody(job.digest),)
+            rows = tuple(_view_rows(job.digest, street, truth)) or (no_person(job.digest),)
         else:
             assert job.look is not None
             truth = self._reader.truth(job.frame.products.truth)
@@ -87,39 +90,9 @@ def predict(truth: GroundTruth, function: int, distance_m: float, *, seed: int) 
     return seen
 
 
-def _view_row(digest: str, street: Street, truth: GroundTruth) -> list[dict[str, Any]]:
-    rows = []
-    for person in street.persons():
-        number = instance_id(PERSON, person.number)
-        visible, amodal = int((truth.instance_map == number).sum()), int(person.mask.sum())
-        reason = None if visible else ("fully hidden" if amodal else "outside the image")
-        rows.append(
-            {
-                "truth": digest,
-                "instance_id": number,
-                "pixel_area": visible,
-                "pixel_area_percent": 100.0 * visible / truth.class_map.size,
-                "pixel_area_amodal": amodal,
-                "occlusion_rate": 1 - visible / amodal if amodal else None,
-                "truncation_rate": 1 - amodal / person.padded_pixels if person.padded_pixels else None,
-                "distance_m": person.distance_m,
-                "depth_m": person.depth_m,
-                "box": _box(truth.instance_map == number),
-                "amodal_box": _box(person.mask),
-                "undefined_reason": reason,
-            }
-        )
-    return rows
-
-
-def _nobody(digest: str) -> dict[str, Any]:
-    empty = dict.fromkeys(("occlusion_rate", "truncation_rate", "distance_m", "depth_m", "box", "amodal_box"))
-    counts = {"instance_id": 0, "pixel_area": 0, "pixel_area_percent": 0.0, "pixel_area_amodal": 0}
-    return {"truth": digest, **counts, **empty, "undefined_reason": "absent"}
-
-
-def _box(mask: NDArray[np.bool_]) -> list[int] | None:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not rows.size:
-        return None
-    return [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
+def _view_rows(digest: str, street: Street, truth: GroundTruth) -> list[dict[str, Any]]:
+    measured = zip(street.persons(), truth.persons, strict=True)
+    return [
+        view_row(digest, replace(measure_pixels(of_truth, truth), distance_m=person.distance_m, depth_m=person.depth_m))
+        for person, of_truth in measured
+    ]

@@ -13,7 +13,9 @@ from sketch.makers import SketchMaker
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
-from valerie.db.products import Job, Ready
+from valerie.db.processes import WorkerRow
+from valerie.db.products import Job
+from valerie.perception.base import FunctionCard
 from valerie.perception.shipped import function_card
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
@@ -21,12 +23,15 @@ from valerie.pipeline.control.submit import submit
 from valerie.pipeline.work.finish import finish_run
 from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.stages import run_stage
+from valerie.runs.pins import AnyOffer, FunctionOffer, Offer
+from valerie.runs.products import Ready
 from valerie.runs.spec import parse
+from valerie.runs.states import Stage, route_of, stage_of
 from valerie.settings import Settings, load_settings
 
 FUNCTIONS = ("deeplabv3plus-small", "semantic-fpn-small")
 CLASS = "sketch-1"
-_ORDER = {"eval": 0, "infer": 1, "render": 2}
+_ORDER = {Stage.EVAL: 0, Stage.INFER: 1, Stage.RENDER: 2}
 
 
 class Bell:
@@ -43,7 +48,7 @@ class Bell:
         self.finish.append(run_id)
 
     def queue_length(self, route: str) -> int:
-        return sum(1 for one in self.ready if one[2] == route)
+        return sum(1 for one in self.ready if one.route == route)
 
 
 def settings_of(folder: Path, **values: Any) -> Settings:
@@ -59,35 +64,24 @@ def open_sketch(settings: Settings, *, infer_class: str = CLASS) -> tuple[Contex
     bell = Bell()
     context = replace(context, broker=bell)  # type: ignore[arg-type]
     now = time.time()
-    render = [
-        {"stage": "render", "name": name, "numeric_class": CLASS, "revision": 1, "route": f"render.{name}.{CLASS}"}
+    render = tuple(
+        Offer(stage=Stage.RENDER, name=name, numeric_class=CLASS, revision=1, route=route_of(Stage.RENDER, name, CLASS))
         for name in ("raster", "truth")
-    ]
-    infer = [
-        {
-            "stage": "infer", "name": name, "numeric_class": infer_class, "route": f"infer.{infer_class}",
-            "digest": function_card(name).digest,
-            "card": {
-                "name": name, "digest": function_card(name).digest, "architecture": name, "precision": "fp32", "engine": "sketch",
-                "provenance": {},
-            },
-        }
+    )
+    infer = tuple(
+        FunctionOffer(
+            stage=Stage.INFER, name=name, numeric_class=infer_class, revision=1, route=route_of(Stage.INFER, infer_class),
+            digest=function_card(name).digest,
+            card=FunctionCard(name, function_card(name).digest, name, "fp32", "sketch", {}),
+        )
         for name in FUNCTIONS
-    ]  # fmt: skip
+    )  # fmt: skip
+    stages: dict[Stage, tuple[AnyOffer, ...]] = {Stage.RENDER: render, Stage.INFER: infer, Stage.EVAL: ()}
     with writing(context.engine) as connection:
-        for number, (stage, offers) in enumerate((("render", render), ("infer", infer), ("eval", []))):
-            processes.register_worker(
-                connection,
-                {
-                    "id": f"sketch-{stage}",
-                    "stage": stage,
-                    "host": "workstation",
-                    "pid": 4000 + number,
-                    "offers": offers,
-                    "started_at": now - 3600,
-                    "seen_at": now + 10**6,
-                },
-            )
+        for number, (stage, offers) in enumerate(stages.items()):
+            times = {"started_at": now - 3600, "seen_at": now + 10**6}
+            row = WorkerRow(f"sketch-{stage}", stage, "workstation", 4000 + number, offers, **times)
+            processes.register_worker(connection, row)
     return context, bell
 
 
@@ -126,12 +120,12 @@ def work(
         if products is not None and made >= products:
             return run_id
         # Later stages first, a few at a time: an unfinished run has some of everything.
-        waiting = sorted(bell.ready, key=lambda one: (_ORDER[one[2].partition(".")[0]], one[3], one[1]))
+        waiting = sorted(bell.ready, key=lambda one: (_ORDER[stage_of(one.route)], one.cache_group, one.kind))
         size = len(waiting) if products is None else min(24, products - made)
         batch, bell.ready[:] = waiting[:size], waiting[size:]
         made += len(batch)
         for stage, maker in (("render", sketch), ("infer", sketch), ("eval", evaluate)):
-            digests = [digest for digest, _, route, _ in batch if route.partition(".")[0] == stage]
+            digests = [ready.digest for ready in batch if stage_of(ready.route) == stage]
             if digests:
                 run_stage(context, maker, digests)
         if run_id in bell.finish:

@@ -16,6 +16,7 @@ import typer.main
 import yaml
 
 from tests.plugin_package import look_again, write_package
+from tools.architecture_picture import PICTURE, layers, picture
 from valerie import plugins
 from valerie.cli.main import app
 from valerie.cli.shell import Exit
@@ -25,6 +26,7 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.documents.function import parse_function
 from valerie.pipeline.functions.probe import probe_function
 from valerie.rendering.base import Renderer, View
+from valerie.rendering.engine import EVERYTHING, Ability
 from valerie.runs.spec import parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import parse_manifest
@@ -40,6 +42,7 @@ EVERY = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path
 #: Tables of the documents that must be complete.
 OPERATIONS = (ROOT / "docs" / "operations.md").read_text("utf-8")
 EXTENDING = (ROOT / "docs" / "extending.md").read_text("utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -83,6 +86,60 @@ def test_named_variables_are_settings(document: Path) -> None:
     named = set(re.findall(r"VALERIE_[A-Z0-9_]+", document.read_text("utf-8")))
     of_tests = {name for name in named if name.startswith("VALERIE_TEST_")}
     assert named - {"VALERIE_"} - of_tests <= settings | of_set_up
+
+
+#: Longest line of prose.
+WIDTH = 100
+
+
+@EVERY
+def test_prose_wraps_at_one_width(document: Path) -> None:
+    lines = re.sub(r"`[^`\n]+`", "", prose(document.read_text("utf-8"))).splitlines()
+    assert [line for line in lines if len(line) > WIDTH and line[:1] not in "|#!["] == []
+
+
+@EVERY
+def test_named_files_of_the_tree_exist(document: Path) -> None:
+    roots = "valerie|urban_street|services|tests|tools|benchmarks|examples|migrations|docs"
+    named = re.findall(rf"`((?:{roots})/[\w./-]+)`", prose(document.read_text("utf-8")))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+def test_the_layout_names_every_package_of_the_tree_and_nothing_else() -> None:
+    (layout,) = [block for block in blocks(ARCHITECTURE, "text") if "valerie/" in block]
+    tree = layout.partition("valerie/\n")[2]
+    shown, parent = set(), ""
+    for indent, name in re.findall(r"^( +)([\w.]+/?) ", tree, re.MULTILINE):
+        parent = parent if len(indent) > 2 else name
+        shown.add(name if len(indent) == 2 else parent + name)
+    assert shown == {
+        *_members("valerie"),
+        *(f"{name}/{inner}" for name in EXPANDED for inner in _members(f"valerie/{name}")),
+    }
+
+
+#: Packages whose own packages the layout shows.
+EXPANDED = ("perception", "pipeline", "scene")
+
+
+def _members(folder: str) -> Iterator[str]:
+    """Yield the packages and modules of a folder, packages with a slash."""
+    for path in (ROOT / folder).iterdir():
+        if (path / "__init__.py").exists():
+            yield f"{path.name}/"
+        elif path.suffix == ".py" and not path.name.startswith("__"):
+            yield path.name
+
+
+def test_the_picture_of_the_architecture_shows_the_import_contracts() -> None:
+    assert PICTURE.read_text("utf-8") == picture(), "run: python -m tools.architecture_picture"
+
+
+def test_the_import_contract_places_every_package_of_the_tree() -> None:
+    placed = {name for row in layers() for name in row}
+    packages = {path.removesuffix("/").removesuffix(".py") for path in _members("valerie")}
+    assert packages - placed == {"testing"}, "of the packages, only the tests' own has no layer"
+    assert placed - packages == {"services"}
 
 
 def test_the_table_of_settings_is_complete() -> None:
@@ -263,15 +320,10 @@ def test_the_example_of_an_engine_puts_its_filter_before_the_frame() -> None:
         plain.close()
 
 
-def test_the_examples_of_entry_points_are_in_the_groups_that_are_looked_at() -> None:
-    (text,) = blocks(EXTENDING, "toml")
-    source = Path(plugins.__file__).read_text("utf-8")
-    groups = tomllib.loads(text)["project"]["entry-points"]
-    assert len(groups) == 3
-    for group, declared in groups.items():
-        assert f'"{group}"' in source
-        for target in declared.values():
-            assert f"class {target.partition(':')[2]}" in EXTENDING
+def example_defining(name: str) -> str:
+    """Return the Python block of docs/extending.md that defines a class, function or constant."""
+    definition = re.compile(rf"^(class |def )?{name}\b", re.MULTILINE)
+    return next(block for block in blocks(EXTENDING, "python") if definition.search(block))
 
 
 def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
@@ -279,21 +331,20 @@ def test_the_example_of_a_package_is_offered_where_the_operator_names_it(
 ) -> None:
     (text,) = blocks(EXTENDING, "toml")
     groups = tomllib.loads(text)["project"]["entry-points"]
-    source = {name: next(block for block in blocks(EXTENDING, "python") if f"class {name}" in block) for name in
-              ("DarkIsPerson", "Golden", "WarmRenderer")}  # fmt: skip
-    modules = {
-        target.partition(":")[0]: source[target.partition(":")[2]]
-        for declared in groups.values()
-        for target in declared.values()
-    }
+    modules = {"my_package.warm": example_defining("WarmRenderer")}
+    for module, _, attribute in (target.partition(":") for points in groups.values() for target in points.values()):
+        modules[module] = example_defining(attribute or "make_manifest")
     monkeypatch.syspath_prepend(str(write_package(tmp_path, "my-package", modules=modules, entry_points=groups)))
     for variable, value in re.findall(r"^export (VALERIE_PLUGINS)=(\S+)$", EXTENDING, re.MULTILINE):
         monkeypatch.setenv(variable, value)
     look_again()
     try:
         (offered,) = probe_function("dark-is-person")
-        assert (offered["name"], offered["revision"], offered["numeric_class"]) == ("dark-is-person", 1, "numpy-uint8")
+        assert (offered.name, offered.revision, offered.numeric_class) == ("dark-is-person", 1, "numpy-uint8")
         assert "warm" in plugins.renderer_names()
+        assert plugins.declared_engine("warm").shows == EVERYTHING - {Ability.NIGHT}
         assert plugins.samplers()["golden"](dimensions=2, count=3, seed=0).points(0, 3).shape == (3, 2)
+        manifest, _ = asset_manifest({"name": "boxes", "bearing_deg": 90.0})
+        assert manifest.bearing_deg == 90.0
     finally:
         look_again()

@@ -52,9 +52,9 @@ OF_WITNESS = {
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
-    """Installs a package with plug-ins, and lets the operator name packages."""
+    """Return a function that installs a package with plug-ins and lets the operator name packages."""
 
-    def made(
+    def install_package(
         points: dict[str, dict[str, str]] = OF_WITNESS,
         *,
         package: str = "My_Package",
@@ -67,7 +67,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         monkeypatch.setenv("VALERIE_PLUGINS", allowed)
         look_again()
 
-    yield made
+    yield install_package
     for module in ("witness", "engine_of_mine", "pictures"):
         sys.modules.pop(module, None)
     look_again()
@@ -111,9 +111,9 @@ def test_a_missing_library_is_a_clear_error(install, engine: str) -> None:
 
 
 def test_settings_of_an_engine_are_complete_whatever_was_said() -> None:
-    said = plugins.engine_inputs("cycles", {"quality": "draft"})
-    assert said == plugins.engine_inputs("cycles", {"samples": 16, "denoise": True})
-    assert said["samples"] == 16
+    inputs = plugins.engine_inputs("cycles", {"quality": "draft"})
+    assert inputs == plugins.engine_inputs("cycles", {"samples": 16, "denoise": True})
+    assert inputs["samples"] == 16
     assert plugins.engine_inputs("cycles", {"quality": "paper"})["samples"] == 1024
     assert plugins.engine_inputs("raster", {}) == {}
 
@@ -180,7 +180,7 @@ class TestAnEngineOfAPackage:
             self.run(constants={"sun-1.elevation": "-10 deg"})
 
     def test_names_how_people_get_it_to_a_run_that_waits(self) -> None:
-        spec = {"renderer": "mine", "functions": []}
+        spec = parse({"name": "waits", "asset": "urban-street", "renderer": "mine"})
         assert "'mine' (`make mine` installs it)" in str(choose_pins(spec, [], {})[1])
 
 
@@ -204,8 +204,8 @@ class TestAPackageThatTheOperatorDoesNotName:
         ],
     )
     def test_is_told_with_the_switch_and_not_imported(self, use: Callable[[], object], word: str, name: str) -> None:
-        said = f"{word} {name}: offered by the package my-package, which VALERIE_PLUGINS does not name"
-        with pytest.raises(InvalidInput, match=said):
+        message = f"{word} {name}: offered by the package my-package, which VALERIE_PLUGINS does not name"
+        with pytest.raises(InvalidInput, match=message):
             use()
         assert not {"witness", "engine_of_mine"} & set(sys.modules)
 

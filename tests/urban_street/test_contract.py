@@ -1,4 +1,4 @@
-"""The street as an asset pack: the contract of all of them, and what its seed changes."""
+"""The street as an asset pack: the contract of all packs, and the effects of its seed."""
 
 import re
 
@@ -16,16 +16,16 @@ class TestUrbanStreet(AssetContract):
 
 
 def test_another_seed_declares_the_same_about_other_cars_and_houses() -> None:
-    (one, one_digest), (other, other_digest) = (
+    (first, first_digest), (second, second_digest) = (
         asset_manifest({"name": "urban-street", "seed": seed}) for seed in (0, 7)
     )
-    assert one_digest != other_digest
-    assert one.obstacles != other.obstacles
-    # Which cars are parked where, where fitted vehicles begin and which houses stand there differ; all else is declared alike.
+    assert first_digest != second_digest
+    assert first.obstacles != second.obstacles
+    # Parked cars, the places of fitted vehicles and houses differ; all other declarations are equal.
     differing = re.compile(r"scene\.(car-\d{1,2}|car-102|truck-101|bus-101|motorcycle-101|building-\d+)\.")
     common = [
         [definition for definition in manifest.parameters if not differing.match(definition.path)]
-        for manifest in (one, other)
+        for manifest in (first, second)
     ]
     assert common[0] == common[1]
 

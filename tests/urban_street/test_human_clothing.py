@@ -1,4 +1,4 @@
-"""Garments on a posed body."""
+"""Test garments on a posed body."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def body_rows() -> NDArray[np.int64]:
 
 
 def first_hits(dressed: Dressed) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """What one sees of the complete body and the clothes from 36 directions: kind and place of every hit.
+    """Return kind and place of every visible point of the complete body and the clothes from 36 directions.
 
     Kinds: 0 bare skin, 1 skin that counts as covered, 2 trousers, 3 top.
     """
@@ -100,9 +100,11 @@ def test_trousers_have_a_waist_and_two_ankles_and_a_top_four_openings(dressed: D
 def test_threads_keep_their_length(dressed: Dressed) -> None:
     for cloth in dressed.cloths:
         edges, _ = surface.edges_of(cloth.faces)
-        now, made = (np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (cloth.points, cloth.rest))
-        assert np.percentile(now / made, 95) < 1.2
-        assert abs(now.sum() / made.sum() - 1.0) < 0.08
+        lengths, rest_lengths = (
+            np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (cloth.points, cloth.rest)
+        )
+        assert np.percentile(lengths / rest_lengths, 95) < 1.2
+        assert abs(lengths.sum() / rest_lengths.sum() - 1.0) < 0.08
 
 
 def test_left_and_right_come_out_alike_in_the_rest_pose() -> None:

@@ -1,4 +1,4 @@
-"""Reading MakeHuman's files, and what happens without them."""
+"""Test the reading of MakeHuman's files, and the errors without them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_faces_of_the_body_look_outwards() -> None:
     mesh = data.base_mesh()
     quads = mesh.groups["body"].quads
     p = mesh.vertices[quads]
-    # the divergence theorem: a closed surface that looks outwards has a positive volume, here of about a person
+    # By the divergence theorem a closed surface that faces outwards has a positive volume, here about that of a person.
     volume = (np.einsum("ij,ij->i", np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]), p.mean(axis=1)) / 6.0).sum()
     assert 0.03 < volume < 0.12
 

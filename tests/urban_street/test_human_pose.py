@@ -1,4 +1,4 @@
-"""Body shape, gait and skinning."""
+"""Test body shape, gait and skinning."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_the_gait_is_periodic(body: Body) -> None:
 
 
 def test_the_swing_leg_clears_the_ground(body: Body) -> None:
-    # at 0.75 of its cycle the left leg swings through while the right one carries
+    # At 0.75 of its cycle the left leg swings through while the right one carries.
     gait = Gait(phase=0.75)
     assert joint(body, gait, "foot_l")[2] > joint(body, gait, "foot_r")[2] + 0.05
 

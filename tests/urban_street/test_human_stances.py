@@ -1,4 +1,4 @@
-"""Poses, the walk cycle and things carried: bones first, then what is drawn."""
+"""Test poses, the walk cycle and carried things: bones first, then meshes."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_a_backpack_is_behind_and_its_straps_lie_on_the_clothes() -> None:
     stance = replace(DEFAULT, carries="backpack")
     pack, shirt = (drawn("yellow-shirt", stance, part).positions for part in ("carried-backpack", "cloth-shirt"))
     assert np.percentile(pack[:, 1], 20) < shirt[:, 1].min()
-    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # what is before the chest are the straps
+    front = pack[pack[:, 1] > shirt[:, 1].mean()]  # only the straps lie before the chest
     assert len(front) > 50
     distance = trimesh.proximity.closest_point(
         trimesh.Trimesh(shirt, drawn("yellow-shirt", stance, "cloth-shirt").faces, process=False), front
@@ -124,12 +124,12 @@ def test_what_is_carried_belongs_to_the_character_and_can_be_put_down() -> None:
 
 
 def test_stances_that_look_alike_share_their_meshes_and_others_do_not() -> None:
-    one = figure("yellow-shirt")
-    first, near, other = (one.taking(replace(DEFAULT, gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
+    person = figure("yellow-shirt")
+    first, near, other = (person.taking(replace(DEFAULT, gait_phase=phase)) for phase in (0.5, 0.51, 0.6))
     assert all(a is b for a, b in zip(first.meshes, near.meshes, strict=True))
     assert other.meshes[0] is not first.meshes[0]
-    assert one.taking(replace(DEFAULT, carries="nothing")).meshes is one.meshes
-    assert one.taking(replace(DEFAULT, gait_phase=1.0)).meshes is one.meshes  # a cycle later
+    assert person.taking(replace(DEFAULT, carries="nothing")).meshes is person.meshes
+    assert person.taking(replace(DEFAULT, gait_phase=1.0)).meshes is person.meshes  # a cycle later
 
 
 def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
@@ -140,10 +140,10 @@ def test_an_unknown_pose_or_load_is_refused_with_near_matches() -> None:
 
 
 def test_renamed_figures_share_their_bodies_and_keep_their_names_in_other_stances() -> None:
-    one = figure("striped-boy").renamed("a/{}".format)
-    two = one.renamed("b/{}".format).taking(replace(DEFAULT, pose="standing"))
-    assert {mesh.material.split("/")[0] for mesh in one.meshes} == {"a"}
-    assert all(mesh.material.startswith("b/a/striped-boy/") for mesh in two.meshes)
+    first = figure("striped-boy").renamed("a/{}".format)
+    second = first.renamed("b/{}".format).taking(replace(DEFAULT, pose="standing"))
+    assert {mesh.material.split("/")[0] for mesh in first.meshes} == {"a"}
+    assert all(mesh.material.startswith("b/a/striped-boy/") for mesh in second.meshes)
 
 
 @pytest.fixture(scope="module", params=sorted(LOOKS))
@@ -163,25 +163,25 @@ def test_anybodys_feet_both_touch_the_ground_at_the_first_instant_and_nothing_li
 
 
 def test_no_covered_skin_comes_through_anybodys_clothes_at_the_first_instant(anybody: Model) -> None:
-    # A coarse look; the slow tests look closely and at every stance.
+    # The rays are sparse here; the slow tests use dense rays and every stance.
     assert covered_share(anybody, FIRST, spacing=0.02, directions=6) < 1e-3
 
 
 def test_all_twelve_bodies_have_silhouettes_of_their_own() -> None:
-    """Bare and standing alike, seen from before: what differs is the body, not the clothes or the step."""
-    seen = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
-    assert len(seen) == 12
-    for (one, a), (other, b) in combinations(seen.items(), 2):
-        assert (a ^ b).sum() > 0.1 * (a | b).sum(), (one, other)
-    heights = {name: 0.01 * np.flatnonzero(shape.any(axis=1)).max() for name, shape in seen.items()}
+    """Compare bare bodies that stand alike, from the front: only the bodies differ, not clothes or step."""
+    silhouettes = {name: silhouette(Model(name, LOOKS[name]())) for name in LOOKS}
+    assert len(silhouettes) == 12
+    for (first, a), (second, b) in combinations(silhouettes.items(), 2):
+        assert (a ^ b).sum() > 0.1 * (a | b).sum(), (first, second)
+    heights = {name: 0.01 * np.flatnonzero(shape.any(axis=1)).max() for name, shape in silhouettes.items()}
     children = {"striped-boy", "pink-girl"}
     assert all((height < 1.4) == (name in children) for name, height in heights.items())
-    areas = sorted(float(shape.sum()) for name, shape in seen.items() if name not in children)
+    areas = sorted(float(shape.sum()) for name, shape in silhouettes.items() if name not in children)
     assert areas[-1] > 1.4 * areas[0]  # slight and stout
 
 
 def silhouette(model: Model) -> NDArray[np.bool_]:
-    """What parallel rays along +y hit of the bare standing body, on a grid of 1 cm from its lowest point up: (200, 200)."""
+    """Return (200, 200) hits of parallel rays along +y on the bare standing body, on a grid of 1 cm up from its lowest point."""
     points = model.posed(StanceKey("standing", 0, "nothing")).apply(model.body.vertices, data.rig().weights)
     faces = surface.triangles(data.base_mesh().groups["body"].quads)
     points = points - [0.0, 0.0, points[np.unique(faces), 2].min()]
@@ -194,7 +194,7 @@ def silhouette(model: Model) -> NDArray[np.bool_]:
 
 
 def covered_share(model: Model, key: StanceKey, *, spacing: float = 0.012, directions: int = 8) -> float:
-    """Share of rays from all around that meet, first of all, skin that lies under clothes; they are ``spacing`` metres apart."""
+    """Return the share of rays from all around, ``spacing`` metres apart, that first hit skin under clothes."""
     posed = model.posed(key)
     faces = surface.triangles(data.base_mesh().groups["body"].quads)
     pieces = [(posed.apply(model.body.vertices, data.rig().weights), faces)]
@@ -216,7 +216,7 @@ def covered_share(model: Model, key: StanceKey, *, spacing: float = 0.012, direc
         hit = hit[hit >= 0]
         hits += len(hit)
         skin += int(model.covered[faces[hit[hit < len(faces)]]].all(axis=1).sum())
-    assert hits * spacing**2 > 0.15 * directions  # square metres that are seen from each side
+    assert hits * spacing**2 > 0.15 * directions  # visible square metres from each side
     return skin / hits
 
 
@@ -228,7 +228,7 @@ def test_no_covered_skin_comes_through_anybodys_clothes_in_any_pose(name: str) -
     for step in range(0, stances.GAIT_STEPS, 2):
         assert covered_share(model, StanceKey("walking", step, carries)) < 1e-3, step
     for pose in POSES:
-        # a raised arm opens a short sleeve, into which one looks
+        # A raised arm opens a short sleeve, and rays enter it.
         assert covered_share(model, StanceKey(pose, 0, carries)) < 3e-3, pose
 
 

@@ -1,4 +1,4 @@
-"""Surface operations against shapes whose answer is known."""
+"""Test surface operations against shapes with known answers."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_boundary_loop_runs_with_its_faces() -> None:
     kept = half.matrix @ points
     (loop,) = surface.boundary_loops(half.faces)
     ring = kept[loop]
-    # the lower half, seen from outside, lies left of an edge that runs clockwise seen from above
+    # Seen from outside, the lower half lies left of an edge that runs clockwise seen from above.
     turn = np.cross(ring, np.roll(ring, -1, axis=0))[:, 2].sum()
     assert turn < 0.0
 

@@ -1,4 +1,4 @@
-"""The people of a generated street: who, how many, where, and that nobody is made in vain."""
+"""Test the people of a generated street: numbers, places, and shapes built only when needed."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def test_everybody_can_stand_where_they_are_by_default() -> None:
 
 def test_nobody_is_made_before_somebody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     human.figure.cache_clear()
-    made: list[str] = []
+    builds: list[str] = []
     shapes = Model._shapes
-    monkeypatch.setattr(Model, "_shapes", lambda self, key: made.append(self.name) or shapes(self, key))
+    monkeypatch.setattr(Model, "_shapes", lambda self, key: builds.append(self.name) or shapes(self, key))
     crowd = Crowd()
     nodes = [node for name, person in persons(2).items() for node in crowd.nodes(name, person)]
     assert len(nodes) == 2 * (1 + len(pedestrians.CHARACTERS))
-    assert made == []
+    assert builds == []
     for person in ("person-1", "person-2"):
         boy = next(node for node in nodes if node.path == f"scene.{person}.striped-boy")
         assert all(len(mesh.positions) for mesh in boy.meshes)
-    assert made == ["striped-boy"]  # once for both
+    assert builds == ["striped-boy"]  # once for both
 
 
 def test_each_person_has_materials_of_its_own_for_everything_it_may_show() -> None:

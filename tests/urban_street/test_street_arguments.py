@@ -1,4 +1,4 @@
-"""What each argument of the generated street does to it, measured on triangles and textures, and what it leaves as it was."""
+"""Test the effect of each argument of the generated street on triangles and textures, and that nothing else changes."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from valerie.scene.assets.asset import asset_manifest
 Points = NDArray[np.float64]
 
 
-def built(settings: StreetSettings, wanted: tuple[Placement, ...] | None = None) -> StreetContent:
-    """The ground of a street with the three houses of each side that are nearest to y = 20 m, or what is wanted of it."""
+def built(settings: StreetSettings, placements: tuple[Placement, ...] | None = None) -> StreetContent:
+    """Build the ground of a street and each side's three houses nearest to y = 20 m, or only ``placements``."""
     layout = layout_street(settings)
-    if wanted is None:
+    if placements is None:
         houses = [p for p in layout.placements if p.object_class == "building"]
         near = [
             sorted((p for p in houses if (p.x > 2.5) == right), key=lambda p: abs(p.y - 20.0))[:3] for right in (0, 1)
         ]
         ground = [p for p in layout.placements if p.object_class in {"road", "sidewalk"}]
-        wanted = (*ground, *near[0], *near[1])
-    return build_street(replace(layout, placements=wanted))
+        placements = (*ground, *near[0], *near[1])
+    return build_street(replace(layout, placements=placements))
 
 
 def points(content: StreetContent, *starts: str, material: str = "") -> Points:
-    """(N, 3) vertices in the world of objects whose paths begin so."""
-    found = [
+    """Return the (N, 3) world vertices of objects whose paths begin with a prefix."""
+    clouds = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]
         for part in content.parts
         if part.path.startswith(starts)
         for mesh in part.meshes
         if mesh.material.startswith(material)
     ]
-    return np.concatenate(found) if found else np.zeros((0, 3))
+    return np.concatenate(clouds) if clouds else np.zeros((0, 3))
 
 
 @lru_cache
 def measured(**arguments: object) -> Mapping[str, float | tuple[float, ...]]:
-    """Metres, to the centimetre; fronts of houses to the quarter of a metre, since sills and steps stand out."""
+    """Return metres to the centimetre; fronts of houses to the quarter of a metre, since sills and steps stand out."""
     content = built(StreetSettings.model_validate(arguments))
     road, zebra = points(content, "scene.road-1"), points(content, "scene.road-1", material="asphalt-crossing")
     left, right = float(road[:, 0].min()), float(road[:, 0].max())
@@ -115,8 +115,8 @@ def test_the_default_street_has_the_documented_measures() -> None:
 def test_an_argument_changes_its_own_measures_and_no_other(
     arguments: dict[str, object], changes: dict[str, float | tuple[float, ...]]
 ) -> None:
-    found = measured(**arguments)
-    different = {name: value for name, value in found.items() if value != DEFAULT[name]}
+    measures = measured(**arguments)
+    different = {name: value for name, value in measures.items() if value != DEFAULT[name]}
     assert different == changes
 
 
@@ -126,17 +126,17 @@ def one_of(settings: StreetSettings, kind: str) -> StreetContent:
 
 
 def leaves(season: str) -> tuple[int, float]:
-    """Triangles of a plane tree's leaves, and how much redder than green they are."""
+    """Return the number of triangles of a plane tree's leaves, and their red minus their green."""
     content = one_of(StreetSettings.model_validate({"season": season}), "plane")
-    found = [mesh for part in content.parts for mesh in part.meshes if mesh.material.startswith("leaves")]
+    meshes = [mesh for part in content.parts for mesh in part.meshes if mesh.material.startswith("leaves")]
     assert any(mesh.material.startswith("bark") for part in content.parts for mesh in part.meshes)
-    if not found:
+    if not meshes:
         return 0, 0.0
-    material = content.materials[found[0].material]
+    material = content.materials[meshes[0].material]
     assert material.base_color_texture is not None
     image = content.textures[material.base_color_texture].image[..., :3].astype(np.float64)
     red, green, _ = image.mean(axis=(0, 1)) * material.base_color
-    return sum(len(mesh.faces) for mesh in found), float(red - green)
+    return sum(len(mesh.faces) for mesh in meshes), float(red - green)
 
 
 def test_trees_are_green_in_summer_turn_in_autumn_and_are_bare_in_winter() -> None:
@@ -163,7 +163,7 @@ def test_a_street_has_more_than_six_styles_of_houses_that_differ_in_geometry() -
     layout = layout_street(settings)
     kinds = {p.kind: p for p in layout.placements if p.object_class == "building" and 0.0 < p.y < 270.0}
     content = built(settings, tuple(kinds.values()))
-    # Styles differ in geometry: heights of floors and roofs, to the decimetre, where windows begin.
+    # Styles differ in geometry: heights of floors and roofs to the decimetre, and lower edges of windows.
     glass = [
         np.concatenate([m.positions for m in part.meshes if m.material == "window-glass"]) for part in content.parts
     ]

@@ -1,4 +1,4 @@
-"""The built street, looked at with rays and sums."""
+"""Test the built street with rays and sums."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def content() -> StreetContent:
 
 @pytest.fixture(scope="module")
 def solid(content: StreetContent) -> trimesh.Trimesh:
-    """Every triangle of the street in the world."""
+    """Return every triangle of the street in the world."""
     positions, faces, count = [], [], 0
     worlds: dict[str, np.ndarray] = {}
     for part in content.parts:
@@ -41,14 +41,14 @@ def part_of(content: StreetContent, path: str) -> Part:
 
 
 def points_of(content: StreetContent, path: str) -> np.ndarray:
-    """Every vertex of an object and its parts, in the object's frame."""
-    found = []
+    """Return every vertex of an object and its parts, in the object's frame."""
+    clouds = []
     for part in content.parts:
         if part.path == path:
-            found += [mesh.positions for mesh in part.meshes]
+            clouds += [mesh.positions for mesh in part.meshes]
         elif part.path.startswith(f"{path}."):
-            found += [mesh.positions @ part.transform[:3, :3].T + part.transform[:3, 3] for mesh in part.meshes]
-    return np.concatenate(found)
+            clouds += [mesh.positions @ part.transform[:3, :3].T + part.transform[:3, 3] for mesh in part.meshes]
+    return np.concatenate(clouds)
 
 
 def fingerprint(content: StreetContent) -> str:
@@ -72,9 +72,9 @@ def test_equal_seeds_give_equal_bytes(content: StreetContent) -> None:
 
 
 def test_other_seeds_paint_houses_and_roofs_in_other_colours() -> None:
-    one, other = make_materials(0), make_materials(1)
+    first, second = make_materials(0), make_materials(1)
     for name in ("render-0", "roof-0", "brick-red"):
-        assert one[name].base_color != other[name].base_color
+        assert first[name].base_color != second[name].base_color
 
 
 def test_every_placement_becomes_a_part_with_a_shape(content: StreetContent) -> None:

@@ -1,4 +1,4 @@
-"""Lamps of the generated street: where they hang, which way they look, what they belong to."""
+"""Test the lamps of the generated street: places, directions, owners."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Where things stand: rules that hold for any seed."""
+"""Test the places of things: rules that hold for any seed."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def test_equal_seeds_give_equal_layouts() -> None:
 
 
 def test_other_seeds_move_and_change_cars_houses_and_trees() -> None:
-    one, other = (layout_street(StreetSettings(seed=seed)) for seed in (0, 1))
+    streets = [layout_street(StreetSettings(seed=seed)) for seed in (0, 1)]
     for object_class in ("car", "building", "vegetation"):
         first, second = (
-            [(p.kind, p.x, p.y, p.variant, p.seed) for p in layout.placements if p.object_class == object_class]
-            for layout in (one, other)
+            [(p.kind, p.x, p.y, p.variant, p.seed) for p in street.placements if p.object_class == object_class]
+            for street in streets
         )
         assert first != second
 
@@ -123,11 +123,11 @@ def test_somebody_can_be_hidden_behind_a_van(layout: StreetLayout) -> None:
 
 def test_pavements_are_a_kerb_higher_than_the_road(layout: StreetLayout) -> None:
     def height(x: float, y: float) -> float:
-        found = 0.0
+        level = 0.0
         for region in layout.ground:
             if shapely.Polygon(region.polygon).contains(shapely.Point(x, y)):
-                found = region.height
-        return found
+                level = region.height
+        return level
 
     assert [height(x, 20.0) for x in (-2.0, 0.0, 2.5, 5.5, 7.0)] == [0.12, 0.0, 0.0, 0.0, 0.12]
 

@@ -1,4 +1,4 @@
-"""What each declared parameter of the street writes: a table by hand, and all the rest of the scene as it was."""
+"""Test the effect of each declared parameter against a table by hand; the rest of the scene must stay unchanged."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from valerie.scene.graph.naming import ROOT
 from valerie.scene.variation.variant import apply
 
 MANIFEST = asset_manifest("urban-street")[0]
-#: What is absent has no parameters that count.
+#: Values that show everything, since parameters of absent things have no effect.
 EVERYTHING_SHOWN: dict[str, Value] = {
     "scene.person-2.character": "red-coat",
     "scene.car-101.kind": "suv",
@@ -27,7 +27,7 @@ EVERYTHING_SHOWN: dict[str, Value] = {
 
 #: One property of one thing of the scene, such as ``scene.car-1 x`` or ``sky rain``, and its value.
 Facts = dict[str, object]
-#: From the path of the thing, the value given to its parameter and the scene before: what is then different.
+#: Returns the expected differences from the path of the thing, the value of its parameter and the scene before.
 Expected = Callable[[str, Value, Facts], Facts]
 
 
@@ -39,7 +39,7 @@ def _facts(scene: Scene) -> Iterator[tuple[str, object]]:
     for path, node in scene.nodes.items():
         for axis, value in zip("xyz", node.transform[:3, 3], strict=True):
             yield f"{path} {axis}", float(value)
-        # Where its own axes point: to its right, ahead (a node faces its +y), up.
+        # Directions of its own axes: right, ahead (a node faces its +y), up.
         for name, direction in zip(("right", "ahead", "up"), node.transform[:3, :3].T, strict=True):
             yield f"{path} {name}", tuple(map(float, direction))
         yield f"{path} shown", node.visible
@@ -70,12 +70,12 @@ def near(value: object, tolerance: float = 1e-9) -> object:
 
 
 def trigonometry(*degrees: float) -> list[float]:
-    """Cosine and sine of each angle, one after the other."""
+    """Return cosine and sine of each angle in turn."""
     return [function(math.radians(angle)) for angle in degrees for function in (math.cos, math.sin)]
 
 
 def itself(name: str) -> Expected:
-    """The property called ``name`` takes the value."""
+    """Expect that the property ``name`` takes the value."""
     return lambda thing, value, _: {f"{thing} {name}": near(value) if isinstance(value, float) else value}
 
 
@@ -84,13 +84,13 @@ def of(owner: str, name: str) -> Expected:
 
 
 def turned(thing: str, value: Value, _: Facts) -> Facts:
-    """Counter-clockwise seen from above; at 0 it faces +y with +x on its right."""
+    """Expect a turn counter-clockwise seen from above; at 0 the thing faces +y with +x on its right."""
     cos, sin = trigonometry(float(value))
     return {f"{thing} right": near((cos, sin, 0.0)), f"{thing} ahead": near((-sin, cos, 0.0))}
 
 
 def resized(thing: str, value: Value, before: Facts) -> Facts:
-    """As long along each of its axes as the value says, instead of 1."""
+    """Expect each of its axes to have the length of the value, instead of 1."""
     axes = {f"{thing} {name}": before[f"{thing} {name}"] for name in ("right", "ahead", "up")}
     return {
         fact: near(tuple(float(value) * part for part in axis))
@@ -99,27 +99,27 @@ def resized(thing: str, value: Value, before: Facts) -> Facts:
     }
 
 
-def given(definition: ParameterDefinition, value: Value) -> Value:
-    """What the table says; of houses it says how much more than the default, since each stands elsewhere."""
+def table_value(definition: ParameterDefinition, value: Value) -> Value:
+    """Return the value of a row; rows of houses hold offsets from the default, since each stands elsewhere."""
     if not definition.path.startswith(f"{ROOT}.building-"):
         return value
     return float(definition.check(definition.default)) + float(value)
 
 
 def below(thing: str, name: str, before: Facts) -> list[str]:
-    """Paths of what is directly below a thing and has a property of that name."""
+    """Return the paths directly below a thing that have a property ``name``."""
     paths = [fact.removesuffix(f" {name}") for fact in before if fact.endswith(f" {name}")]
     return [path for path in paths if path.rpartition(".")[0] == thing]
 
 
 def another_character(thing: str, value: Value, before: Facts) -> Facts:
-    shown = {f"{path} shown": False for path in below(thing, "shown", before) if before[f"{path} shown"]}
+    hidden = {f"{path} shown": False for path in below(thing, "shown", before) if before[f"{path} shown"]}
     if value == "absent":
-        return {f"{thing} shown": False, **shown}
-    changed: Facts = {**shown, f"{thing}.{value} shown": True}
+        return {f"{thing} shown": False, **hidden}
+    changed: Facts = {**hidden, f"{thing}.{value} shown": True}
     if not before[f"{thing} shown"]:
         changed[f"{thing} shown"] = True
-        # What an absent person wears has no parameters; now they say 0.8.
+        # An absent person's clothes have no parameters; now they read 0.8.
         start = f"{thing.removeprefix('scene.')}/"
         rough = [
             fact for fact in before if fact.startswith(start) and "/cloth-" in fact and fact.endswith(" roughness")
@@ -129,7 +129,7 @@ def another_character(thing: str, value: Value, before: Facts) -> Facts:
 
 
 def held(name: str, *, already: str = "") -> Expected:
-    """Every character that the person can be, but one who did ``already``, holds itself so and therefore has another shape."""
+    """Expect another stance, and so another shape, of every character of the person, except those in it ``already``."""
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
         characters = [path for path in below(thing, name, before) if path != f"{thing}.{already}"]
@@ -140,14 +140,14 @@ def held(name: str, *, already: str = "") -> Expected:
 
 
 def worn(name: str) -> Expected:
-    """All that the person wears, as any character, and no skin, hair, shoe or bag."""
+    """Expect the change on all clothes of the person, as any character, and on no skin, hair, shoe or bag."""
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
         start = f"{thing.removeprefix('scene.')}/"
         clothes = [
             fact for fact in before if fact.startswith(start) and "/cloth-" in fact and fact.endswith(f" {name}")
         ]
-        assert len(clothes) >= 24  # a part for the legs and one for the body, of each of twelve
+        assert len(clothes) >= 24  # one part for the legs and one for the body of each of twelve
         return {fact: near(value) for fact in clothes}
 
     return expected
@@ -157,13 +157,13 @@ def painted_yellow(thing: str, _: Value, before: Facts) -> Facts:
     start = f"{thing.removeprefix('scene.')}/paint-"
     paints = {fact.rpartition(" ")[0] for fact in before if fact.startswith(start)}
     assert paints
-    # A yellow without metal in it, under lacquer.
+    # The paint is a yellow without metal, under lacquer.
     look = {"base_color": near((0.62, 0.42, 0.02)), "metallic": 0.0, "roughness": near(0.2)}
     return {f"{paint} {field}": value for paint in paints for field, value in look.items()}
 
 
 def appears(which: str) -> Expected:
-    """The hidden thing is shown, with all that is below its child ``which`` (or with everything)."""
+    """Expect the hidden thing to appear, with all nodes below its child ``which`` (or with all nodes)."""
 
     def expected(thing: str, _: Value, before: Facts) -> Facts:
         inside = f"{thing}.{which}" if which else thing
@@ -179,7 +179,7 @@ VIEWS = {"scene.camera-1": (0.0, 0.0, 0.0), "scene.camera-2": (358.0, 0.0, 0.0),
 
 
 def looking(which: int) -> Expected:
-    """The camera looks along +y at yaw 0, to the left of it above; upwards with its pitch; roll lowers its right side."""
+    """Expect a camera along +y at yaw 0 and to the left above 0; pitch turns it up, roll lowers its right side."""
 
     def expected(thing: str, value: Value, before: Facts) -> Facts:
         angles = list(VIEWS[thing])
@@ -193,12 +193,12 @@ def looking(which: int) -> Expected:
 
 
 def sun_at(azimuth: float, elevation: float) -> Expected:
-    """Worked out by hand with cos H = cos(15° · hours from noon), the equation of time and the declination of that day."""
+    """Expect a sun by hand: cos H = cos(15° · hours from noon), with the day's equation of time and declination."""
     return lambda *_: {"sun azimuth": near(azimuth, 1.0), "sun elevation": near(elevation, 0.5)}
 
 
 def rows_of(vehicle: str) -> dict[str, list[tuple[Value, Expected]]]:
-    """Of a vehicle in traffic of which there is one kind."""
+    """Return the rows of a vehicle in traffic that has a single kind."""
     return {
         f"{vehicle} visible": [(True, appears(""))],
         f"{vehicle} pos.x": [(1.0, itself("x"))],
@@ -208,7 +208,7 @@ def rows_of(vehicle: str) -> dict[str, list[tuple[Value, Expected]]]:
     }
 
 
-#: Class of the thing and attribute: values, and what each changes.
+#: Class of the thing and attribute to values, with the change that each makes.
 TABLE: dict[str, list[tuple[Value, Expected]]] = {
     "person pos.x": [
         (1.0, itself("x")),
@@ -267,7 +267,7 @@ def asset() -> SceneAsset:
 
 
 def row_of(path: str) -> tuple[str, str]:
-    """The thing that a parameter belongs to, and its row in the table."""
+    """Return the thing that a parameter belongs to, and its row in the table."""
     _, thing, attribute = path.split(".", 2)
     return f"{ROOT}.{thing}", f"{thing.rpartition('-')[0]} {attribute}"
 
@@ -282,14 +282,14 @@ def test_a_parameter_changes_what_it_names_and_nothing_else(asset: SceneAsset, d
     others = {path: value for path, value in EVERYTHING_SHOWN.items() if path != definition.path}
     scene = apply(others, asset)
     before = facts_of(scene)
-    rows = [(given(definition, value), expected) for value, expected in TABLE[row]]
+    rows = [(table_value(definition, value), expected) for value, expected in TABLE[row]]
     others_than_default = [(value, expected) for value, expected in rows if value != definition.default]
     assert others_than_default
     for value, expected in others_than_default:
         changed = apply({**others, definition.path: value}, asset)
         after = facts_of(changed)
         assert after.keys() == before.keys()
-        different = {fact: found for fact, found in after.items() if found != before[fact]}
+        different = {fact: content for fact, content in after.items() if content != before[fact]}
         assert different == expected(thing, value, before)
 
 

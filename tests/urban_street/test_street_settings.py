@@ -1,4 +1,4 @@
-"""What the street's arguments do, and the houses, trees and furniture that only some of them bring."""
+"""Test layouts under the street's arguments, and the houses, trees and furniture in them."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ def shapes(layout: StreetLayout) -> dict[str, shapely.Polygon]:
 
 
 def height(layout: StreetLayout, x: float, y: float) -> float:
-    found = 0.0
+    level = 0.0
     for region in layout.ground:
         if shapely.Polygon(region.polygon).contains(shapely.Point(x, y)):
-            found = region.height
-    return found
+            level = region.height
+    return level
 
 
 def against_their_faces(bag: Bag) -> float:
-    """Share of the area whose normals look away from where the faces turn; cloth and leaves have two sides."""
+    """Return the share of the area with normals against the faces' winding; cloth and leaves have two sides."""
     materials = make_materials(0)
     bad = total = 0.0
     for mesh in bag.meshes():
@@ -202,7 +202,7 @@ def test_cracks_and_seams_of_a_road_picture_are_grooves_in_its_normals() -> None
     color = np.full((1024, 1024, 3), 110, np.uint8)
     color[:, 500:504] = 40
     normals = ground.relief(color, np.random.default_rng(0)).astype(np.float64) / 127.5 - 1.0
-    # Seen from its middle the groove's left wall looks to the right and its right wall to the left.
+    # Seen from its middle, the groove's left wall faces right and its right wall faces left.
     left, right = normals[:, 494:501, 0].mean(), normals[:, 503:510, 0].mean()
     assert left > 0.08
     assert right < -0.08

@@ -1,4 +1,4 @@
-"""Noise and textures: they tile, repeat with their seed, and stay in the range of real materials."""
+"""Test noise and textures: they tile, repeat with their seed, and stay in the range of real materials."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def test_a_tiled_texture_has_no_seam(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def surfaces() -> Surfaces:
-    """Colour and roughness of a plain piece of carriageway and of one with a crossing."""
+    """Return colour and roughness of a plain piece of carriageway and of a piece with a crossing."""
     plain, zebra = (ground.asphalt(np.random.default_rng(k), zebra=bool(k), lane=LANE) for k in (0, 1))
     return plain, zebra
 
 
 @pytest.fixture(scope="module")
 def roads(surfaces: Surfaces) -> tuple[Image, Image]:
-    """The colours alone."""
+    """Return only the colours."""
     return surfaces[0][0], surfaces[1][0]
 
 
@@ -103,7 +103,7 @@ def test_bars_of_a_crossing_are_smoother_than_old_asphalt(surfaces: Surfaces) ->
 def test_only_ironwork_is_metallic(surfaces: Surfaces) -> None:
     color, rough = surfaces[0]
     iron = rough[..., 2] > 0
-    # A lid of 0.6 m and two gullies, of which studs and bars are bare, in 6.6 × 13.2 m.
+    # Within 6.6 × 13.2 m lie a lid of 0.6 m and two gullies, whose studs and bars are bare.
     assert 0.001 < iron.mean() < 0.008
     tone = color[::2, ::2].mean(axis=2)
     assert np.median(tone[iron]) < np.median(tone[~iron])

@@ -1,4 +1,4 @@
-"""The built-in street: its declaration, where its cameras stand, and that it survives glTF."""
+"""Test the generated street: declarations, places of cameras, and a round trip through glTF."""
 
 import math
 import re
@@ -31,12 +31,12 @@ from valerie.scene.variation.variant import apply, complete, split
 from valerie.testing.scenes import assert_same_scene
 
 MANIFEST = asset_manifest("urban-street")[0]
-#: What moves beside the persons.
+#: Moving objects besides the persons.
 VEHICLES = tuple(
     f"scene.{name}" for name in ("car-101", "bicycle-101", "car-102", "motorcycle-101", "truck-101", "bus-101")
 )
 HOUSES = tuple(house.path for house in varied_houses(layout_street(StreetSettings())))
-#: The paper's positions, section 6.1.
+#: The paper's positions (section 6.1).
 GRID = tuple(product(range(-2, 8), range(5, 36, 2)))
 
 
@@ -95,15 +95,15 @@ def test_the_papers_places_are_inside_every_image_from_feet_to_head(asset: Scene
 
 
 def pixel(asset: SceneAsset, camera: str, points: np.ndarray) -> np.ndarray:
-    """Where points (N, 3) fall in a 1920 × 1080 image, by the pin-hole formula: (N, 2) columns and rows."""
-    found = asset.base.cameras[camera]
-    local = (points - found.position) @ found.transform[:3, :3]
-    scale = found.focal_length_mm / found.sensor_width_mm * 1920 / -local[:, 2]
+    """Return (N, 2) columns and rows of (N, 3) points in a 1920 × 1080 image, by the pin-hole formula."""
+    view = asset.base.cameras[camera]
+    local = (points - view.position) @ view.transform[:3, :3]
+    scale = view.focal_length_mm / view.sensor_width_mm * 1920 / -local[:, 2]
     return np.column_stack([960 + local[:, 0] * scale, 540 - local[:, 1] * scale])
 
 
 def area_percent(asset: SceneAsset, camera: str, x: float, y: float, character: str) -> float:
-    """Silhouette of person-1 alone, drawn triangle by triangle (with their outlines: about half a pixel too fat)."""
+    """Return the area of person-1 alone, drawn triangle by triangle (with outlines, so about half a pixel too wide)."""
     scene = apply({"scene.person-1.pos.x": x, "scene.person-1.pos.y": y, "scene.person-1.character": character}, asset)
     path = f"scene.person-1.{character}"
     world = scene.world_transform(path)
@@ -138,8 +138,8 @@ def test_each_person_wears_materials_of_its_own(asset: SceneAsset) -> None:
 
 def test_the_chosen_character_alone_is_shown(asset: SceneAsset) -> None:
     scene = apply({"scene.person-1.character": "black-outfit"}, asset)
-    shown = [path for path, node in scene.nodes.items() if "person" in path and node.visible]
-    assert shown == ["scene.person-1", "scene.person-1.black-outfit"]
+    paths = [path for path, node in scene.nodes.items() if "person" in path and node.visible]
+    assert paths == ["scene.person-1", "scene.person-1.black-outfit"]
 
 
 @pytest.mark.parametrize(("x", "height"), [(-2.0, 0.12), (3.0, 0.0), (7.0, 0.12)])
@@ -168,11 +168,11 @@ def test_the_base_scene_is_what_its_defaults_make_of_it(asset: SceneAsset) -> No
 
 
 def test_pieces_of_the_street_and_a_pedestrian_survive_gltf_to_the_bit(asset: SceneAsset, tmp_path: Path) -> None:
-    wanted = ("scene.person-1", "scene.car-1", "scene.car-2", "scene.pole-1", "scene.building-3", "scene.road-1")
+    names = ("scene.person-1", "scene.car-1", "scene.car-2", "scene.pole-1", "scene.building-3", "scene.road-1")
     nodes = {
         path: node
         for path, node in asset.base.nodes.items()
-        if any(path == name or path.startswith(f"{name}.") for name in wanted)
+        if any(path == name or path.startswith(f"{name}.") for name in names)
     }
     used = {mesh.material for node in nodes.values() for mesh in node.meshes}
     materials = {name: material for name, material in asset.base.materials.items() if name in used}
@@ -194,9 +194,9 @@ def test_nobody_drives_by_default(asset: SceneAsset) -> None:
 
 def test_the_chosen_kind_of_car_drives_where_it_is_told(asset: SceneAsset) -> None:
     scene = traffic(asset, car_101__kind="suv", car_101__pos__x=2.0, car_101__pos__y=22.0, car_101__heading=10.0)
-    shown = {path for path, node in scene.nodes.items() if path.startswith("scene.car-101.") and node.visible}
-    assert "scene.car-101.suv.door-1" in shown
-    assert all(path.startswith("scene.car-101.suv") for path in shown)
+    paths = {path for path, node in scene.nodes.items() if path.startswith("scene.car-101.") and node.visible}
+    assert "scene.car-101.suv.door-1" in paths
+    assert all(path.startswith("scene.car-101.suv") for path in paths)
     np.testing.assert_allclose(scene.world_transform("scene.car-101.suv.body")[:2, 3], [2.0, 22.0])
 
 
@@ -264,9 +264,9 @@ def test_every_vehicle_in_traffic_has_head_and_tail_lamps_that_hang_on_the_switc
 
 def test_every_cityscapes_class_but_the_train_appears(asset: SceneAsset) -> None:
     scene = apply({}, asset)
-    found = {node.label_id for node in scene.nodes.values() if node.visible and node.meshes}
-    evaluated = {label.id for label in CITYSCAPES if label.train_id != VOID and label.name not in {"train", "sky"}}
-    assert evaluated <= found
+    labels = {node.label_id for node in scene.nodes.values() if node.visible and node.meshes}
+    expected = {label.id for label in CITYSCAPES if label.train_id != VOID and label.name not in {"train", "sky"}}
+    assert expected <= labels
 
 
 def test_a_person_cannot_stand_in_a_car_that_drives_but_where_none_does() -> None:
@@ -282,28 +282,28 @@ def test_a_stance_changes_the_shape_of_that_person_alone(asset: SceneAsset) -> N
     waving = apply({"scene.person-1.pose": "waving", "scene.person-1.carries": "umbrella"}, asset)
     changed = [path for path, node in waving.nodes.items() if node is not default.nodes[path]]
     assert all(path.startswith("scene.person-1") for path in changed)
-    shown = "scene.person-1.yellow-shirt"
-    assert waving.nodes[shown].meshes != default.nodes[shown].meshes
-    assert waving.nodes[shown].instance_id == default.nodes[shown].instance_id
-    parts = {mesh.material.rpartition("/")[2] for mesh in waving.nodes[shown].meshes}
+    owner = "scene.person-1.yellow-shirt"
+    assert waving.nodes[owner].meshes != default.nodes[owner].meshes
+    assert waving.nodes[owner].instance_id == default.nodes[owner].instance_id
+    parts = {mesh.material.rpartition("/")[2] for mesh in waving.nodes[owner].meshes}
     assert {"carried-canopy", "carried-shaft"} <= parts
-    assert all(mesh.material in waving.materials for mesh in waving.nodes[shown].meshes)
+    assert all(mesh.material in waving.materials for mesh in waving.nodes[owner].meshes)
 
 
 def test_equal_stances_give_the_same_meshes_each_time(asset: SceneAsset) -> None:
     assignment = {"scene.person-1.gait_phase": 0.25}
-    one, other = (apply(assignment, asset).nodes["scene.person-1.yellow-shirt"].meshes for _ in range(2))
-    assert all(a is b for a, b in zip(one, other, strict=True))
+    first, second = (apply(assignment, asset).nodes["scene.person-1.yellow-shirt"].meshes for _ in range(2))
+    assert all(a is b for a, b in zip(first, second, strict=True))
     neutral = apply({"scene.person-1.gait_phase": 0.0, "scene.person-1.carries": "own"}, asset)
     assert neutral.nodes["scene.person-1.yellow-shirt"].meshes == asset.base.nodes["scene.person-1.yellow-shirt"].meshes
 
 
 def test_the_gait_of_somebody_who_stands_is_no_input(asset: SceneAsset) -> None:
-    one, other = (
+    first, second = (
         complete({"scene.person-1.pose": "standing", "scene.person-1.gait_phase": phase}, asset.manifest)
         for phase in (0.0, 0.5)
     )
-    assert one == other
+    assert first == second
     assert "scene.person-1.gait_phase" in complete({"scene.person-1.pose": "walking"}, asset.manifest)
 
 
@@ -362,12 +362,12 @@ def test_where_a_house_was_somebody_can_stand_and_where_it_is_nobody() -> None:
 
 
 def test_a_house_is_an_input_of_the_background_and_a_bus_of_what_moves() -> None:
-    said: dict[str, Value] = {"scene.person-1.pos.x": 2.0}
-    before = split(said, MANIFEST, "camera-1")
-    house = split({**said, f"{HOUSES[0]}.scale": 0.9}, MANIFEST, "camera-1")
+    assignment: dict[str, Value] = {"scene.person-1.pos.x": 2.0}
+    before = split(assignment, MANIFEST, "camera-1")
+    house = split({**assignment, f"{HOUSES[0]}.scale": 0.9}, MANIFEST, "camera-1")
     assert house.background != before.background
     assert house.geometry != before.geometry
-    bus = split({**said, "scene.bus-101.visible": True}, MANIFEST, "camera-1")
+    bus = split({**assignment, "scene.bus-101.visible": True}, MANIFEST, "camera-1")
     assert bus.background == before.background
     assert bus.geometry != before.geometry
 

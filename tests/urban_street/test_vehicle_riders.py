@@ -1,4 +1,4 @@
-"""Riders: they sit, hold and stand where the vehicle says."""
+"""Test riders: they sit, hold and stand at the vehicle's places."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def body(request: pytest.FixtureRequest) -> Body:
 
 
 def joints(body: Body, mount: str) -> dict[str, np.ndarray]:
-    """Where bones begin, in the vehicle's frame."""
+    """Return the heads of the bones, in the vehicle's frame."""
     rotations, origin = ride(body, MOUNTS[mount])
     transforms = pose_body(body, rotations).transforms
-    found = {}
+    places = {}
     for bone in _BONES:
         matrix = transforms[data.rig().bones.index(bone)]
-        found[bone] = matrix[:3, :3] @ body.head(bone) + matrix[:3, 3] - origin
-    return found
+        places[bone] = matrix[:3, :3] @ body.head(bone) + matrix[:3, 3] - origin
+    return places
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
@@ -127,7 +127,7 @@ def test_joints_of_a_rider_are_surrounded_by_its_body(riders: dict[str, VehicleC
     assert part.joints is not None
     soup = np.concatenate([mesh.positions[mesh.faces] for mesh in part.meshes]).astype(np.float64).reshape(-1, 3)
     body = trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False, validate=False)
-    inside = [name for name in JOINTS if name != "head_top"]  # the skull's top is under hair or helmet
+    inside = [name for name in JOINTS if name != "head_top"]  # Hair or helmet covers the top of the skull.
     directions = np.concatenate([np.eye(3), -np.eye(3)])
     origins = np.repeat([part.joints[JOINTS.index(name)] for name in inside], len(directions), axis=0)
     hits, rays, _ = body.ray.intersects_location(origins, np.tile(directions, (len(inside), 1)), multiple_hits=False)

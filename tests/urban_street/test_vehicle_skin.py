@@ -1,4 +1,4 @@
-"""Trimmed surfaces against closed formulas."""
+"""Test trimmed surfaces against closed formulas."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _LINES = np.linspace(0.0, 2.0, 9)
 
 
 def plane() -> Master:
-    """z = 0 over [0, 2]², seen from above."""
+    """Return z = 0 over [0, 2]², seen from above."""
     return Master(lambda at: np.column_stack([at, np.zeros(len(at))]), (0.0, 0.0), (2.0, 2.0), (_LINES, _LINES))
 
 
 def tube() -> Master:
-    """A quarter of a cylinder of radius 1 about z, seen from outside; the domain is (angle, height)."""
+    """Return a quarter of a cylinder of radius 1 about z, seen from outside; the domain is (angle, height)."""
     angle = np.linspace(0.0, 0.5 * np.pi, 33)
     return Master(
         lambda at: np.column_stack([np.cos(at[:, 0]), np.sin(at[:, 0]), at[:, 1]]),
@@ -124,7 +124,7 @@ def test_the_ring_of_a_car_has_its_length_width_and_belt(kind: str) -> None:
 
 
 def test_a_hull_is_a_rounded_box() -> None:
-    hull = Hull(-3.0, 3.0, 2.0, 0.5, 2.5, corners=(0.2, 0.3), inset=((0.5, 0.0), (2.5, 0.1)))
+    hull = Hull((-3.0, 3.0), 2.0, (0.5, 2.5), corners=(0.2, 0.3), inset=((0.5, 0.0), (2.5, 0.1)))
     points = cut(hull.master, hull.master.domain).surface.positions
     np.testing.assert_allclose(points.min(axis=0), [0.0, -3.0, 0.5], atol=0.01)
     np.testing.assert_allclose(points.max(axis=0), [1.0, 3.0, 2.5], atol=0.01)

@@ -1,4 +1,4 @@
-"""Vehicles: sizes, parts, triangles, and that they are closed where a body is."""
+"""Test vehicles: sizes, parts, triangles, closed bodies."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from valerie.labels import label_of_node_class
 from valerie.scene.graph.paints import is_paint
 from valerie.scene.graph.transforms import Pose
 
-#: Triangles that a vehicle may have.
+#: Largest number of triangles of a vehicle.
 BUDGETS = {"truck": 25_000, "bus": 25_000, "motorcycle": 15_000, "bicycle": 8_000}
 
 
 def points_of(content: VehicleContent) -> np.ndarray:
-    """Every vertex in the vehicle's frame."""
+    """Return every vertex in the vehicle's frame."""
     return np.concatenate(
         [m.positions @ p.transform[:3, :3].T + p.transform[:3, 3] for p in content.parts for m in p.meshes]
     )
@@ -139,14 +139,14 @@ def test_paint_faces_away_from_the_middle(kind: str) -> None:
 def test_materials_exist_and_none_is_left_over(vehicle: VehicleContent) -> None:
     used = {mesh.material for piece in vehicle.parts for mesh in piece.meshes}
     assert used == set(vehicle.materials)
-    wanted = {material.base_color_texture for material in vehicle.materials.values()} - {None}
-    assert wanted == set(vehicle.textures)
+    textures = {material.base_color_texture for material in vehicle.materials.values()} - {None}
+    assert textures == set(vehicle.textures)
 
 
 def test_wheels_are_parts_that_turn_about_their_axles(vehicle: VehicleContent) -> None:
-    found = [piece for piece in vehicle.parts if piece.name.startswith("wheel-")]
-    assert len(found) == (2 if vehicle.object_class in {"bicycle", "motorcycle"} else 4)
-    for wheel in found:
+    wheels = [piece for piece in vehicle.parts if piece.name.startswith("wheel-")]
+    assert len(wheels) == (2 if vehicle.object_class in {"bicycle", "motorcycle"} else 4)
+    for wheel in wheels:
         assert wheel.moves == "rot.x"
         points = np.concatenate([mesh.positions for mesh in wheel.meshes])
         np.testing.assert_allclose(points.min(axis=0)[1:], -points.max(axis=0)[1:], atol=0.004)
@@ -230,8 +230,8 @@ def test_a_named_colour_is_the_paint(colour: str) -> None:
 
 
 def test_equal_shapes_share_their_arrays() -> None:
-    one, other = build_vehicle("van", 1, "red"), build_vehicle("van", 2, "blue")
-    first, second = (next(m for m in part(c, "body").meshes if is_paint(m.material)) for c in (one, other))
+    red, blue = build_vehicle("van", 1, "red"), build_vehicle("van", 2, "blue")
+    first, second = (next(m for m in part(c, "body").meshes if is_paint(m.material)) for c in (red, blue))
     assert first.positions is second.positions
     assert first.material != second.material
 

@@ -1,4 +1,4 @@
-"""References by detectron2 and its projects DeepLab and PointRend: ``python -m tools.references.detectron2 CHECKOUT``.
+"""Make references with detectron2 and its projects DeepLab and PointRend: ``python -m tools.references.detectron2 CHECKOUT``.
 
 It needs ``fvcore``, ``iopath``, ``omegaconf``, ``hydra-core``, ``yacs``, ``cloudpickle``, ``tabulate`` and ``termcolor``;
 torchvision and detectron2's compiled operators, which these networks do not use, are left out.
@@ -32,8 +32,8 @@ PLAIN = "configs/Base-RCNN-FPN.yaml"
 
 
 def cases_of(checkout: Path) -> Sequence[Case]:
-    """DeepLab's R-103, PointRend's coarse head at two depths, and the same head without PointRend."""
-    # Version that detectron2 compares at import.
+    """Return DeepLab's R-103, PointRend's coarse head at two depths, and the same head without PointRend."""
+    # detectron2 compares this version at import.
     sys.meta_path.insert(0, StandIns(["torchvision", "detectron2._C"], {"__version__": "0.28.0"}))
     small = {
         "INPUT.CROP.SIZE": [32, 48],
@@ -93,7 +93,7 @@ def _built(checkout: Path, file: str, settings: Mapping[str, Any], *, coarse: bo
     configuration.merge_from_list([each for pair in options.items() for each in pair])
     model: Any = import_module("detectron2.modeling").build_model(configuration)
     head = model.sem_seg_head.coarse_sem_seg_head if coarse else model.sem_seg_head
-    # The heads give logits and losses; there are none without labels.
+    # The heads give logits and losses; without labels there are no losses.
     return model, lambda picture: head(model.backbone(picture))[0]
 
 

@@ -1,7 +1,7 @@
-"""What the scripts of this folder share: fill a network of an origin by the recipe, and compare or keep what it gives.
+"""Fill an origin's network by the recipe, and compare or keep its logits; shared by the scripts of this folder.
 
-Each script takes the folder of an unpacked checkout of the origin's code, imports that code as it is, and nothing of
-``valerie``. Without ``--write`` it compares with the kept references and ends with 1 where one differs.
+Each script takes the folder of an unpacked checkout of the origin's code and imports that code unchanged, and nothing of
+``valerie``. Without ``--write`` it compares with the kept references, and exits with 1 if one differs.
 """
 
 import argparse
@@ -23,19 +23,19 @@ from torch import nn
 
 from tools.references import recipe
 
-#: Largest difference of a logit that is the same: what other versions of torch and other processors make of the same sums.
+#: Largest difference of equal logits: other versions of torch and other processors round the same sums differently.
 TOLERANCE: Final = 2e-5
 
 Shapes = dict[str, list[int]]
 #: (1, 3, 64, 96) picture to (1, classes, 64, 96) logits.
 Forward = Callable[[torch.Tensor], torch.Tensor]
-#: The module whose tensors are filled, and how it is run.
+#: The module whose tensors are filled, and its forward function.
 Built = tuple[nn.Module, Forward]
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Code of other people: where it is, and which packages beside it take part in the result."""
+    """Code of other people: its source, and the packages that affect the result."""
 
     script: str
     source: str
@@ -48,7 +48,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One reference: the name of its file, what it is called with us, and how the origin builds it."""
+    """One reference: the name of its file, our name of the network, and the origin's builder."""
 
     name: str
     layout: str
@@ -61,7 +61,7 @@ class Case:
 
 
 class StandIns(MetaPathFinder, Loader):
-    """Stands in for compiled modules that the origin imports and these networks do not use: every name is an empty class.
+    """Stand-ins for compiled modules that the origin imports and these networks do not use: every name is an empty class.
 
     A network that used one would fail: an empty class takes no arguments and computes nothing.
     """
@@ -89,7 +89,7 @@ class _Empty(ModuleType):
 
 
 def filled(model: nn.Module) -> Shapes:
-    """Gives every tensor of ``model`` the recipe's values and returns their names and shapes, in the model's order."""
+    """Give every tensor of ``model`` the recipe's values, and return their names and shapes in the model's order."""
     shapes = {name: list(value.shape) for name, value in model.state_dict().items()}
     model.load_state_dict(
         {
@@ -103,8 +103,8 @@ def filled(model: nn.Module) -> Shapes:
     return shapes
 
 
-def made(origin: Origin, case: Case) -> dict[str, Any]:
-    """The reference of ``case`` by the origin's code, as the file has it."""
+def reference_of(origin: Origin, case: Case) -> dict[str, Any]:
+    """Return the reference of ``case`` by the origin's code, as the file has it."""
     model, forward = case.build()
     shapes = filled(model)
     with torch.inference_mode():
@@ -135,7 +135,7 @@ def made(origin: Origin, case: Case) -> dict[str, Any]:
 
 
 def text_of(reference: Mapping[str, Any]) -> str:
-    """The file of a reference: a line for each class and each tensor."""
+    """Return the file of a reference: a line for each class and each tensor."""
     lists = {"logits": ("[]", _lines(reference["logits"]))}
     if "keys" in reference:
         lists["keys"] = ("{}", (f"{json.dumps(key)}: {_short(shape)}" for key, shape in reference["keys"].items()))
@@ -158,14 +158,14 @@ def _short(value: object) -> str:
 
 
 def difference(kept: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[float, list[str]]:
-    """Largest difference of a logit, and the other entries that differ; the versions of packages may."""
+    """Return the largest difference of a logit, and the other entries that differ, package versions excepted."""
     entries = (kept.keys() | now.keys()) - {"logits", "logits_standard_deviation", "packages"}
     differing = sorted(entry for entry in entries if kept.get(entry) != now.get(entry))
     return float(np.abs(np.subtract(kept["logits"], now["logits"])).max()), differing
 
 
 def main(origin: Origin, cases_of: Callable[[Path], Sequence[Case]], folder: Path = recipe.KEPT) -> int:
-    """Compares or writes the references of one origin; 1 where one differs.
+    """Compare or write the references of one origin; return 1 if one differs.
 
     Args:
         origin: whose code it is.
@@ -175,9 +175,7 @@ def main(origin: Origin, cases_of: Callable[[Path], Sequence[Case]], folder: Pat
     parser = argparse.ArgumentParser(description=f"Reference logits by the code of {origin.source}.")
     parser.add_argument("checkout", type=Path, help=f"folder of that code, unpacked, at commit {origin.commit}")
     parser.add_argument("--only", action="append", metavar="NAME", help="one reference; may be given again")
-    parser.add_argument(
-        "--write", action="store_true", help="keep what comes out instead of comparing with what is kept"
-    )
+    parser.add_argument("--write", action="store_true", help="write the references instead of comparing with them")
     arguments = parser.parse_args()
     checkout = arguments.checkout.resolve()
     print(f"{origin.source}: {_commit_in_words(checkout, origin.commit)}")
@@ -186,7 +184,7 @@ def main(origin: Origin, cases_of: Callable[[Path], Sequence[Case]], folder: Pat
     for case in cases_of(checkout):
         if arguments.only and case.name not in arguments.only:
             continue
-        now, path = made(origin, case), folder / f"{case.name}.json"
+        now, path = reference_of(origin, case), folder / f"{case.name}.json"
         if arguments.write:
             path.write_text(text_of(now))
             print(f"{case.name}: written")
@@ -201,7 +199,7 @@ def main(origin: Origin, cases_of: Callable[[Path], Sequence[Case]], folder: Pat
 
 def _commit_in_words(checkout: Path, commit: str) -> str:
     if not (checkout / ".git").exists():
-        return f"{checkout} has no history, so that it is commit {commit} is not checked"
+        return f"{checkout} has no history: commit {commit} is not verified"
     head = subprocess.run(["git", "-C", checkout, "rev-parse", "HEAD"], check=True, capture_output=True, text=True)
     if head.stdout.strip() != commit:
         raise SystemExit(f"{checkout}: another commit; got {head.stdout.strip()}; limit: {commit}")

@@ -1,4 +1,4 @@
-"""References by mmsegmentation 1.2.2: ``python -m tools.references.mmsegmentation CHECKOUT``.
+"""Make references with mmsegmentation 1.2.2: ``python -m tools.references.mmsegmentation CHECKOUT``.
 
 The folder is a checkout, or the site-packages in which the package ``mmsegmentation`` lies; it needs ``mmengine`` and
 ``mmcv-lite`` beside it.
@@ -44,11 +44,11 @@ WHOLE = ("deeplabv3plus-r101c-os8", "semantic-fpn-r101c")
 
 
 def cases_of(checkout: Path) -> Sequence[Case]:
-    """The networks of these configurations, in a checkout or beside the installed package."""
+    """Return the networks of these configurations, in a checkout or beside the installed package."""
     sys.meta_path.insert(0, StandIns(["mmcv.ops"]))
-    found = import_module("mmseg").__version__
-    if found != RELEASE:
-        raise SystemExit(f"{checkout}: another release; got {found}; limit: {RELEASE}")
+    release = import_module("mmseg").__version__
+    if release != RELEASE:
+        raise SystemExit(f"{checkout}: another release; got {release}; limit: {RELEASE}")
     configurations = checkout / "configs"
     if not configurations.is_dir():
         configurations = checkout / "mmseg" / ".mim" / "configs"

@@ -1,6 +1,6 @@
-"""Weights and a picture that anyone can make again from a name and a shape, so that no weights need to be kept.
+"""Make weights and a picture that follow from a name and a shape, so that no weights need to be kept.
 
-The references of ``tests/unit/perception/fixtures/checkpoints`` are what the origins' own code gave for them; the tests give
+The references of ``tests/unit/perception/fixtures/checkpoints`` are the logits of the origins' own code for them. The tests give
 our networks the same weights and the same picture. Nothing here knows a network.
 """
 
@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-#: Where the references are kept.
+#: Folder of the references.
 KEPT: Final = Path(__file__).parents[2] / "tests" / "unit" / "perception" / "fixtures" / "checkpoints"
 
 
 def uniform(name: str, shape: Sequence[int]) -> NDArray[np.float32]:
-    """Multiples of 1/65536 in [0, 1): the quarters of 64-bit words of PCG64, lowest first.
+    """Return multiples of 1/65536 in [0, 1): the quarters of 64-bit words of PCG64, lowest first.
 
     PCG64 is seeded with the first 8 bytes of the name's SHA-256.
     """
@@ -29,7 +29,7 @@ def uniform(name: str, shape: Sequence[int]) -> NDArray[np.float32]:
 
 
 def tensor(name: str, shape: Sequence[int]) -> NDArray[np.float32]:
-    """A tensor that keeps activations near one: He's variance for kernels, and small scales where a residual block ends."""
+    """Return a tensor that keeps activations near 1: He's variance for kernels, small scales at the end of a residual block."""
     u = uniform(name, shape)
     if len(shape) > 1:
         value = (2.0 * u - 1.0) * math.sqrt(6.0 / math.prod(shape[1:]))
@@ -43,16 +43,16 @@ def tensor(name: str, shape: Sequence[int]) -> NDArray[np.float32]:
 
 
 def picture() -> NDArray[np.float32]:
-    """A normalised picture, (1, 3, 64, 96), values in [−2, 2)."""
+    """Return a normalised picture, (1, 3, 64, 96), values in [−2, 2)."""
     return np.asarray(4.0 * uniform("picture", (1, 3, 64, 96)) - 2.0, np.float32)
 
 
 def sampled(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(1, C, 64, 96) logits to the (C, 4, 6) of them that are kept."""
+    """Return the (C, 4, 6) kept logits of (1, C, 64, 96)."""
     return logits[0, :, 3::16, 5::16]
 
 
 def digest(shapes: Mapping[str, Sequence[int]]) -> str:
-    """SHA-256 of a list of tensors: a line ``name 64x3x7x7`` for each, sorted by name."""
+    """Return the SHA-256 of a list of tensors: a line ``name 64x3x7x7`` for each, sorted by name."""
     lines = (f"{name} {'x'.join(map(str, shape))}\n" for name, shape in sorted(shapes.items()))
     return hashlib.sha256("".join(lines).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""References by VainF/DeepLabV3Plus-Pytorch: ``python -m tools.references.vainf CHECKOUT``. It needs torch alone."""
+"""Make references with VainF/DeepLabV3Plus-Pytorch: ``python -m tools.references.vainf CHECKOUT``. It needs torch alone."""
 
 import sys
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ ORIGIN = Origin(
 
 
 def cases_of(_: Path) -> Sequence[Case]:
-    """Both depths at both output strides; the stride changes no tensor, so one list of tensors is kept."""
+    """Return both depths at both output strides; the stride changes no tensor, so one list of tensors is kept."""
     return [
         Case(
             name=f"deeplabv3plus-r{depth}" + ("-os8" if stride == 8 else ""),

@@ -57,12 +57,12 @@ class Body:
     tails: NDArray[np.float64]
 
     def head(self, bone: str) -> NDArray[np.float64]:
-        """(3,) where the bone begins: its joint."""
+        """Return the (3,) joint at which the bone begins."""
         joint: NDArray[np.float64] = self.heads[data.rig().bones.index(bone)]
         return joint
 
     def tail(self, bone: str) -> NDArray[np.float64]:
-        """(3,) where the bone ends."""
+        """Return the (3,) end of the bone."""
         end: NDArray[np.float64] = self.tails[data.rig().bones.index(bone)]
         return end
 
@@ -81,7 +81,7 @@ def shape_body(shape: BodyShape) -> Body:
 
 
 def _targets(shape: BodyShape) -> Iterator[tuple[str, float]]:
-    """Names and strengths: each macro target counts with the product of the shares of the words in its name."""
+    """Yield names and strengths: each macro target counts with the product of the shares of the words in its name."""
     sex = {"female": 1.0 - shape.sex, "male": shape.sex}
     age = _age_shares(shape.age)
     muscle = _tent(shape.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))
@@ -107,7 +107,7 @@ def _targets(shape: BodyShape) -> Iterator[tuple[str, float]]:
 
 
 def _tent(value: float, names: tuple[str, str, str]) -> dict[str, float]:
-    """Shares of low, middle and high: linear between them, the middle at 0.5."""
+    """Return shares of low, middle and high: linear between them, the middle at 0.5."""
     low, middle, high = names
     return {low: max(0.0, 1.0 - 2.0 * value), middle: 1.0 - abs(2.0 * value - 1.0), high: max(0.0, 2.0 * value - 1.0)}
 

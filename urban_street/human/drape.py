@@ -1,4 +1,4 @@
-"""Cloth: how a garment settles on a posed body.
+"""Cloth: garments that settle on a posed body.
 
 Position-based dynamics (Müller et al. 2007, doi:10.1016/j.jvcir.2007.01.005) with Jacobi iterations: threads resist
 stretching, give way under compression (which is what folds are), and stay outside the body. A fixed number of steps on
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from urban_street.human.surface import Indices, Points, edges_of, even_edges, neighbours, vertex_normals
 
-#: Distance in metres that keeps the surfaces of different regions apart when the nearest point is looked up.
+#: Distance in metres that separates the surfaces of different regions in the lookup of the nearest point.
 _REGION_STEP: Final = 10.0
 #: Fall per step in metres. Far below gravity's (g/60² = 2.7 mm): a few Jacobi iterations let heavy cloth stretch,
 #: and only the settled shape matters, not how it got there.
@@ -27,7 +27,7 @@ _REACH: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Fabric:
-    """How a cloth behaves.
+    """The behaviour of a cloth.
 
     Attributes:
         stretch: share of a thread's excess length that one iteration takes away.
@@ -48,7 +48,7 @@ class Fabric:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle:
-    """What the cloth lies on.
+    """The surface that the cloth lies on.
 
     Attributes:
         points, normals: (N, 3) a dense sample of the surface, normals outwards.
@@ -125,7 +125,7 @@ def settle(
 
 
 def outside_normals(points: Points, faces: Indices, regions: Indices) -> Obstacle:
-    """An obstacle made of a surface's own vertices."""
+    """Return an obstacle made of a surface's own vertices."""
     return Obstacle(points, vertex_normals(points, faces), regions)
 
 
@@ -155,7 +155,7 @@ def _scatter(rows: Indices, vectors: Points, count: int) -> Points:
 
 
 def _opposite_corners(faces: Indices, sides: Indices, number_of_edges: int) -> Indices:
-    """(B, 2) the two corners that face each other across every inner edge."""
+    """Return (B, 2): the two corners that face each other across every inner edge."""
     order = np.argsort(sides.ravel(), kind="stable")
     edge = sides.ravel()[order]
     corner = np.roll(faces, -2, axis=1).ravel()[order]  # the corner that is not on side k

@@ -1,4 +1,4 @@
-"""More textures: knitwear, T-shirts, coats, skirts and what people carry (see `textures` for the layout)."""
+"""Textures of knitwear, T-shirts, coats, skirts and carried things (see `textures` for the layout)."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from urban_street.human.textures import (
     weave,
 )
 
-#: Texels a side of what has no pattern.
+#: Texels a side of textures without a pattern.
 _SMALL: Final = 64
 
 Pattern = Literal["plain", "stripes", "checks", "dots", "pleats", "block"]
 
 
 def plain(colour: Colour, seed: int) -> Canvas:
-    """One colour, hardly worn."""
+    """Paint one colour, hardly worn."""
     canvas = Canvas.plain(colour, _SMALL)
     canvas.shade(1.0 + 0.02 * noise(np.random.default_rng(seed), (1.0, 1.0), _SMALL))
     return canvas
 
 
 def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
-    """A T-shirt or jersey, plain, striped across, or with a band around the chest; ribbed at neck and cuffs."""
+    """Paint a T-shirt or jersey, plain, striped across, or with a band around the chest; ribbed at neck and cuffs."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -54,7 +54,7 @@ def tee(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") ->
 
 
 def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
-    """Knitwear with ribs at hem and cuffs; with a pouch and a zip's worth of cord, a hooded sweater."""
+    """Paint knitwear with ribs at hem and cuffs; with a pouch and cords, a hooded sweater."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.22)
@@ -76,7 +76,7 @@ def sweater(colour: Colour, seed: int, *, pocket: bool = False) -> Canvas:
 
 
 def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Canvas:
-    """The upper part of a coat: lapels, two rows of buttons, pockets; `coat_skirt` continues it."""
+    """Paint the upper part of a coat: lapels, two rows of buttons, pockets; `coat_skirt` continues it."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.2)
@@ -108,7 +108,7 @@ def coat(colour: Colour, button: Colour, seed: int, *, belt: bool = False) -> Ca
 
 
 def coat_skirt(colour: Colour, seed: int) -> Canvas:
-    """The lower part of a coat, from the waist down: overlapping fronts, pockets, a vent."""
+    """Paint the lower part of a coat, from the waist down: overlapping fronts, pockets, a vent."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.2)
@@ -124,7 +124,7 @@ def coat_skirt(colour: Colour, seed: int) -> Canvas:
 
 
 def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
-    """A skirt or the lower part of a dress: u around, v from waist to hem."""
+    """Paint a skirt or the lower part of a dress: u around, v from waist to hem."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -147,7 +147,7 @@ def skirt(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") 
 
 
 def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain") -> Canvas:
-    """The upper part of a dress, in the skirt's pattern."""
+    """Paint the upper part of a dress, in the skirt's pattern."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -162,7 +162,7 @@ def blouse(colour: Colour, other: Colour, seed: int, pattern: Pattern = "plain")
 
 
 def knit(colour: Colour, other: Colour, seed: int) -> Canvas:
-    """A knitted cap: ribs from the crown, a turned-up edge in another colour."""
+    """Paint a knitted cap: ribs from the crown, a turned-up edge in another colour."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     u, v = grid()
@@ -173,7 +173,7 @@ def knit(colour: Colour, other: Colour, seed: int) -> Canvas:
 
 
 def felt(colour: Colour, band: Colour, seed: int) -> Canvas:
-    """A hat or peaked cap: panels, and a band where the brim begins."""
+    """Paint a hat or peaked cap: panels, and a band where the brim begins."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.1)
@@ -185,7 +185,7 @@ def felt(colour: Colour, band: Colour, seed: int) -> Canvas:
 
 
 def bag(colour: Colour, seed: int) -> Canvas:
-    """Leather or nylon with seams and a zip."""
+    """Paint leather or nylon with seams and a zip."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 256)
     canvas.shade(1.0 + 0.05 * noise(random, (2.0, 2.0), 256))
@@ -198,7 +198,7 @@ def bag(colour: Colour, seed: int) -> Canvas:
 
 
 def paper(colour: Colour, seed: int) -> Canvas:
-    """A paper bag with a coloured field on its side."""
+    """Paint a paper bag with a coloured field on its side."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 128)
     canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 128))
@@ -209,7 +209,7 @@ def paper(colour: Colour, seed: int) -> Canvas:
 
 
 def canopy(colour: Colour, seed: int) -> Canvas:
-    """An umbrella's cloth: eight panels with seams along the ribs, a hem."""
+    """Paint an umbrella's cloth: eight panels with seams along the ribs, a hem."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 256)
     canvas.shade(1.0 + 0.03 * noise(random, (1.0, 1.0), 256))

@@ -1,4 +1,4 @@
-"""Figures: characters that can take stances; what is drawn of each is made when it is first looked at."""
+"""Figures: characters that can take stances, with meshes and textures built on first use."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from valerie.scene.graph.model import Material, Mesh, Stance, Texture
 #: Stances of a figure whose meshes are kept: a walk cycle, and the other poses.
 _KEPT_STANCES: Final = 24
 _HIDDEN_MARGIN: Final = 0.04
-#: Under a skirt one can look further.
+#: Larger margin, since the view reaches further under a skirt.
 _SKIRT_MARGIN: Final = 0.14
 
 
@@ -53,7 +53,7 @@ class Shape(NamedTuple):
 
 
 class StanceKey(NamedTuple):
-    """What of a stance decides the shape: pose, instant of the walk, and what is carried (never ``own``)."""
+    """The parts of a stance that decide the shape: pose, instant of the walk, and the carried thing (never ``own``)."""
 
     pose: str
     step: int
@@ -61,7 +61,7 @@ class StanceKey(NamedTuple):
 
 
 class Seat(NamedTuple):
-    """Where parts of a seated body are, in the frame of what it sits on.
+    """The places of parts of a seated body, in the frame of the vehicle.
 
     Attributes:
         head: (4, 4) a frame on the head: the origin inside the skull at brow height, axes as the rest pose's.
@@ -77,7 +77,7 @@ _FIRST: Final = StanceKey("walking", 0, "nothing")
 
 @lru_cache(maxsize=len(LOOKS))
 def figure(name: str) -> Figure:
-    """The figure of a character, as it stands by default.
+    """Return the figure of a character in its default stance.
 
     Raises:
         UnknownName: no such character.
@@ -92,7 +92,7 @@ class Figure:
 
     Args:
         model: the character; shared by all its figures.
-        stance: how it holds itself.
+        stance: its stance.
         rename: gives materials other names; None leaves them.
     """
 
@@ -110,17 +110,17 @@ class Figure:
 
     @property
     def materials(self) -> dict[str, Material]:
-        """All that some stance may need, by their own names."""
+        """Return all materials that some stance may need, by their own names."""
         return self._model.materials
 
     @property
     def textures(self) -> dict[str, Texture]:
-        """All that these materials name."""
+        """Return all textures that these materials name."""
         return self._model.textures
 
     @cached_property
     def meshes(self) -> tuple[Mesh, ...]:
-        """One per material of this stance."""
+        """Return one mesh per material of this stance."""
         model, key = self._model, self._key
         full = {part: f"{model.name}/{part}" for part in model.parts(key)}
         rename = self._rename or (lambda name: name)
@@ -132,21 +132,21 @@ class Figure:
         return self._model.joints(self._key)
 
     def taking(self, stance: Stance) -> Figure:
-        """The figure in another stance; the same object each time for stances that look alike."""
+        """Return the figure in another stance; the same object each time for stances that look alike."""
         if stance.pose not in POSES:
             raise UnknownName("pose", stance.pose, POSES)
         if stance.carries not in CARRIED:
             raise UnknownName("thing to carry", stance.carries, CARRIED)
-        made = Figure(self._model, stance, self._rename)
-        made._siblings = self._siblings
-        return self._siblings.setdefault(made._key, made)
+        figure = Figure(self._model, stance, self._rename)
+        figure._siblings = self._siblings
+        return self._siblings.setdefault(figure._key, figure)
 
     def seated(self, contact: Contact) -> tuple[tuple[Mesh, ...], Seat]:
-        """Meshes on a bicycle or motorcycle, in its frame, and where head and joints are."""
+        """Return meshes on a bicycle or motorcycle, in its frame, and the places of head and joints."""
         return self._model.seated(contact)
 
     def renamed(self, rename: Callable[[str], str]) -> Figure:
-        """The figure with materials called ``rename(name)``."""
+        """Return the figure with materials called ``rename(name)``."""
         before = self._rename
         return Figure(self._model, self._stance, rename if before is None else lambda name: rename(before(name)))
 
@@ -159,13 +159,13 @@ class Figure:
 
 
 class Model:
-    """A character: its look, and everything that follows from it, each made once.
+    """A character: its look, and everything that follows from the look, each built once.
 
     Attributes:
         name: e.g. ``black-outfit``; materials are called ``<name>/<part>``, and the part of everything worn starts
             with ``cloth-``, others with ``skin-``, ``hair-``, ``shoe-`` or ``carried-``.
-        look: what it is made from.
-        materials, textures: by name; the images are painted when they are first looked at.
+        look: body, clothes and colours.
+        materials, textures: by name; the images are painted on first use.
     """
 
     def __init__(self, name: str, look: outfits.Look) -> None:
@@ -177,7 +177,7 @@ class Model:
         self._declare()
 
     def parts(self, key: StanceKey) -> tuple[str, ...]:
-        """Names of what a stance shows: one mesh each."""
+        """Return the names of the parts that a stance shows, one mesh each."""
         own = [f"cloth-{garment.name}" for garment in self.look.garments]
         own += ["skin-head", "skin-limbs", "skin-eyes", "hair-lashes"]
         if self.look.hair is not None:
@@ -188,7 +188,7 @@ class Model:
         return (*own, *carried.parts(key.carries, key.pose))
 
     def mesh(self, key: StanceKey, part: str) -> Mesh:
-        """One part of a stance."""
+        """Return one part of a stance."""
         if key not in self._made:
             self._made[key] = {name: _mesh(shape, f"{self.name}/{name}") for name, shape in self._shapes(key).items()}
             while len(self._made) > _KEPT_STANCES:
@@ -198,7 +198,7 @@ class Model:
 
     @cached_property
     def body(self) -> Body:
-        """The shaped body in the rest pose."""
+        """Return the shaped body in the rest pose."""
         return shape_body(self.look.shape)
 
     @cached_property
@@ -215,12 +215,12 @@ class Model:
 
     @cached_property
     def pairs(self) -> dict[str, tuple[shoes.ShoePart, shoes.ShoePart]]:
-        """Upper and sole of the shoe of each side, in the rest pose."""
+        """Return upper and sole of the shoe of each side, in the rest pose."""
         return {s: shoes.build_shoe(self.look.shoe, self.body, self._skin, s, self._ground) for s in ("l", "r")}
 
     @cached_property
     def covered(self) -> NDArray[np.bool_]:
-        """(19158,) which vertices of the body lie under clothes, away from their edges."""
+        """Return the (19158,) mask of body vertices under clothes, away from the clothes' edges."""
         body, weights = self.body, data.rig().weights
         hidden = np.zeros(len(body.vertices), bool)
         for garment in self.look.garments:
@@ -243,14 +243,14 @@ class Model:
 
     @cached_property
     def _slim(self) -> dict[str, surface.Mapped]:
-        """How each part loses triangles: decided in the first instant of the walk, for all stances alike."""
+        """Return the simplification of each part, decided at the first instant of the walk for all stances."""
         full, _ = self._first
         keep = {"skin-head": 0.62, "skin-limbs": 0.62, "shoe-upper": 0.75}
-        found = {}
+        simplified = {}
         for part, shape in full.items():
             share = 0.72 if part.startswith("cloth-") and part != "cloth-hat" else keep.get(part, 1.0)
-            found[part] = surface.simplify(shape.positions, shape.faces, int(share * len(shape.faces)))
-        return found
+            simplified[part] = surface.simplify(shape.positions, shape.faces, int(share * len(shape.faces)))
+        return simplified
 
     def _shapes(self, key: StanceKey) -> dict[str, Shape]:
         first = key._replace(carries="nothing") == _FIRST and not carried.takes_a_hand(key.carries)
@@ -265,13 +265,13 @@ class Model:
         return {part: shape._replace(positions=shape.positions - origin) for part, shape in shapes.items()}
 
     def _origin(self, posed: pose.Posed) -> Points:
-        """(3,) in the body's frame: on the ground, between the soles."""
+        """Return the origin of the meshes in the body's frame: (3,), on the ground, between the soles."""
         soles = [posed.apply(pair[1].points, pair[1].weights) for pair in self.pairs.values()]
         middle = np.mean([sole.mean(axis=0) for sole in soles], axis=0)
         return np.array([middle[0], middle[1], np.concatenate(soles)[:, 2].min()])
 
     def joints(self, key: StanceKey) -> Points:
-        """(len(JOINTS), 3) where the joints are in a stance, in the frame of its meshes."""
+        """Return the places of the joints in a stance, in the frame of its meshes: (len(JOINTS), 3)."""
         posed = self.posed(key)
         return pose.joints(self.body, posed) - self._origin(posed)
 
@@ -301,7 +301,7 @@ class Model:
         }
 
     def posed(self, key: StanceKey) -> pose.Posed:
-        """Where the bones are in a stance."""
+        """Return the places of the bones in a stance."""
         look = self.look
         rotations = stances.rotations(self.body, look.gait, key.pose, key.step, key.carries)
         soles = {side: (pair[1].points, pair[1].weights) for side, pair in self.pairs.items()}
@@ -309,14 +309,14 @@ class Model:
         return pose.pose_body(self.body, rotations)
 
     def dressed(self, posed: pose.Posed) -> tuple[clothing.Cloth, ...]:
-        """The garments on the posed body, as they settle, without collars and hems."""
+        """Return the garments on the posed body, as they settle, without collars and hems."""
         worn: list[clothing.Cloth] = []
         for garment, pattern in zip(self.look.garments, self._patterns, strict=True):
             worn.append(clothing.put_on(garment.cut, pattern, self._skin, posed, tuple(worn)))
         return tuple(worn)
 
     def _full_shapes(self, posed: pose.Posed) -> dict[str, Shape]:
-        """All parts with all their triangles in the body's frame."""
+        """Return all parts with all their triangles in the body's frame."""
         shapes = dict(self._dressed(posed))
         shapes |= self._bare(posed)
         shapes |= self._on_head(posed)
@@ -368,10 +368,10 @@ class Model:
             grown["hair-head"] = hair.build_hair(self.look.hair, self.body, self.look.seed)
         if self.look.hat is not None:
             grown["cloth-hat"] = hats.build_hat(self.look.hat, self.body)
-        for part, one in grown.items():
-            points = one.points @ turn[:3, :3].T + turn[:3, 3]
-            normals = surface.vertex_normals(points, one.faces)
-            old, uvs, faces = surface.unweld(one.faces, one.uvs[one.faces])
+        for part, piece in grown.items():
+            points = piece.points @ turn[:3, :3].T + turn[:3, 3]
+            normals = surface.vertex_normals(points, piece.faces)
+            old, uvs, faces = surface.unweld(piece.faces, piece.uvs[piece.faces])
             yield part, Shape(points[old], normals[old], uvs, faces)
 
     def _declare(self) -> None:
@@ -429,7 +429,7 @@ class Model:
 
 @dataclass(eq=False)
 class _Painting:
-    """Colour and relief of one canvas, which is let go once both were taken."""
+    """Colour and relief of one canvas, which is dropped once both are read."""
 
     canvas: Callable[[], textures.Canvas]
     _colour: NDArray[np.uint8] | None = None
@@ -447,8 +447,8 @@ class _Painting:
 
     def _paint(self) -> None:
         if self._colour is None:
-            made = self.canvas()
-            self._colour, self._normals = made.image(), made.normals()
+            canvas = self.canvas()
+            self._colour, self._normals = canvas.image(), canvas.normals()
 
 
 def _joined(pieces: list[Shape]) -> Shape:

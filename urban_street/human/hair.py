@@ -30,7 +30,7 @@ class HairCut:
         fall: by azimuth, how far it hangs below the centre of the head where the hairline lies below the centre.
         strand: depth of the grooves between strands, as a share of the thickness.
         parting: azimuth of the parting, or None.
-        tied: what gathers it behind: a ``bun``, a ``ponytail`` or nothing.
+        tied: a ``bun``, a ``ponytail`` or nothing.
         ragged: how uneven the hairline is; 0 is a clean edge.
     """
 
@@ -54,7 +54,7 @@ class Hair:
 
 
 def head_centre(body: Body) -> Points:
-    """(3,) inside the skull, at the height of the brows, half-way between forehead and back of the head."""
+    """Return (3,) inside the skull, at the height of the brows, half-way between forehead and back of the head."""
     points = _head_points(body)
     eyes = body.vertices[np.unique(data.base_mesh().groups["joint-l-eye"].quads)].mean(axis=0)
     level = points[np.abs(points[:, 2] - eyes[2] - 0.03) < 0.015]
@@ -103,7 +103,7 @@ def build_hair(cut: HairCut, body: Body, seed: int) -> Hair:
 
 
 def _bun(back: Points, random: np.random.Generator) -> Hair:
-    """A knot of hair at the back of the head."""
+    """Return a knot of hair at the back of the head."""
     polar = np.linspace(0.03, np.pi - 0.03, 11)[:, None]
     around = np.arange(20) / 20 * 2.0 * np.pi
     wave = 1.0 + 0.05 * np.sin(3.0 * around + 4.0 * polar) + 0.03 * random.normal(size=(11, 20))
@@ -120,7 +120,7 @@ def _bun(back: Points, random: np.random.Generator) -> Hair:
 
 
 def _ponytail(back: Points, random: np.random.Generator) -> Hair:
-    """A tail that leaves the back of the head and hangs down to between the shoulder blades."""
+    """Return a tail that leaves the back of the head and hangs down to between the shoulder blades."""
     along = np.linspace(0.0, 1.0, 14)[:, None]
     around = np.arange(16) / 16 * 2.0 * np.pi
     radius = np.interp(along, [0.0, 0.1, 0.35, 0.8, 1.0], [0.016, 0.019, 0.032, 0.024, 0.003])
@@ -139,7 +139,7 @@ def _ponytail(back: Points, random: np.random.Generator) -> Hair:
 
 
 def _tube_surface(grid: Points) -> Hair:
-    """A grid of rings, turned so that its faces look outwards."""
+    """Return a grid of rings, turned so that its faces look outwards."""
     rows, columns = grid.shape[:2]
     ids = np.arange(rows * columns).reshape(rows, columns)
     faces = np.concatenate([surface.strip(ids[k], ids[k + 1]) for k in range(rows - 1)])
@@ -151,12 +151,12 @@ def _tube_surface(grid: Points) -> Hair:
     return Hair(points, faces, np.stack([around, down], axis=1))
 
 
-def together(one: Hair, other: Hair) -> Hair:
-    """Both as one surface."""
+def together(first: Hair, second: Hair) -> Hair:
+    """Return two surfaces as one."""
     return Hair(
-        np.concatenate([one.points, other.points]),
-        np.concatenate([one.faces, other.faces + len(one.points)]),
-        np.concatenate([one.uvs, other.uvs]),
+        np.concatenate([first.points, second.points]),
+        np.concatenate([first.faces, second.faces + len(first.points)]),
+        np.concatenate([first.uvs, second.uvs]),
     )
 
 
@@ -171,7 +171,7 @@ def _grid_surface(grid: Points) -> Hair:
 
 
 def _head_points(body: Body) -> Points:
-    """The vertices of the head's outside."""
+    """Return the vertices of the head's outside."""
     mesh, rig = data.base_mesh(), data.rig()
     rows = np.unique(mesh.groups["body"].quads)
     of_head = rig.weights[rows, rig.bones.index("head")] > 0.5
@@ -180,7 +180,7 @@ def _head_points(body: Body) -> Points:
 
 
 def _skull_radius(body: Body, directions: Points) -> Points:
-    """Distance from the head's centre to the skin, ears left out, along unit ``directions`` (..., 3), in metres."""
+    """Return distance from the head's centre to the skin, ears left out, along unit ``directions`` (..., 3), in metres."""
     mesh, rig = data.base_mesh(), data.rig()
     rows = np.unique(mesh.groups["body"].quads)
     weights = rig.weights[rows][:, [rig.bones.index(n) for n in ("head", "neck_01")]].sum(axis=1)
@@ -197,11 +197,11 @@ def _skull_radius(body: Body, directions: Points) -> Points:
 
 
 def _clumps(random: np.random.Generator) -> Points:
-    """(ROWS, COLUMNS) in about −1…1: strands run down the columns and wander a little."""
+    """Return (ROWS, COLUMNS) in about −1…1: strands run down the columns and wander a little."""
     noise = random.normal(size=(ROWS, COLUMNS))
     smooth = ndimage.gaussian_filter(noise, (5.0, 0.7), mode=("nearest", "wrap"))
     smooth /= np.abs(smooth).max()
-    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # all strands meet at the crown
+    fade = np.clip(np.linspace(0.0, 3.0, ROWS), 0.0, 1.0)[:, None]  # All strands meet at the crown.
     return smooth * fade
 
 

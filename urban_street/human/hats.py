@@ -34,7 +34,7 @@ _EDGES = {
 
 
 def build_hat(hat: Hat, body: Body) -> hair.Hair:
-    """The hat on a body's head in the rest pose, in the head bone's frame."""
+    """Build the hat on a body's head in the rest pose, in the head bone's frame."""
     slack = {"beanie": 0.026, "cap": 0.024, "brimmed": 0.045}[hat.kind]
     cut = hair.HairCut(hairline=_EDGES[hat.kind], thickness=slack, edge=0.017, strand=0.04, ragged=0.0)
     crown = hair.build_hair(cut, body, seed=0)
@@ -45,7 +45,7 @@ def build_hat(hat: Hat, body: Body) -> hair.Hair:
 
 
 def _brim(edge: Points, *, peaked: bool) -> hair.Hair:
-    """A sheet with two sides that goes out from the hat's edge: all around, or a peak in front."""
+    """Return a sheet with two sides that goes out from the hat's edge: all around, or a peak in front."""
     azimuth = np.arange(hair.COLUMNS) / hair.COLUMNS * 2.0 * np.pi - np.pi
     out = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=1)
     peak = 0.07 * np.clip(np.cos(azimuth * 1.12), 0.0, 1.0) ** 0.6 * (np.abs(azimuth) < 1.3)

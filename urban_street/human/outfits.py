@@ -1,4 +1,4 @@
-"""What makes a character: body, gait, clothes and looks; and the two of the paper (others: `catalogue`)."""
+"""The parts of a character: body, gait, clothes and looks; and the two characters of the paper (others: `catalogue`)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Garment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """All that makes a character.
+    """The look of a character.
 
     Attributes:
         garments: from the inside out.

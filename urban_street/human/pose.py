@@ -22,7 +22,7 @@ from valerie.errors import InvalidInput
 from valerie.scene.graph.model import JOINTS
 
 # Sagittal joint angles of level walking in degrees over the gait cycle in percent (0 = heel strike). They have the shape of
-# measured curves (two peaks of the knee, push-off of the ankle) and were set by eye; no study's figures are claimed.
+# measured curves (two peaks of the knee, push-off of the ankle), but were set by eye and come from no study.
 _HIP: Final = {0: 28, 10: 24, 20: 15, 30: 6, 40: -4, 50: -11, 60: -5, 70: 12, 80: 25, 90: 30}
 _KNEE: Final = {0: 4, 7: 12, 15: 18, 25: 14, 38: 5, 50: 12, 60: 36, 71: 60, 80: 47, 90: 17, 96: 4}
 _ANKLE: Final = {0: 0, 7: -6, 20: 4, 35: 8, 46: 10, 54: 0, 62: -17, 72: -6, 82: 1, 92: 1}
@@ -67,7 +67,7 @@ class Gait:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posed:
-    """Where every bone has gone.
+    """The places of all bones.
 
     Attributes:
         transforms: (bones, 4, 4) float64, rest to posed.
@@ -83,18 +83,18 @@ class Posed:
 
 
 def joints(body: Body, posed: Posed) -> Points:
-    """(len(JOINTS), 3) the joints of a posed body in its frame."""
+    """Return the joints of a posed body in its frame: (len(JOINTS), 3)."""
     bones = data.rig().bones
-    found = []
+    places = []
     for name in JOINTS:
         bone, place = _joint(body, name)
         transform = posed.transforms[bones.index(bone)]
-        found.append(transform[:3, :3] @ place + transform[:3, 3])
-    return np.array(found)
+        places.append(transform[:3, :3] @ place + transform[:3, 3])
+    return np.array(places)
 
 
 def _joint(body: Body, name: str) -> tuple[str, Points]:
-    """The bone that carries a joint, and where the joint is in the rest pose."""
+    """Return the bone that carries a joint, and the joint's place in the rest pose."""
     if name == "head_top":
         return "head", body.tail("head")
     side, _, part = name.rpartition("_")
@@ -120,8 +120,8 @@ def pose_body(body: Body, rotations: Mapping[str, Rotation]) -> Posed:
 
 
 def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Rotations of all bones at one instant of a walk."""
-    twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # the pelvis goes forward with the leg that strikes
+    """Return rotations of all bones at one instant of a walk."""
+    twist = 5.0 * np.cos(2.0 * np.pi * gait.phase)  # The pelvis goes forward with the striking leg.
     rotations = {
         "pelvis": turn(z=-twist),
         "spine_01": turn(x=-0.4 * gait.lean_deg, z=0.8 * twist),
@@ -140,8 +140,8 @@ def walk(body: Body, gait: Gait) -> dict[str, Rotation]:
 def _leg(body: Body, gait: Gait, side: str, phase: float, twist: float) -> dict[str, Rotation]:
     outwards = -1.0 if side == "l" else 1.0
     hip, ankle = body.head(f"thigh_{side}"), body.head(f"foot_{side}")
-    now, wanted = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
-    inwards = np.degrees(np.arctan2(now[0], -now[2]) - np.arctan2(wanted[0], -now[2]))
+    current, target = ankle - hip, np.array([outwards * gait.step_width_m / 2.0, 0.0, 0.0]) - hip
+    inwards = np.degrees(np.arctan2(current[0], -current[2]) - np.arctan2(target[0], -current[2]))
     # the pelvis turned: turn the leg back, so that the feet point ahead
     splay = 0.6 * (body.tail(f"foot_{side}") - ankle)[:2]
     toes_in = np.degrees(np.arctan2(splay[0], splay[1])) * 0.45
@@ -177,7 +177,7 @@ def _arm(body: Body, gait: Gait, side: str, phase: float) -> dict[str, Rotation]
 
 
 def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
-    """Fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
+    """Return fingers curled towards the palm, the little finger most: a relaxed hand (``grip`` 1) … a fist (3)."""
     hand = body.head(f"hand_{side}")
     across = body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}")
     along = body.head(f"middle_01_{side}") - hand
@@ -200,19 +200,19 @@ def fingers(body: Body, side: str, grip: float = 1.0) -> dict[str, Rotation]:
 
 
 def _curve(knots: Mapping[int, float], phase: float) -> float:
-    """Periodic cubic spline through knots given in percent of the cycle."""
+    """Return the periodic cubic spline through knots given in percent of the cycle."""
     places = [*(percent / 100.0 for percent in knots), 1.0]
     values = [*knots.values(), next(iter(knots.values()))]
     return float(CubicSpline(places, values, bc_type="periodic")(phase % 1.0))
 
 
 def turn(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Rotation:
-    """Degrees about one or more fixed world axes, x first."""
+    """Return the rotation by degrees about one or more fixed world axes, x first."""
     return Rotation.from_euler("xyz", [x, y, z], degrees=True)
 
 
 def between(start: Points, end: Points) -> Rotation:
-    """The shortest rotation that turns one unit vector into another."""
+    """Return the shortest rotation that turns one unit vector into another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

@@ -22,7 +22,7 @@ _SOLE = 0.030
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Where a rider sits, holds and stands; metres in the vehicle's frame (facing +y, z up).
+    """The places of a rider's seat, grips and feet; metres in the vehicle's frame (facing +y, z up).
 
     Attributes:
         seat: top of the saddle under the sit bones.
@@ -40,10 +40,10 @@ class Contact:
 
 
 def ride(body: Body, contact: Contact) -> tuple[dict[str, Rotation], Points]:
-    """How a body sits.
+    """Return the pose of a seated body.
 
     Returns:
-        Rotations of the bones, as `pose_body` takes them, and (3,) where the vehicle's origin is in the posed body's frame.
+        Rotations of the bones for `pose_body`, and the (3,) vehicle's origin in the posed body's frame.
     """
     lean = contact.lean_deg
     rotations = {
@@ -120,7 +120,7 @@ def _arm(
 
 
 def _joint(start: Points, end: Points, first: float, second: float, pole: Points) -> Points:
-    """(3,) where knee or elbow is, towards ``pole``; a target out of reach is reached for (at 99.7 % of the length)."""
+    """Return the (3,) place of knee or elbow, towards ``pole``; a limb stretches to at most 99.7 % of its length."""
     line = end - start
     length = float(np.linalg.norm(line))
     along = line / length
@@ -131,7 +131,7 @@ def _joint(start: Points, end: Points, first: float, second: float, pole: Points
 
 
 def _frame(direction: Points, hinge: Points) -> Points:
-    """(3, 3) columns: direction, hinge made perpendicular to it, and their product."""
+    """Return (3, 3) columns: direction, hinge made perpendicular to it, and their product."""
     ahead = normalize(direction)
     axis = normalize(hinge - (hinge @ ahead) * ahead)
     return np.column_stack([ahead, axis, np.cross(ahead, axis)])

@@ -17,7 +17,7 @@ _FOOT = ("foot", "ball", "calf")
 
 @dataclass(frozen=True, slots=True)
 class ShoeCut:
-    """How a shoe is cut, in metres.
+    """The cut of a shoe, in metres.
 
     Attributes:
         height: of the opening above the foot's sole.
@@ -50,7 +50,7 @@ class ShoePart:
 
 
 def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: float) -> tuple[ShoePart, ShoePart]:
-    """Upper and sole of one shoe.
+    """Build upper and sole of one shoe.
 
     Args:
         cut: the model.
@@ -83,7 +83,7 @@ def build_shoe(cut: ShoeCut, body: Body, skin: SecondSkin, side: str, ground: fl
 
 
 def _axis(points: Points, body: Body, side: str) -> tuple[Points, Points, float]:
-    """Heel end on the ground plane, direction to the toes (both with z = 0), and length."""
+    """Return heel end on the ground plane, direction to the toes (both with z = 0), and length."""
     direction = (body.tail(f"ball_{side}") - body.head(f"foot_{side}")) * np.array([1.0, 1.0, 0.0])
     forward = surface.normalize(direction)
     along = points @ forward
@@ -116,7 +116,7 @@ def _turn_in(upper: ShoePart) -> ShoePart:
 
 
 def _sole(cut: ShoeCut, upper: ShoePart, heel: Points, forward: Points, length: float, ground: float) -> ShoePart:
-    """A closed slab under the upper: outline from the upper's width in 26 places along the foot."""
+    """Return a closed slab under the upper: outline from the upper's width in 26 places along the foot."""
     right = np.array([forward[1], -forward[0], 0.0])
     low = upper.points[upper.points[:, 2] < ground + 0.03]
     along, across = (low - heel) @ forward, (low - heel) @ right
@@ -155,7 +155,7 @@ def _sole(cut: ShoeCut, upper: ShoePart, heel: Points, forward: Points, length: 
 
 
 def _cap(ring: Indices) -> Indices:
-    """Triangles across an outline that runs up one side and down the other."""
+    """Return triangles across an outline that runs up one side and down the other."""
     half = len(ring) // 2
     right, left = ring[: half + 1], np.concatenate([ring[:1], ring[: half - 1 : -1]])
     faces = []

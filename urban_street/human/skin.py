@@ -1,4 +1,4 @@
-"""What is bare: head with painted face, hands and arms, eyes."""
+"""Bare parts of a body: head with painted face, hands and arms, eyes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HEAD_ABOVE: Final = 0.16
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """How skin and face are painted; colours sRGB.
+    """The colours of skin and face, sRGB.
 
     Attributes:
         skin, lips, brows, iris, scalp: colours; the scalp's shows through thin hair and above the hairline.
@@ -51,7 +51,7 @@ class SkinPart:
 
 
 def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPart]:
-    """Head with neck, and limbs, of the body without the faces whose vertices are all ``hidden`` (19158,)."""
+    """Return head with neck, and limbs, of the body without the faces whose vertices are all ``hidden`` (19158,)."""
     mesh, rig = data.base_mesh(), data.rig()
     quads, uvs = _outside()
     keep = ~hidden[quads].all(axis=1)
@@ -68,7 +68,7 @@ def bare_parts(body: Body, hidden: NDArray[np.bool_]) -> tuple[SkinPart, SkinPar
 
 
 def eye_part(body: Body, side: str) -> SkinPart:
-    """One eyeball, textured by looking at it from ahead."""
+    """Return one eyeball with its texture projected from the front."""
     faces = surface.triangles(data.base_mesh().groups[f"helper-{side}-eye"].quads)
     used = np.unique(faces)
     centre, radius = _sphere(body.vertices[used])
@@ -78,13 +78,13 @@ def eye_part(body: Body, side: str) -> SkinPart:
 
 
 def lash_part(side: str) -> SkinPart:
-    """The upper eyelashes of one eye."""
+    """Return the upper eyelashes of one eye."""
     faces = surface.triangles(data.base_mesh().groups[f"helper-{side}-eyelashes-1"].quads)
     return SkinPart(*surface.unweld(faces, np.zeros((*faces.shape, 2)), wraps=False))
 
 
 def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
-    """Texture of head and neck: u around (0.5 in front), v down from above the crown."""
+    """Paint the texture of head and neck: u around (0.5 in front), v down from above the crown."""
     canvas = textures.skin(face.skin, seed)
     random = np.random.default_rng(seed + 1)
     u, v = textures.grid()
@@ -119,7 +119,7 @@ def paint_head(face: Face, body: Body, seed: int) -> textures.Canvas:
 
 
 def paint_limbs(face: Face, seed: int) -> textures.Canvas:
-    """Texture of hands and arms in MakeHuman's own layout, with nails."""
+    """Paint the texture of hands and arms in MakeHuman's own layout, with nails."""
     canvas = textures.skin(face.skin, seed)
     nails = ndimage.zoom(data.mask("fingernails").astype(np.float64) / 255.0, textures.SIZE / 2048.0, order=1)
     canvas.paint((232, 190, 180), 0.7 * nails)
@@ -150,13 +150,13 @@ def _head_uvs(body: Body, points: Points) -> Points:
 
 
 def _metres(body: Body, u: Points, v: Points) -> tuple[Points, Points]:
-    """Azimuth in radians and height in metres of texels."""
+    """Return azimuth in radians and height in metres of texels."""
     centre = hair.head_centre(body)
     return (u - 0.5) * 2.0 * np.pi, centre[2] + _HEAD_ABOVE - v * _HEAD_SPAN
 
 
 def _mask_on_head(body: Body, name: str) -> Points:
-    """One of MakeHuman's skin masks, carried from its texture layout to the head's: (SIZE, SIZE) in 0…1."""
+    """Return one of MakeHuman's skin masks, carried from its texture layout to the head's: (SIZE, SIZE) in 0…1."""
     mesh = data.base_mesh()
     quads, quad_uvs = _outside()
     rig = data.rig()
@@ -166,7 +166,7 @@ def _mask_on_head(body: Body, name: str) -> Points:
     mask = data.mask(name)
     texel = (coordinates[first] * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # only the front counts: what lies behind has its own place in azimuth, but the mouth's inside does not
+    # Only the front counts: the back has its own azimuths, but the mouth's inside shares those of the lips.
     places = _head_uvs(body, body.vertices[corners])
     front = body.vertices[corners, 1] > hair.head_centre(body)[1] + 0.05
     u, v = textures.grid()
@@ -180,13 +180,13 @@ def _mask_on_head(body: Body, name: str) -> Points:
 
 @lru_cache(maxsize=1)
 def _outside() -> tuple[Indices, Indices]:
-    """The body's quads that can be seen from outside (without the inside of the mouth), and their texture indices."""
+    """Return the body's quads that are visible from outside (without the inside of the mouth), and their texture indices."""
     mesh = data.base_mesh()
     group = mesh.groups["body"]
     mask = data.mask("inside-mouth")
     texel = (mesh.uvs[group.quad_uvs].mean(axis=1) * [1.0, -1.0] + [0.0, 1.0]) * mask.shape[0]
     row, column = np.clip(texel[:, ::-1].astype(int), 0, mask.shape[0] - 1).T
-    # the lips' inner rim stays: between open lips one looks onto it
+    # The lips' inner rim stays, since it is visible between open lips.
     keep = ndimage.minimum_filter(mask[::4, ::4], 9)[row // 4, column // 4] < 128
     return group.quads[keep], group.quad_uvs[keep]
 
@@ -197,7 +197,7 @@ def _joint(body: Body, name: str) -> Points:
 
 
 def _sphere(points: Points) -> tuple[Points, float]:
-    """Least-squares centre and radius of points on a sphere."""
+    """Return least-squares centre and radius of points on a sphere."""
     matrix = np.column_stack([2.0 * points, np.ones(len(points))])
     solution = np.linalg.lstsq(matrix, (points**2).sum(axis=1), rcond=None)[0]
     centre = solution[:3]

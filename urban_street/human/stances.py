@@ -1,4 +1,4 @@
-"""Stances: where every bone is when a figure walks, stands, reads its phone, waves or holds something."""
+"""Stances: the rotations of all bones of a figure that walks, stands, reads its phone, waves or holds something."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from valerie.scene.graph.model import Stance
 #: Poses of a figure, and those of them that walk.
 POSES: Final = ("walking", "standing", "phone", "waving")
 GAITS: Final = ("walking",)
-#: What a figure can carry; ``own`` is what the character comes with.
+#: Things that a figure can carry; ``own`` stands for the character's own thing.
 CARRIED: Final = ("own", "nothing", "shoulder-bag", "backpack", "shopping-bag", "umbrella")
-#: The stance of every figure by default: its first instant is shortly after a heel has struck, with both feet on the ground.
+#: The default stance of every figure: the instant shortly after a heel strike, with both feet on the ground.
 DEFAULT: Final = Stance("walking", 0.0, "own")
-#: Instants of the walk that exist: a gait phase is rounded to the nearest one.
+#: Number of instants of the walk: a gait phase is rounded to the nearest instant.
 GAIT_STEPS: Final = 16
 
 #: Share of the cycle after each heel strike during which both feet carry.
@@ -38,13 +38,13 @@ Soles = Mapping[str, tuple[Points, Points]]
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Where the right arm goes, as directions seen from the trunk (x right, y ahead, z up); the left arm mirrors x.
+    """The place of the right arm, as directions seen from the trunk (x right, y ahead, z up); the left arm mirrors x.
 
     Attributes:
         upper, fore: of upper arm and forearm.
         hand: of the hand, from the wrist to the knuckles.
-        palm: that the palm faces.
-        grip: how much more the fingers are curled than at rest.
+        palm: direction that the palm faces.
+        grip: curl of the fingers beyond the rest pose.
     """
 
     upper: Direction
@@ -61,19 +61,19 @@ _LOAD: Final = Reach((0.20, 0.00, -1.0), (0.10, 0.10, -1.0), (0.02, 0.05, -1.0),
 
 
 def gait_step(phase: float) -> int:
-    """The instant, 0…`GAIT_STEPS` − 1, that a gait phase of 0…1 is rounded to."""
+    """Return the instant, 0…`GAIT_STEPS` − 1, that a gait phase of 0…1 is rounded to."""
     return round(phase * GAIT_STEPS) % GAIT_STEPS
 
 
 def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[str, Rotation]:
-    """Rotations of all bones.
+    """Return rotations of all bones.
 
     Args:
         body: the shaped body.
-        gait: how it walks; its phase is the first instant.
+        gait: its gait, whose phase is the first instant.
         pose: one of `POSES`.
-        step: how many `GAIT_STEPS`-ths of a cycle later.
-        held: what is carried; an umbrella takes the right hand, a shopping bag the left one.
+        step: `GAIT_STEPS`-ths of a cycle after the first instant.
+        held: the carried thing; an umbrella takes the right hand, a shopping bag the left one.
 
     Raises:
         UnknownName: no such pose.
@@ -81,75 +81,75 @@ def rotations(body: Body, gait: Gait, pose: str, step: int, held: str) -> dict[s
     if pose not in POSES:
         raise UnknownName("pose", pose, POSES)
     if pose == "walking":
-        found = walk(body, gait if step == 0 else replace(gait, phase=(gait.phase + step / GAIT_STEPS) % 1.0))
+        turns = walk(body, gait if step == 0 else replace(gait, phase=(gait.phase + step / GAIT_STEPS) % 1.0))
     else:
-        found = _stand(body, gait)
+        turns = _stand(body, gait)
     if pose == "phone":
-        found |= _reach(body, _PHONE, "r")
-        found |= {"neck_01": turn(x=-14.0), "head": turn(x=-16.0, z=-3.0)}
+        turns |= _reach(body, _PHONE, "r")
+        turns |= {"neck_01": turn(x=-14.0), "head": turn(x=-16.0, z=-3.0)}
     elif pose == "waving":
-        found |= _reach(body, _WAVE, "r")
-        found |= {"clavicle_r": turn(y=-12.0), "head": turn(z=-6.0)}
+        turns |= _reach(body, _WAVE, "r")
+        turns |= {"clavicle_r": turn(y=-12.0), "head": turn(z=-6.0)}
     if held == "umbrella" and pose not in {"phone", "waving"}:
-        found |= _reach(body, _CANOPY, "r")
+        turns |= _reach(body, _CANOPY, "r")
     elif held == "umbrella":
-        found |= _reach(body, _CANOPY, "l")
+        turns |= _reach(body, _CANOPY, "l")
     elif held == "shopping-bag":
-        found |= _reach(body, _LOAD, "l")
-    return found
+        turns |= _reach(body, _LOAD, "l")
+    return turns
 
 
 def feet_on_ground(
-    body: Body, found: Mapping[str, Rotation], gait: Gait, pose: str, step: int, soles: Soles
+    body: Body, turns: Mapping[str, Rotation], gait: Gait, pose: str, step: int, soles: Soles
 ) -> dict[str, Rotation]:
-    """Bring to the ground what stands on it.
+    """Bring the feet that carry to the ground.
 
-    Both feet while both carry (standing, and the first eighth of each step, see `plant`); else the carrying foot is laid
-    flat until its heel rises, and the other one is lifted clear of the ground.
+    While both feet carry (standing, and the first eighth of each step, see `plant`), both are planted. Otherwise the
+    carrying foot lies flat until its heel rises, and the other foot is lifted clear of the ground.
 
     Args:
-        body, gait, pose, step: as for `rotations`, whose result is ``found``.
+        body, gait, pose, step: as for `rotations`, whose result is ``turns``.
         soles: by side, (V, 3) rest points of the sole and their (V, bones) weights.
     """
     if pose != "walking":
-        return _levelled(body, _levelled(body, found, "l", 1.0), "r", 1.0)
+        return _levelled(body, _levelled(body, turns, "l", 1.0), "r", 1.0)
     phase = (gait.phase + step / GAIT_STEPS) % 1.0
     if phase % 0.5 < _DOUBLE_SUPPORT:
-        return plant(body, found, soles)
+        return plant(body, turns, soles)
     carrying, free = ("l", "r") if phase < 0.5 else ("r", "l")
     flat = float(np.interp(phase % 0.5, [0.38, 0.48], [1.0, 0.0]))
-    return _lifted(body, _levelled(body, found, carrying, flat), carrying, free, soles)
+    return _lifted(body, _levelled(body, turns, carrying, flat), carrying, free, soles)
 
 
-def _levelled(body: Body, found: Mapping[str, Rotation], side: str, share: float) -> dict[str, Rotation]:
+def _levelled(body: Body, turns: Mapping[str, Rotation], side: str, share: float) -> dict[str, Rotation]:
     """Turn a foot so that its sole, flat in the rest pose, is level again; ``share`` of the way."""
     foot = data.rig().bones.index(f"foot_{side}")
-    ahead = pose_body(body, found).transforms[foot, :3, :3] @ np.array([0.0, 1.0, 0.0])
+    ahead = pose_body(body, turns).transforms[foot, :3, :3] @ np.array([0.0, 1.0, 0.0])
     pitch = np.degrees(np.arcsin(ahead[2]))
-    return {**found, f"foot_{side}": found[f"foot_{side}"] * turn(x=-share * pitch)}
+    return {**turns, f"foot_{side}": turns[f"foot_{side}"] * turn(x=-share * pitch)}
 
 
-def _lifted(body: Body, found: Mapping[str, Rotation], carrying: str, free: str, soles: Soles) -> dict[str, Rotation]:
+def _lifted(body: Body, turns: Mapping[str, Rotation], carrying: str, free: str, soles: Soles) -> dict[str, Rotation]:
     """Bend the free knee until its foot is clear of the ground that the carrying one stands on."""
 
     def height(rotations: Mapping[str, Rotation], side: str) -> float:
         return float(pose_body(body, rotations).apply(*soles[side])[:, 2].min())
 
-    ground = height(found, carrying)
+    ground = height(turns, carrying)
     for degrees in range(0, 45, 3):
-        bent = {**found, f"calf_{free}": found[f"calf_{free}"] * turn(x=-float(degrees))}
+        bent = {**turns, f"calf_{free}": turns[f"calf_{free}"] * turn(x=-float(degrees))}
         if height(bent, free) > ground + _CLEARANCE:
             break
     return bent
 
 
 def umbrella_side(pose: str) -> str:
-    """The hand, ``l`` or ``r``, that holds an umbrella: the one that the pose does not use."""
+    """Return the hand, ``l`` or ``r``, that holds an umbrella: the one that the pose does not use."""
     return "l" if pose in {"phone", "waving"} else "r"
 
 
 def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:
-    """Upright with the weight on both legs, feet a hand apart."""
+    """Return the rotations of a body that stands upright on both legs, feet a hand apart."""
     still = replace(
         gait,
         phase=0.25,
@@ -159,9 +159,9 @@ def _stand(body: Body, gait: Gait) -> dict[str, Rotation]:
         step_width_m=gait.step_width_m + 0.09,
         lean_deg=1.0,
     )
-    found = walk(body, still)
-    found |= {f"ball_{side}": Rotation.identity() for side in "lr"}
-    return found
+    turns = walk(body, still)
+    turns |= {f"ball_{side}": Rotation.identity() for side in "lr"}
+    return turns
 
 
 def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
@@ -175,21 +175,21 @@ def _reach(body: Body, reach: Reach, side: str) -> Mapping[str, Rotation]:
     along, palm = hand_axes(body, side)
     shoulder = between(upper, towards(reach.upper))
     elbow = between(fore, shoulder.inv().apply(towards(reach.fore)))
-    wanted = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
+    turn = _frame(towards(reach.hand), towards(reach.palm)) * _frame(along, palm).inv()
     # half of the wrist's twist belongs to the forearm: its two bones turn about each other
-    wrist = (shoulder * elbow).inv() * wanted
+    wrist = (shoulder * elbow).inv() * turn
     half = Rotation.from_rotvec(0.5 * _twist(wrist, fore) * fore)
     elbow = elbow * half
-    found = {
+    turns = {
         f"upperarm_{side}": shoulder,
         f"lowerarm_{side}": elbow,
-        f"hand_{side}": (shoulder * elbow).inv() * wanted,
+        f"hand_{side}": (shoulder * elbow).inv() * turn,
     }
-    return found | fingers(body, side, reach.grip)
+    return turns | fingers(body, side, reach.grip)
 
 
 def hand_axes(body: Body, side: str) -> tuple[Points, Points]:
-    """(3,) from the wrist to the knuckles, and (3,) that the palm faces, in the rest pose; unit length, at right angles."""
+    """Return two unit vectors of the rest pose, at right angles: from wrist to knuckles, and the one that the palm faces."""
     hand = body.head(f"hand_{side}")
     along = normalize(body.head(f"middle_01_{side}") - hand)
     palm = np.cross(along, body.head(f"index_01_{side}") - body.head(f"pinky_01_{side}"))
@@ -204,7 +204,7 @@ def _frame(along: Points, palm: Points) -> Rotation:
 
 
 def _twist(rotation: Rotation, axis: Points) -> float:
-    """Radians of a rotation about an axis (swing–twist decomposition)."""
+    """Return the radians of a rotation about an axis (swing–twist decomposition)."""
     x, y, z, w = rotation.as_quat()
     angle = 2.0 * np.arctan2(np.array([x, y, z]) @ axis, w)
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -34,8 +34,8 @@ def triangles(quads: Indices) -> Indices:
     """Split (F, 4) quads along their first diagonal into (T, 3) triangles; degenerate ones are left out."""
     both = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     keep = (both[:, 0] != both[:, 1]) & (both[:, 1] != both[:, 2]) & (both[:, 0] != both[:, 2])
-    kept: Indices = both[keep]
-    return kept
+    solid: Indices = both[keep]
+    return solid
 
 
 def compact(faces: Indices, count: int) -> Mapped:
@@ -47,7 +47,7 @@ def compact(faces: Indices, count: int) -> Mapped:
 
 
 def edges_of(faces: Indices) -> tuple[Indices, Indices]:
-    """Undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
+    """Return undirected edges (E, 2), lower index first, ascending; and the edge index of every face side (F, n)."""
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
     low_high = np.sort(sides.reshape(-1, 2), axis=1)
     base = int(faces.max()) + 1 if faces.size else 1
@@ -56,7 +56,7 @@ def edges_of(faces: Indices) -> tuple[Indices, Indices]:
 
 
 def subdivide(quads: Indices, count: int) -> Mapped:
-    """One Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) on ``count`` vertices.
+    """Apply one Catmull–Clark step (Catmull and Clark 1978, doi:10.1016/0010-4485(78)90110-0) on ``count`` vertices.
 
     Boundary edges follow the cubic B-spline rule. New vertices: the old ones, then edge points, then face points.
     """
@@ -117,29 +117,29 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     crossing = (field[a] > 0.0) != (field[b] > 0.0)
     a, b = a[crossing], b[crossing]
     share = field[a] / (field[a] - field[b])
-    # a vertex moves along the edge whose crossing lies nearest to it
+    # A vertex moves along the edge with its nearest crossing.
     near = np.concatenate([a, b])
     far = np.concatenate([b, a])
     distance = np.concatenate([share, 1.0 - share])
     order = np.argsort(distance, kind="stable")
     order = order[distance[order] < snap]
     _, first = np.unique(near[order], return_index=True)
-    chosen = order[first]
-    moved = _shifted(count, near[chosen], far[chosen], distance[chosen])
+    nearest = order[first]
+    moved = _shifted(count, near[nearest], far[nearest], distance[nearest])
     values = field.copy()
-    values[near[chosen]] = 0.0
+    values[near[nearest]] = 0.0
 
     inside = values <= 0.0
     corners = inside[faces]
-    kept = faces[corners.all(axis=1) & (values[faces] < 0.0).any(axis=1)]
-    mixed = faces[corners.any(axis=1) & ~corners.all(axis=1)]
+    whole = faces[corners.all(axis=1) & (values[faces] < 0.0).any(axis=1)]
+    crossed = faces[corners.any(axis=1) & ~corners.all(axis=1)]
     cuts: dict[tuple[int, int], int] = {}
     pieces: list[tuple[int, int, int]] = []
 
     def cut(p: int, q: int) -> int:
         return cuts.setdefault((min(p, q), max(p, q)), count + len(cuts))
 
-    for triangle in mixed.tolist():
+    for triangle in crossed.tolist():
         ring: list[int] = []
         for p, q in zip(triangle, triangle[1:] + triangle[:1], strict=True):
             if inside[p]:
@@ -152,13 +152,13 @@ def clip(faces: Indices, field: Points, *, snap: float = 0.3) -> Mapped:
     rows = np.repeat(np.arange(len(new)), 2)
     weights = np.stack([1.0 - part, part], axis=1)
     added = sparse.csr_matrix((weights.ravel(), (rows, new.ravel())), shape=(len(new), count)) @ moved
-    everything = np.concatenate([kept, np.array(pieces, np.int64).reshape(-1, 3)])
+    everything = np.concatenate([whole, np.array(pieces, np.int64).reshape(-1, 3)])
     small = compact(everything, count + len(new))
     return Mapped(small.matrix @ sparse.vstack([moved, added]), small.faces)
 
 
 def vertex_normals(points: Points, faces: Indices) -> Points:
-    """(V, 3) unit normals, area-weighted over the triangles or quads around each vertex."""
+    """Return (V, 3) unit normals, area-weighted over the triangles or quads around each vertex."""
     # the cross product of the diagonals is twice a quad's area; of two sides, a triangle's
     if faces.shape[1] == 4:
         normals = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, 3]] - points[faces[:, 1]])
@@ -175,13 +175,13 @@ def vertex_normals(points: Points, faces: Indices) -> Points:
 
 
 def normalize(vectors: Points, *, fallback: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Points:
-    """Unit vectors along the last axis; a vector without length becomes ``fallback``."""
+    """Return unit vectors along the last axis; a vector without length becomes ``fallback``."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array(fallback))
 
 
 def neighbours(faces: Indices, count: int) -> Any:
-    """Sparse (V, V) matrix whose rows average the vertices that share an edge."""
+    """Return a sparse (V, V) matrix whose rows average the vertices that share an edge."""
     edges, _ = edges_of(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     matrix = sparse.csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(count, count))
@@ -190,7 +190,7 @@ def neighbours(faces: Indices, count: int) -> Any:
 
 
 def boundary_loops(faces: Indices) -> list[Indices]:
-    """Closed boundary loops as ordered vertex indices, in the direction of the faces' own sides, longest first."""
+    """Return closed boundary loops as ordered vertex indices, in the direction of the faces' own sides, longest first."""
     edges, sides = edges_of(faces)
     uses = np.bincount(sides.ravel(), minlength=len(edges))
     directed = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)[uses[sides] == 1]
@@ -208,7 +208,7 @@ def boundary_loops(faces: Indices) -> list[Indices]:
 
 
 def _averages(groups: Indices, count: int) -> Any:
-    """Sparse (G, V) matrix whose rows average each group's vertices."""
+    """Return a sparse (G, V) matrix whose rows average each group's vertices."""
     rows = np.repeat(np.arange(len(groups)), groups.shape[1])
     values = np.full(groups.size, 1.0 / groups.shape[1])
     return sparse.csr_matrix((values, (rows, groups.ravel())), shape=(len(groups), count))
@@ -233,7 +233,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
         wraps: u is periodic with period 1; a face across the wrap gets coordinates beyond 1.
 
     Returns:
-        (V',) which old vertex each new one is, (V', 2) its texture coordinates, (F, 3) new faces.
+        (V',) old vertex of each new vertex, (V', 2) its texture coordinates, (F, 3) new faces.
     """
     uvs = corner_uvs.copy()
     if wraps:
@@ -248,7 +248,7 @@ def unweld(faces: Indices, corner_uvs: Points, *, wraps: bool = True) -> tuple[I
 
 
 def strip(first: Indices, second: Indices) -> Indices:
-    """(2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
+    """Return (2·n, 3) triangles between two closed rings of equal length; they face left of the first ring's direction.
 
     A ring that follows a surface's own sides (`boundary_loops`) gets a strip that continues the surface.
     """
@@ -273,12 +273,12 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
         uses = np.bincount(sides.ravel(), minlength=len(edges))
         fixed = keep_out.copy()
         fixed[edges[uses != 2].ravel()] = True
-        chosen = _collapsible(current, faces, edges, fixed, min(surplus, len(faces) // 8))
-        if len(chosen) == 0:
+        pairs = _collapsible(current, faces, edges, fixed, min(surplus, len(faces) // 8))
+        if len(pairs) == 0:
             break
-        step = _shifted(len(current), chosen[:, 0], chosen[:, 1], np.full(len(chosen), 0.5))
+        step = _shifted(len(current), pairs[:, 0], pairs[:, 1], np.full(len(pairs), 0.5))
         goal = np.arange(len(current))
-        goal[chosen[:, 1]] = chosen[:, 0]
+        goal[pairs[:, 1]] = pairs[:, 0]
         merged = goal[faces]
         alive = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 0] != merged[:, 2])
         small = compact(merged[alive], len(current))
@@ -289,9 +289,9 @@ def simplify(points: Points, faces: Indices, target: int, *, locked: NDArray[np.
 
 
 def _collapsible(
-    points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], wanted: int
+    points: Points, faces: Indices, edges: Indices, fixed: NDArray[np.bool_], number: int
 ) -> NDArray[np.int64]:
-    """Up to ``wanted`` edges, cheapest first, none of which touches the neighbourhood of another."""
+    """Return up to ``number`` edges, cheapest first, none of which touches the neighbourhood of another."""
     count = len(points)
     normals = vertex_normals(points, faces)
     free = ~fixed[edges].any(axis=1)
@@ -303,24 +303,24 @@ def _collapsible(
     for p, q in edges.tolist():
         ring[p].append(q)
         ring[q].append(p)
-    taken = bytearray(count)
-    chosen: list[tuple[int, int]] = []
-    limit = np.sort(cost[free])[min(6 * wanted, int(free.sum()) - 1)] if free.any() else 0.0
+    blocked = bytearray(count)
+    pairs: list[tuple[int, int]] = []
+    limit = np.sort(cost[free])[min(6 * number, int(free.sum()) - 1)] if free.any() else 0.0
     candidates = np.flatnonzero(free & (cost <= limit))
     for p, q in edges[candidates[np.argsort(cost[candidates], kind="stable")]].tolist():
         # the link condition: more than two common neighbours would pinch the surface
-        if taken[p] or taken[q] or len(set(ring[p]).intersection(ring[q])) != 2:
+        if blocked[p] or blocked[q] or len(set(ring[p]).intersection(ring[q])) != 2:
             continue
         for k in (*ring[p], *ring[q]):
-            taken[k] = 1
-        chosen.append((p, q))
-        if len(chosen) == wanted:
+            blocked[k] = 1
+        pairs.append((p, q))
+        if len(pairs) == number:
             break
-    return np.array(chosen, np.int64).reshape(-1, 2)
+    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def _shifted(count: int, vertices: Indices, others: Indices, shares: Points) -> Any:
-    """Sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
+    """Return a sparse (count, count) identity, but ``vertices`` lie ``shares`` of the way towards ``others``."""
     diagonal = np.ones(count)
     diagonal[vertices] = 1.0 - shares
     return (sparse.diags(diagonal) + sparse.csr_matrix((shares, (vertices, others)), shape=(count, count))).tocsr()

@@ -24,7 +24,7 @@ SLEEVE_START: Final = 0.62
 
 @dataclass(slots=True, eq=False)
 class Canvas:
-    """A texture in the making.
+    """A texture under construction.
 
     Attributes:
         colour: (H, W, 3) sRGB 0…255.
@@ -36,7 +36,7 @@ class Canvas:
 
     @classmethod
     def plain(cls, colour: Colour, size: int = SIZE) -> Canvas:
-        """One colour, flat."""
+        """Return a canvas of one colour, flat."""
         return cls(np.tile(np.array(colour, np.float64), (size, size, 1)), np.zeros((size, size)))
 
     def shade(self, factor: Field) -> None:
@@ -49,11 +49,11 @@ class Canvas:
         self.colour += share * (np.array(colour, np.float64) - self.colour)
 
     def image(self) -> Image:
-        """(H, W, 3) uint8 sRGB."""
+        """Return (H, W, 3) uint8 sRGB."""
         return np.clip(np.rint(self.colour), 0, 255).astype(np.uint8)
 
     def normals(self) -> Image:
-        """(H, W, 3) uint8 tangent-space normals: x along u, y against v, z out."""
+        """Return (H, W, 3) uint8 tangent-space normals: x along u, y against v, z out."""
         across = 0.5 * (np.roll(self.height, -1, axis=1) - np.roll(self.height, 1, axis=1))
         down = np.gradient(self.height, axis=0)
         vectors = np.stack([-across, down, np.ones_like(across)], axis=2)
@@ -62,19 +62,19 @@ class Canvas:
 
 
 def grid(size: int = SIZE) -> tuple[Field, Field]:
-    """Coordinates u and v of every texel's centre, each (size, size)."""
+    """Return coordinates u and v of every texel's centre, each (size, size)."""
     line = (np.arange(size) + 0.5) / size
     return np.tile(line, (size, 1)), np.tile(line[:, None], (1, size))
 
 
 def noise(random: np.random.Generator, sigma: tuple[float, float], size: int = SIZE) -> Field:
-    """Smooth noise of unit variance, periodic; ``sigma`` in texels down and across."""
+    """Return smooth noise of unit variance, periodic; ``sigma`` in texels down and across."""
     field = ndimage.gaussian_filter(random.normal(size=(size, size)), sigma, mode="wrap")
     return np.asarray(field / max(float(field.std()), 1e-9))
 
 
 def line(distance: Field, width: float) -> Field:
-    """A soft line: 1 where ``distance`` is 0, with ``width`` (both in texture units)."""
+    """Return a soft line: 1 where ``distance`` is 0, with ``width`` (both in texture units)."""
     return np.asarray(np.exp(-((distance / width) ** 2)))
 
 
@@ -99,7 +99,7 @@ def seam(
 
 
 def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
-    """A zipped jacket with hem band, cuffs, yoke, slanted pockets."""
+    """Paint a zipped jacket with hem band, cuffs, yoke, slanted pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.06, relief=0.16)
@@ -128,7 +128,7 @@ def jacket(colour: Colour, metal: Colour, seed: int) -> Canvas:
 
 
 def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
-    """A buttoned shirt: placket, buttons, a breast pocket, seams, cuffs."""
+    """Paint a buttoned shirt: placket, buttons, a breast pocket, seams, cuffs."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.035, relief=0.10)
@@ -155,7 +155,7 @@ def shirt(colour: Colour, button: Colour, seed: int) -> Canvas:
 
 
 def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
-    """Denim: twill, washed out on thighs, knees and seat, with double seams and pockets."""
+    """Paint denim: twill, washed out on thighs, knees and seat, with double seams and pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.07, relief=0.12)
@@ -173,7 +173,7 @@ def jeans(colour: Colour, thread: Colour, seed: int) -> Canvas:
 
 
 def trousers(colour: Colour, seed: int) -> Canvas:
-    """Plain cloth trousers with side seams and pockets."""
+    """Paint plain cloth trousers with side seams and pockets."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     weave(canvas, random, contrast=0.05, relief=0.13)
@@ -202,7 +202,7 @@ def _trouser_seams(canvas: Canvas, u: Field, v: Field, thread: Colour | None) ->
 
 
 def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas:
-    """A shoe's upper: u across (0.5 on top), v from heel to toe."""
+    """Paint a shoe's upper: u across (0.5 on top), v from heel to toe."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, 256)
     canvas.shade(1.0 + 0.04 * noise(random, (2.0, 2.0), 256))
@@ -221,7 +221,7 @@ def leather(colour: Colour, accent: Colour, seed: int, *, laces: bool) -> Canvas
 
 
 def strands(colour: Colour, seed: int) -> Canvas:
-    """Hair: streaks along v, darker between the locks."""
+    """Paint hair: streaks along v, darker between the locks."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour)
     fine, locks = noise(random, (60.0, 0.7)), noise(random, (40.0, 5.0))
@@ -231,7 +231,7 @@ def strands(colour: Colour, seed: int) -> Canvas:
 
 
 def eye(iris: Colour, seed: int) -> Canvas:
-    """The front of an eyeball, seen straight on; the texture's width is its diameter."""
+    """Paint the front of an eyeball, seen straight on; the texture's width is its diameter."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain((226, 219, 213), 64)
     u, v = grid(64)
@@ -244,7 +244,7 @@ def eye(iris: Colour, seed: int) -> Canvas:
 
 
 def skin(colour: Colour, seed: int, size: int = SIZE) -> Canvas:
-    """Bare skin: slightly blotchy."""
+    """Paint bare skin: slightly blotchy."""
     random = np.random.default_rng(seed)
     canvas = Canvas.plain(colour, size)
     blotch = noise(random, (9.0, 9.0), size)

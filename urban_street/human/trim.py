@@ -68,7 +68,7 @@ def add_collar(cloth: Cloth, collar: Collar, body: Body, posed: Posed) -> Cloth:
 
 
 def _lining(points: Points, faces: Indices, loop: Indices, thickness: float) -> Points:
-    """(2, n, 3) rings: the inner edge of the hem, and the end of the lining."""
+    """Return (2, n, 3) rings: the inner edge of the hem, and the end of the lining."""
     edge = points[loop]
     normals = surface.vertex_normals(points, faces)[loop]
     along = surface.normalize(np.roll(edge, -1, axis=0) - np.roll(edge, 1, axis=0))

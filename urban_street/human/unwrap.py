@@ -29,8 +29,9 @@ def unwrap(cut: Cut, body: Body, cloth: Cloth) -> tuple[Indices, Points, Indices
 
 
 def _trunk(cut: Cut, body: Body, cloth: Cloth) -> Points:
-    """u: 0.5 in front, growing to the character's right, seam at the back; v: down to the hem at `TRUNK_SHARE`, or
-    at 1 for a skirt.
+    """Return texture coordinates.
+
+    u: 0.5 in front, growing to the character's right, seam at the back. v: down to the hem at `TRUNK_SHARE`, or at 1 for a skirt.
     """
     centre = body.head("spine_02")
     offset = cloth.rest - centre
@@ -42,7 +43,7 @@ def _trunk(cut: Cut, body: Body, cloth: Cloth) -> Points:
 
 
 def _limb(cut: Cut, body: Body, cloth: Cloth, side: str) -> Points:
-    """u: 0 inside, 0.25 behind, 0.5 outside, 0.75 in front, alike for both sides; v: root to hem."""
+    """Return texture coordinates; u: 0 inside, 0.25 behind, 0.5 outside, 0.75 in front, alike for both sides; v: root to hem."""
     limb = "arm" if cut.kind == "top" else "leg"
     along, axis = limb_place(body, "arm" if limb == "arm" else "leg", side, cloth.rest)
     outwards = np.array([-1.0 if side == "l" else 1.0, 0.0, 0.8 if limb == "arm" else 0.0])

@@ -1,1 +1,1 @@
-"""Solids that street and vehicles are made from: surfaces, the primitives behind them, and their colours as bytes."""
+"""Solids for streets, vehicles and riders: surfaces, and the primitives that they are built from."""

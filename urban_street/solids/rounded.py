@@ -1,4 +1,4 @@
-"""Small solids that vehicles are furnished with."""
+"""Small rounded solids: pillows, rods, rings, bars."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urban_street.solids.surfaces import Floats, Surface, lathe, merge, sheet, t
 
 
 def turned(axis: int, degrees: float, at: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
-    """(4, 4): a turn about one axis (0 x, 1 y, 2 z) through the origin, then moved to ``at``."""
+    """Return the (4, 4) transform of a turn about one axis (0 x, 1 y, 2 z) through the origin, then moved to ``at``."""
     angle = np.radians(degrees)
     cos, sin = np.cos(angle), np.sin(angle)
     first, second = [k for k in range(3) if k != axis]
@@ -24,7 +24,7 @@ def turned(axis: int, degrees: float, at: ArrayLike = (0.0, 0.0, 0.0)) -> Floats
 
 
 def pillow(half: Sequence[float], *, squareness: float = 0.35, sides: int = 16, levels: int = 7) -> Surface:
-    """A rounded box around the origin: a superellipsoid (1 is an ellipsoid, towards 0 a box)."""
+    """Build a rounded box around the origin: a superellipsoid (1 is an ellipsoid, towards 0 a box)."""
     polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, levels)
     around = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
 
@@ -41,7 +41,7 @@ def pillow(half: Sequence[float], *, squareness: float = 0.35, sides: int = 16, 
 
 
 def rod(path: ArrayLike, radius: float | ArrayLike, sides: int = 8, *, caps: bool = False) -> Surface:
-    """A round bar along an (M, 3) polyline."""
+    """Build a round bar along an (M, 3) polyline."""
     line = np.asarray(path, np.float64)
     radii = np.broadcast_to(np.asarray(radius, np.float64), len(line)).copy()
     if caps:
@@ -52,13 +52,13 @@ def rod(path: ArrayLike, radius: float | ArrayLike, sides: int = 8, *, caps: boo
 
 
 def torus(radius: float, thickness: float, sides: int = 24, around: int = 8) -> Surface:
-    """A ring about z."""
+    """Build a ring about z."""
     angle = np.linspace(0.0, 2.0 * np.pi, around + 1)
     return lathe(np.stack([radius + thickness * np.cos(angle), thickness * np.sin(angle)], -1), sides)
 
 
 def bar(outline: ArrayLike, low: float, high: float) -> Surface:
-    """A prism along x over a closed convex (M, 2) outline of (y, z), counter-clockwise seen from +x; smooth around."""
+    """Build a prism along x over a closed convex (M, 2) outline of (y, z), counter-clockwise seen from +x; smooth around."""
     ring = np.asarray(outline, np.float64)
     points = np.stack([np.concatenate([np.full((len(ring), 1), x), ring], -1) for x in (low, high)], 1)
     wall = sheet(points, closed=True)
@@ -79,7 +79,7 @@ def bar(outline: ArrayLike, low: float, high: float) -> Surface:
 
 
 def rounded_outline(half_y: float, half_z: float, radius: float, *, steps: int = 3) -> Floats:
-    """(M, 2) a rectangle with rounded corners around the origin, counter-clockwise."""
+    """Return a rectangle with rounded corners around the origin: (M, 2), counter-clockwise."""
     corners = []
     for k, (sy, sz) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
         angle = 0.5 * np.pi * (k + np.linspace(0.0, 1.0, steps + 1))
@@ -92,7 +92,7 @@ def rounded_outline(half_y: float, half_z: float, radius: float, *, steps: int =
 
 
 def renormalled(surface: Surface) -> Surface:
-    """Normals from the triangles, where a solid was bent."""
+    """Return a bent solid with the normals of its triangles."""
     corners = surface.positions[surface.faces]
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     _, group = np.unique(np.round(surface.positions, 6), axis=0, return_inverse=True)

@@ -1,6 +1,6 @@
-"""Surfaces and the primitives that the generator makes them from: boxes, sheets, tubes, lathes, extrusions.
+"""Surfaces and primitives: boxes, sheets, tubes, lathes, extrusions.
 
-Everything is batched: one call makes all window frames of a house. Coordinates are metres in the object's frame (z
+All primitives are batched: one call builds all window frames of a house. Coordinates are metres in the object's frame (z
 up); normals point out of the solid, faces run counter-clockwise seen from outside, texture coordinates are metres
 divided by the texture's tile size, with v growing downwards.
 """
@@ -36,25 +36,25 @@ class Surface:
     faces: Ints
 
     def moved(self, matrix: Floats) -> Surface:
-        """The surface after a (4, 4) affine map that keeps handedness."""
+        """Return the surface after a (4, 4) affine map that keeps handedness."""
         linear = matrix[:3, :3]
         normals = self.normals @ np.linalg.inv(linear)
         return Surface(self.positions @ linear.T + matrix[:3, 3], unit(normals), self.uvs, self.faces)
 
     def selected(self, mask: NDArray[np.bool_]) -> Surface:
-        """Only the faces where ``mask`` (F,) holds, with the vertices that they use."""
+        """Return only the faces with a true ``mask`` (F,), and the vertices that they use."""
         faces = self.faces[mask]
         used, compact = np.unique(faces, return_inverse=True)
         return Surface(self.positions[used], self.normals[used], self.uvs[used], compact.reshape(-1, 3))
 
     def textured(self, uvs: Floats) -> Surface:
-        """The same triangles with other texture coordinates."""
+        """Return the same triangles with other texture coordinates."""
         return Surface(self.positions, self.normals, uvs, self.faces)
 
 
 @dataclass(slots=True)
 class Bag:
-    """Surfaces collected by material, handed out as one mesh per material (in order of first use)."""
+    """Surfaces by material, which become one mesh per material, in order of first use."""
 
     surfaces: dict[str, list[Surface]] = field(default_factory=dict)
 
@@ -62,18 +62,18 @@ class Bag:
         self.surfaces.setdefault(material, []).extend(surfaces)
 
     def merge(self, other: Bag, matrix: Floats | None = None) -> None:
-        """Take over what another bag holds, moved by ``matrix`` if given."""
+        """Add the surfaces of another bag, moved by ``matrix`` if given."""
         for material, surfaces in other.surfaces.items():
             self.add(material, *(surfaces if matrix is None else [surface.moved(matrix) for surface in surfaces]))
 
     def meshes(self) -> tuple[Mesh, ...]:
-        """One mesh per material; empty surfaces are left out."""
+        """Return one mesh per material; empty surfaces are left out."""
         merged = ((material, merge(surfaces)) for material, surfaces in self.surfaces.items())
         return tuple(to_mesh(surface, material) for material, surface in merged if len(surface.faces))
 
 
 def to_mesh(surface: Surface, material: str) -> Mesh:
-    """The surface in the scene's own types."""
+    """Return the surface as a mesh of the scene."""
     return Mesh(
         surface.positions.astype(np.float32),
         unit(surface.normals).astype(np.float32),
@@ -84,19 +84,19 @@ def to_mesh(surface: Surface, material: str) -> Mesh:
 
 
 def unit(vectors: Floats) -> Floats:
-    """(…, 3) vectors scaled to length one; a zero vector becomes +z."""
+    """Return (…, 3) vectors scaled to length one; a zero vector becomes +z."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array([0.0, 0.0, 1.0]))
 
 
 def pose(x: float, y: float, z: float, heading: float = 0.0) -> Floats:
-    """(4, 4) object to parent: turned by ``heading`` (radians, counter-clockwise from above), then moved."""
+    """Return the (4, 4) transform of a turn by ``heading`` (radians, counter-clockwise from above), then a move."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.array([[cos, -sin, 0.0, x], [sin, cos, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 def merge(surfaces: Iterable[Surface]) -> Surface:
-    """All surfaces as one."""
+    """Return all surfaces as one."""
     parts = list(surfaces)
     if not parts:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 3), np.int64))
@@ -110,7 +110,7 @@ def merge(surfaces: Iterable[Surface]) -> Surface:
 
 
 def repeat(surface: Surface, offsets: ArrayLike) -> Surface:
-    """Copies of a surface, one at each of the (N, 3) offsets."""
+    """Return copies of a surface, one at each of the (N, 3) offsets."""
     where = np.asarray(offsets, np.float64).reshape(-1, 3)
     count, size = len(where), len(surface.positions)
     return Surface(
@@ -122,7 +122,7 @@ def repeat(surface: Surface, offsets: ArrayLike) -> Surface:
 
 
 def quads(corners: ArrayLike, uvs: ArrayLike | None = None, *, tile: float = 1.0) -> Surface:
-    """Flat quadrilaterals.
+    """Build flat quadrilaterals.
 
     Args:
         corners: (N, 4, 3), counter-clockwise seen from outside.
@@ -158,7 +158,7 @@ _FACES = {
 
 
 def boxes(low: ArrayLike, high: ArrayLike, *, skip: Sequence[str] = (), tile: float = 1.0) -> Surface:
-    """Axis-aligned boxes between the (N, 3) corners ``low`` and ``high``, without the faces named in ``skip``."""
+    """Build axis-aligned boxes between the (N, 3) corners ``low`` and ``high``, without the faces named in ``skip``."""
     lower = np.asarray(low, np.float64).reshape(-1, 1, 1, 3)
     upper = np.asarray(high, np.float64).reshape(-1, 1, 1, 3)
     corners = np.array([_FACES[name] for name in _FACES if name not in skip], np.float64)[None]
@@ -166,7 +166,7 @@ def boxes(low: ArrayLike, high: ArrayLike, *, skip: Sequence[str] = (), tile: fl
 
 
 def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = False, flip: bool = False) -> Surface:
-    """A smooth surface over an (M, N, 3) grid of points.
+    """Build a smooth surface over an (M, N, 3) grid of points.
 
     The outside is where d/drow × d/dcolumn points (the other side with ``flip``). With ``closed`` the last row joins
     the first; then ``uvs`` have one row more, (M + 1, N, 2), because the seam needs both values.
@@ -191,7 +191,7 @@ def sheet(points: ArrayLike, uvs: ArrayLike | None = None, *, closed: bool = Fal
 
 
 def _grid_faces(rows: int, columns: int, *, flip: bool) -> Ints:
-    """((rows − 1)(columns − 1)·2, 3) triangles of a grid of vertices, row by row."""
+    """Return ((rows − 1)(columns − 1)·2, 3) triangles of a grid of vertices, row by row."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     faces = np.stack([a, b, c, a, c, d], -1).reshape(-1, 3)
@@ -199,7 +199,7 @@ def _grid_faces(rows: int, columns: int, *, flip: bool) -> Ints:
 
 
 def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, float] = (1.0, 1.0)) -> Surface:
-    """Round tubes without caps along (N, M, 3) polylines with (N, M) radii.
+    """Build round tubes without caps along (N, M, 3) polylines with (N, M) radii.
 
     ``tile`` is the texture's extent in metres around and along.
     """
@@ -207,7 +207,7 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
     radius = np.broadcast_to(np.asarray(radii, np.float64), centre.shape[:2])
     count, steps = centre.shape[:2]
     tangent = unit(_slope(centre))
-    # A fixed helper per tube, perpendicular to none of its pieces by much, keeps the rings from twisting.
+    # A fixed helper per tube, far from parallel to its pieces, keeps the rings from twisting.
     chord = unit(centre[:, -1] - centre[:, 0])
     helper = np.where(np.abs(chord[:, 2:]) < 0.75, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))[:, None]
     side = unit(np.cross(helper, tangent))
@@ -219,19 +219,19 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, *, tile: tuple[float, 
     along = np.concatenate([np.zeros((count, 1)), np.cumsum(length, axis=1)], axis=1)
     around = angle / (2.0 * np.pi) * np.maximum(np.round(2.0 * np.pi * radius[:, :1] / tile[0]), 1.0)[:, :, None]
     uvs = np.stack(np.broadcast_arrays(around, -along[:, :, None] / tile[1]), -1)
-    one = _grid_faces(steps, sides + 1, flip=True)
-    faces = (one[None] + (np.arange(count) * steps * (sides + 1))[:, None, None]).reshape(-1, 3)
+    tube = _grid_faces(steps, sides + 1, flip=True)
+    faces = (tube[None] + (np.arange(count) * steps * (sides + 1))[:, None, None]).reshape(-1, 3)
     return Surface(points.reshape(-1, 3), normals.reshape(-1, 3), uvs.reshape(-1, 2), faces)
 
 
 def _slope(line: Floats) -> Floats:
-    """Differences along axis 1 (N, M, 3): central inside, one-sided at the ends."""
+    """Return differences along axis 1 (N, M, 3): central inside, one-sided at the ends."""
     ends = np.concatenate([line[:, :1], line, line[:, -1:]], axis=1)
     return np.asarray(ends[:, 2:] - ends[:, :-2])
 
 
 def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:
-    """A surface of revolution about z; (M, 2) profile of (radius, z).
+    """Build a surface of revolution about z; (M, 2) profile of (radius, z).
 
     The outside lies to the right of the profile's direction: one that goes up has it away from the axis.
     """
@@ -249,7 +249,7 @@ def lathe(profile: ArrayLike, sides: int, *, tile: float = 1.0) -> Surface:
 
 
 def extrude(profile: ArrayLike, start: float, stop: float, *, tile: float = 1.0) -> Surface:
-    """Flat strips along x from ``start`` to ``stop`` with the open (M, 2) profile of (y, z), and both ends closed.
+    """Build flat strips along x from ``start`` to ``stop`` with the open (M, 2) profile of (y, z), and both ends closed.
 
     The outside lies to the left of the profile's direction seen from +x, so for a moulding on a wall that faces −y the
     profile runs from the wall's foot outwards and up. The ends are fans: the profile should be nearly convex.
@@ -265,7 +265,7 @@ def extrude(profile: ArrayLike, start: float, stop: float, *, tile: float = 1.0)
 
 
 def fan(outline: ArrayLike, *, tile: float = 1.0, uvs: ArrayLike | None = None) -> Surface:
-    """A flat convex polygon from its (N, 3) outline, counter-clockwise seen from outside."""
+    """Build a flat convex polygon from its (N, 3) outline, counter-clockwise seen from outside."""
     points = np.asarray(outline, np.float64)
     following = np.roll(points, -1, axis=0)
     normal = unit(np.cross(points, following).sum(axis=0)[None])
@@ -280,7 +280,7 @@ def fan(outline: ArrayLike, *, tile: float = 1.0, uvs: ArrayLike | None = None) 
 
 
 def ellipsoids(centres: ArrayLike, radii: ArrayLike, sides: int = 8) -> Surface:
-    """Ellipsoids at (N, 3) centres with the common (3,) radii."""
+    """Build ellipsoids at (N, 3) centres with the common (3,) radii."""
     polar = np.linspace(-0.5 * np.pi, 0.5 * np.pi, sides // 2 + 1)
     ball = lathe(np.stack([np.cos(polar), np.sin(polar)], -1), sides)
     scale = np.asarray(radii, np.float64)

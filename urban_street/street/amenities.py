@@ -1,4 +1,4 @@
-"""What a well-kept street offers: shelter, benches, bins, bicycle stands, advertising, railings, tree pits.
+"""Amenities of a street: shelter, benches, bins, bicycle stands, advertising, railings, tree pits.
 
 Every builder's object stands at the origin; what has a front faces −y, long things run along x.
 """
@@ -12,7 +12,7 @@ from urban_street.street.plan import Placement
 
 
 def bench() -> Bag:
-    """1.8 m of wooden slats on two cast frames, the back to +y."""
+    """Build 1.8 m of wooden slats on two cast frames, the back to +y."""
     bag = Bag()
     x0, x1 = -0.9, 0.9
     seat = np.array([(-0.20 + 0.11 * k, 0.44 + 0.008 * k) for k in range(4)])
@@ -32,7 +32,7 @@ def bench() -> Bag:
 
 
 def litter_bin() -> Bag:
-    """A steel drum on a post with a dark slot and a lid."""
+    """Build a steel drum on a post with a dark slot and a lid."""
     bag = Bag()
     bag.add("iron", lathe([(0.03, 0.0), (0.03, 0.42)], 8))
     bag.add("cabinet", lathe([(0.0, 0.40), (0.19, 0.40), (0.22, 0.46), (0.22, 0.86)], 18))
@@ -46,7 +46,7 @@ def litter_bin() -> Bag:
 
 
 def bicycle_stand() -> Bag:
-    """Three hoops, 0.9 m apart along x."""
+    """Build three hoops, 0.9 m apart along x."""
     bag = Bag()
     angle = np.linspace(np.pi, 0.0, 9)
     arc = np.stack([0 * angle, 0.35 * np.cos(angle), 0.55 + 0.25 * np.sin(angle)], -1)
@@ -57,7 +57,7 @@ def bicycle_stand() -> Bag:
 
 
 def cabinet(placement: Placement) -> Bag:
-    """A telephone or electricity cabinet, with doors, vents and somebody's sticker."""
+    """Build a telephone or electricity cabinet, with doors, vents and a sticker."""
     rng = np.random.default_rng(placement.seed)
     bag = Bag()
     half, deep, high = float(rng.choice([0.38, 0.6])), 0.16, float(rng.uniform(1.0, 1.3))
@@ -73,7 +73,7 @@ def cabinet(placement: Placement) -> Bag:
 
 
 def shelter() -> Bag:
-    """A bus shelter of 4 m: steel frame, glass at the back and one side, a bench, a lit poster, a flat roof."""
+    """Build a bus shelter of 4 m: steel frame, glass at the back and one side, a bench, a lit poster, a flat roof."""
     bag = Bag()
     half, deep, high = 2.0, 1.3, 2.45
     posts = np.array(
@@ -136,7 +136,7 @@ def shelter() -> Bag:
 
 
 def stop_flag() -> Bag:
-    """The plate of a bus stop on its post: green H in a yellow disc, timetable below."""
+    """Build the plate of a bus stop on its post: green H in a yellow disc, timetable below."""
     bag = Bag()
     angle = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
     disc = np.stack([0.24 * np.cos(angle), np.full(24, -0.045), 2.6 + 0.24 * np.sin(angle)], -1)
@@ -151,7 +151,7 @@ def stop_flag() -> Bag:
 
 
 def advertising_column() -> Bag:
-    """A Litfass column: a drum of posters on a plinth, below a cornice and a low dome."""
+    """Build a Litfass column: a drum of posters on a plinth, below a cornice and a low dome."""
     bag = Bag()
     bag.add("concrete", lathe([(0.66, 0.0), (0.66, 0.32), (0.60, 0.38)], 28))
     bag.add("poster", lathe([(0.58, 0.38), (0.58, 2.55)], 28, tile=1.9))
@@ -160,7 +160,7 @@ def advertising_column() -> Bag:
 
 
 def guard_rail(placement: Placement) -> Bag:
-    """A pedestrian railing along y: size is (length,)."""
+    """Build a pedestrian railing along y: size is (length,)."""
     length = placement.size[0]
     bag = Bag()
     count = max(round(length / 1.8), 1)
@@ -176,7 +176,7 @@ def guard_rail(placement: Placement) -> Bag:
 
 
 def tree_pit() -> Bag:
-    """A square of grass and soil around a trunk, framed by stones."""
+    """Build a square of grass and soil around a trunk, framed by stones."""
     bag = Bag()
     half = 0.52
     bag.add(
@@ -192,7 +192,7 @@ def tree_pit() -> Bag:
 
 
 def mast() -> Bag:
-    """A signal mast with an arm of 3.6 m over the road (+x), 5.4 m up."""
+    """Build a signal mast with an arm of 3.6 m over the road (+x), 5.4 m up."""
     bag = Bag()
     bag.add("steel", lathe([(0.11, 0.0), (0.11, 1.2), (0.08, 1.26), (0.065, 5.6), (0.0, 5.62)], 12))
     arm = [[[0.0, 0.0, 5.3], [1.2, 0.0, 5.42], [3.6, 0.0, 5.45]]]

@@ -1,4 +1,4 @@
-"""From a layout to meshes, materials and textures."""
+"""Build meshes, materials and textures from a layout."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreetContent:
-    """All objects of a street and what they are made of."""
+    """All objects of a street, with their materials and textures."""
 
     parts: tuple[Part, ...]
     materials: dict[str, Material]
@@ -61,11 +61,11 @@ def build_street(layout: StreetLayout) -> StreetContent:
                 parts.append(Part(f"{placement.path}.lamp", furniture.LANTERN_PLACE, (), furniture.LANTERN))
     used = {mesh.material for part in parts for mesh in part.meshes}
     settings = layout.settings
-    made = make_materials(settings.seed) | workshop.materials
-    materials = {name: material for name, material in made.items() if name in used}
-    wanted = {texture for material in materials.values() for texture in material.textures}
+    all_materials = make_materials(settings.seed) | workshop.materials
+    materials = {name: material for name, material in all_materials.items() if name in used}
+    names = {texture for material in materials.values() for texture in material.textures}
     painted = make_textures(settings) | workshop.textures
-    textures = {name: texture for name, texture in painted.items() if name in wanted}
+    textures = {name: texture for name, texture in painted.items() if name in names}
     return StreetContent(tuple(parts), materials, textures)
 
 
@@ -77,7 +77,7 @@ def _transform(placement: Placement) -> Matrix:
 
 
 class _Workshop:
-    """Builds what is unique and keeps what is shared."""
+    """Builder of the objects, with a store of shared shapes."""
 
     def __init__(self, layout: StreetLayout) -> None:
         self._seed = layout.settings.seed
@@ -88,18 +88,18 @@ class _Workshop:
         self.textures: dict[str, Texture] = {}
 
     def vehicle(self, placement: Placement) -> VehicleContent:
-        """The vehicle of one placement; its materials and textures are noted."""
+        """Build the vehicle of one placement, and keep its materials and textures."""
         fine = _NEAR[0] < placement.y < _NEAR[1]
         key = (placement.kind, placement.variant, fine)
         if key not in self._vehicles:
-            built = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
-            self._vehicles[key] = built
-            self.materials |= built.materials
-            self.textures |= built.textures
+            content = build_vehicle(placement.kind, vehicle_seed(self._seed, placement.variant), fine=fine)
+            self._vehicles[key] = content
+            self.materials |= content.materials
+            self.textures |= content.textures
         return self._vehicles[key]
 
     def meshes(self, placement: Placement) -> tuple[Mesh, ...]:
-        """The shape of one placement.
+        """Return the shape of one placement.
 
         Raises:
             UnknownName: no builder knows the placement's kind.
@@ -133,7 +133,7 @@ class _Workshop:
             raise UnknownName("kind of street object", kind, known) from None
 
 
-#: Where along the street cars are seen from near enough for all their details, metres.
+#: Stretch along the street in which cars are near enough for all their details, metres.
 _NEAR = (-20.0, 34.0)
 
 

@@ -1,4 +1,4 @@
-"""A house front: a wall with real openings, and what sits in them.
+"""House fronts: a wall with real openings, and windows, doors and shop fronts in them.
 
 Local frame: x along the front from 0 to the width, z up, the front in the plane y = 0 and facing −y.
 """
@@ -57,7 +57,7 @@ class Trim:
 
 
 def wall_with_openings(width: float, height: float, openings: Sequence[Opening]) -> Floats:
-    """(N, 4, 3) quadrilaterals of the front without the openings (the grid of all their edges)."""
+    """Return (N, 4, 3) quadrilaterals of the front without the openings (the grid of all their edges)."""
     xs = np.unique([0.0, width, *(o.x0 for o in openings), *(o.x1 for o in openings)])
     zs = np.unique([0.0, height, *(o.z0 for o in openings), *(o.z1 for o in openings)])
     x, z = np.meshgrid(0.5 * (xs[:-1] + xs[1:]), 0.5 * (zs[:-1] + zs[1:]), indexing="ij")
@@ -69,7 +69,7 @@ def wall_with_openings(width: float, height: float, openings: Sequence[Opening])
 
 
 def front_quads(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: Floats) -> Floats:
-    """(N, 4, 3) upright rectangles facing −y."""
+    """Return (N, 4, 3) upright rectangles facing −y."""
     return np.stack(
         [np.stack([x0, y, z0], -1), np.stack([x1, y, z0], -1), np.stack([x1, y, z1], -1), np.stack([x0, y, z1], -1)], 1
     )
@@ -78,7 +78,7 @@ def front_quads(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: Floats) -> Fl
 def build_front(
     bag: Bag, width: float, height: float, openings: Sequence[Opening], trim: Trim, rng: np.random.Generator
 ) -> None:
-    """Wall, reveals, and a window, door or shop front in every opening."""
+    """Add wall, reveals, and a window, door or shop front in every opening."""
     bag.add(trim.wall, quads(wall_with_openings(width, height, openings), tile=trim.tile))
     if not openings:
         return
@@ -112,13 +112,13 @@ def _reveals(bag: Bag, edges: Floats, trim: Trim) -> None:
 
 
 def _bars(x0: Floats, x1: Floats, z0: Floats, z1: Floats, y: float, thick: float) -> tuple[Floats, Floats]:
-    """Corners (low, high) of boxes in the plane of a window."""
+    """Return corners (low, high) of boxes in the plane of a window."""
     near, far = np.full_like(x0, y), np.full_like(x0, y + thick)
     return np.stack([x0, near, z0], -1), np.stack([x1, far, z1], -1)
 
 
 def _windows(bag: Bag, edges: Floats, trim: Trim, rng: np.random.Generator) -> None:
-    """Frame, sashes, transom; glass with a room behind it."""
+    """Add frame, sashes, transom; glass with a room behind it."""
     x0, x1, z0, z1 = edges.T
     y, bar, wide = trim.depth, 0.045, 0.075
     middle = z0 + (z1 - z0) * (trim.transom or 1.0)
@@ -164,7 +164,7 @@ def _sills_and_surrounds(bag: Bag, edges: Floats, trim: Trim) -> None:
 
 
 def _door(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> None:
-    """Leaves with raised panels, a fanlight, a handle, one step."""
+    """Add leaves with raised panels, a fanlight, a handle, one step."""
     y = trim.depth
     fanlight = o.z1 - (0.45 if o.z1 - o.z0 > 2.3 else 0.0)
     leaves = 2 if o.x1 - o.x0 > 1.25 else 1
@@ -195,7 +195,7 @@ def _door(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> None:
 
 
 def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> None:
-    """Large panes in a dark frame on a low stall riser."""
+    """Add large panes in a dark frame on a low stall riser."""
     y, riser = trim.depth, 0.45
     bag.add(trim.door, boxes([[o.x0, y - 0.05, o.z0]], [[o.x1, y + 0.05, o.z0 + riser]], skip=("+y",)))
     count = max(round((o.x1 - o.x0) / 1.3), 1)
@@ -216,13 +216,13 @@ def _shop_window(bag: Bag, o: Opening, trim: Trim, rng: np.random.Generator) -> 
 
 
 def moulding(width: float, z: float, profile: Sequence[tuple[float, float]], *, tile: float = 2.0) -> Surface:
-    """A cornice along the whole front: ``profile`` of (out, up) from the wall's face outwards and up."""
+    """Build a cornice along the whole front: ``profile`` of (out, up) from the wall's face outwards and up."""
     line = [(-out, z + up) for out, up in profile]
     return extrude(line, 0.0, width, tile=tile)
 
 
 def railing(x0: float, x1: float, y0: float, z0: float, height: float, sides: bool = True) -> tuple[Floats, Floats]:
-    """Boxes (low, high) of a balcony's railing: bars every 11 cm, hand rail, along the front and back to the wall."""
+    """Return boxes (low, high) of a balcony's railing: bars every 11 cm, hand rail, along the front and back to the wall."""
     xs = np.arange(x0, x1 + 1e-6, 0.11)
     bar = 0.009
     low = [np.stack([xs - bar, np.full_like(xs, y0 - bar), np.full_like(xs, z0)], -1)]

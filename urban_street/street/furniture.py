@@ -46,7 +46,7 @@ LANTERN_PLACE: Final = Pose((1.725, 0.0, 7.28), (270.0, 0.0, 0.0)).matrix()
 
 
 def lamp_post() -> Bag:
-    """Eight metres of tapered steel with an arm over the road (+x) and a flat lantern."""
+    """Build eight metres of tapered steel with an arm over the road (+x) and a flat lantern."""
     bag = Bag()
     bag.add("steel", lathe([(0.085, 0.0), (0.085, 1.0), (0.062, 1.06), (0.042, 6.6)], 12))
     t = np.linspace(0.0, 1.0, 9)
@@ -59,7 +59,7 @@ def lamp_post() -> Bag:
 
 
 def post(height: float = 2.9, radius: float = 0.032) -> Bag:
-    """The post of a sign."""
+    """Build the post of a sign."""
     bag = Bag()
     bag.add("steel", lathe([(radius, 0.0), (radius, height), (0.0, height + 0.01)], 10))
     return bag
@@ -76,7 +76,7 @@ def bollard() -> Bag:
 
 
 def sign_face(variant: int) -> Bag:
-    """The plate of a sign: painted towards −y, grey behind; its middle 2.55 m above the foot."""
+    """Build the plate of a sign: painted towards −y, grey behind; its middle 2.55 m above the foot."""
     bag = Bag()
     column, row = variant % SIGN_CELLS, variant // SIGN_CELLS
     if variant in _ROUND:
@@ -97,7 +97,7 @@ def sign_face(variant: int) -> Bag:
 
 
 def signal() -> Bag:
-    """A three-lamp signal head, 2.4 m above the foot, looking to −y."""
+    """Build a three-lamp signal head, 2.4 m above the foot, looking to −y."""
     bag = Bag()
     bag.add("frame-dark", boxes([[-0.15, -0.1, 2.4]], [[0.15, 0.12, 3.3]]))
     bag.add("frame-dark", boxes([[-0.24, 0.12, 2.3]], [[0.24, 0.135, 3.4]]))
@@ -113,7 +113,7 @@ def signal() -> Bag:
 
 
 def bins(seed: int) -> Bag:
-    """Two wheeled refuse bins side by side along x; their hinges are at +y."""
+    """Build two wheeled refuse bins side by side along x; their hinges are at +y."""
     bag = Bag()
     rng = np.random.default_rng(seed)
     for k, x in enumerate((-0.33, 0.33)):
@@ -144,7 +144,7 @@ def bins(seed: int) -> Bag:
 
 
 def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rng: np.random.Generator) -> Bag:
-    """A box of clipped greenery with leaves standing out of its skin."""
+    """Build a box of clipped greenery with leaves standing out of its skin."""
     bag = Bag()
     bag.add("hedge", boxes([low], [high], skip=("-z",)))
     size = high - low
@@ -178,14 +178,14 @@ def _foliage(low: Floats, high: Floats, per_square_metre: float, leaf: float, rn
 
 
 def hedge(placement: Placement) -> Bag:
-    """A clipped hedge along y: size is (thickness, length, height)."""
+    """Build a clipped hedge along y: size is (thickness, length, height)."""
     thick, long, high = placement.size
     rng = np.random.default_rng(placement.seed)
     return _foliage(np.array([-0.5 * thick, 0.0, 0.0]), np.array([0.5 * thick, long, high]), 40.0, 0.09, rng)
 
 
 def planter(placement: Placement) -> Bag:
-    """A wooden box with shrubs: size is (thickness, length)."""
+    """Build a wooden box with shrubs: size is (thickness, length)."""
     thick, long = placement.size
     rng = np.random.default_rng(placement.seed)
     bag = _foliage(np.array([-0.42 * thick, 0.08, 0.45]), np.array([0.42 * thick, long - 0.08, 0.85]), 200.0, 0.10, rng)
@@ -194,7 +194,7 @@ def planter(placement: Placement) -> Bag:
 
 
 def iron_railing(length: float) -> Bag:
-    """Garden railings along y on a low kerb."""
+    """Build garden railings along y on a low kerb."""
     bag = Bag()
     bag.add("stone", boxes([[-0.1, 0.0, 0.0]], [[0.1, length, 0.25]], skip=("-z",), tile=2.0))
     y = np.arange(0.08, length - 0.05, 0.12)
@@ -205,7 +205,7 @@ def iron_railing(length: float) -> Bag:
 
 
 def low_wall(length: float) -> Bag:
-    """A rendered garden wall along y with a stone coping."""
+    """Build a rendered garden wall along y with a stone coping."""
     bag = Bag()
     bag.add("brick-red", boxes([[-0.1, 0.0, 0.0]], [[0.1, length, 0.75]], skip=("-z", "+z"), tile=4.0))
     bag.add("stone", boxes([[-0.14, 0.0, 0.75]], [[0.14, length, 0.83]], tile=2.0))

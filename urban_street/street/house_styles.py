@@ -1,4 +1,4 @@
-"""Houses whose shape is more than a flat front: mansard, bay windows, timber frame, flat-roofed modern block.
+"""Houses of more shape than a flat front: mansard, bay windows, timber frame, flat-roofed modern block.
 
 Each builder takes a placement and returns the house in the frame of its front (see `facade`).
 """
@@ -57,7 +57,7 @@ def _centres(house: House) -> Floats:
 
 
 def build_mansard(placement: Placement) -> Bag:
-    """Dressed stone, tall windows behind iron guards, two running balconies, a steep zinc roof full of dormers."""
+    """Build a house of dressed stone: tall windows with iron guards, two running balconies, a steep zinc roof with dormers."""
     rng = np.random.default_rng(placement.seed)
     trim = replace(
         _trim(rng), wall="ashlar", reveal="ashlar", tile=STONE_TILE, surround="ashlar", surrounds="flat",
@@ -100,7 +100,7 @@ def build_mansard(placement: Placement) -> Bag:
 
 
 def _running_balcony(bag: Bag, width: float, z: float, deep: float) -> None:
-    """A stone slab on consoles along the whole front, with an iron railing."""
+    """Add a stone slab on consoles along the whole front, with an iron railing."""
     bag.add("stone", boxes([[0.25, -deep, z - 0.12]], [[width - 0.25, 0.02, z + 0.06]], skip=("+y",), tile=STONE_TILE))
     x = np.linspace(0.5, width - 0.5, max(int(width / 1.3), 2))
     low = np.stack([x - 0.09, np.full_like(x, -0.8 * deep), np.full_like(x, z - 0.32)], -1)
@@ -134,7 +134,7 @@ def _mansard_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
 
 
 def _roof_window(bag: Bag, house: House, x: float, z: float, rng: np.random.Generator) -> None:
-    """A dormer in the steep slope: stuccoed front, zinc cheeks, a shallow curved lid."""
+    """Add a dormer in the steep slope: stuccoed front, zinc cheeks, a shallow curved lid."""
     half, tall, y = 0.62, 1.95, 0.12
     front = Bag()
     trim = replace(house.trim, wall="stucco", reveal="stucco", surrounds="none", depth=0.08, transom=0.0, tile=2.0)
@@ -155,7 +155,7 @@ def _roof_window(bag: Bag, house: House, x: float, z: float, rng: np.random.Gene
 
 
 def build_bay(placement: Placement) -> Bag:
-    """Brick with canted bay windows over two floors, a porch over the door and white stone dressings."""
+    """Build a brick house: canted bay windows over two floors, a porch over the door, white stone dressings."""
     rng = np.random.default_rng(placement.seed)
     bricks = "brick-red" if rng.random() < 0.6 else "brick-buff"
     trim = replace(
@@ -193,7 +193,7 @@ def build_bay(placement: Placement) -> Bag:
 
 
 def _bay_places(house: House, centres: Floats) -> list[float]:
-    """Middles of the bays: to both sides of the door where there is room for 3 m."""
+    """Return the middles of the bays: to both sides of the door where there is room for 3 m."""
     door = centres[house.door_bay]
     return [
         0.5 * (a + b) for a, b in ((0.25, door - 1.0), (door + 1.0, house.width - 0.25)) if b - a > 3.1
@@ -201,7 +201,7 @@ def _bay_places(house: House, centres: Floats) -> list[float]:
 
 
 def _canted_bay(bag: Bag, x: float, out: float, top: float, house: House, trim: Trim, rng: np.random.Generator) -> None:
-    """Three faces, 1.3 m wide in front and cut back at 45°, windows on each floor, a hipped lead roof."""
+    """Add three faces, 1.3 m wide in front and cut back at 45°, windows on each floor, a hipped lead roof."""
     front, slant = 1.3, out * np.sqrt(2.0)
     faces = (
         (x - 0.5 * front - out, 0.0, -0.25 * np.pi, slant, 0.40),
@@ -234,7 +234,7 @@ def _canted_bay(bag: Bag, x: float, out: float, top: float, house: House, trim: 
 
 
 def _porch(bag: Bag, x: float) -> None:
-    """Two slim columns and a small roof over the door."""
+    """Add two slim columns and a small roof over the door."""
     for side in (-0.78, 0.78):
         bag.add("stucco", tubes([[[x + side, -0.62, 0.0], [x + side, -0.62, 2.75]]], np.full((1, 2), 0.08), 10))
         bag.add("stucco", boxes([[x + side - 0.12, -0.74, 0.0]], [[x + side + 0.12, -0.5, 0.22]]))
@@ -243,7 +243,7 @@ def _porch(bag: Bag, x: float) -> None:
 
 
 def build_timber(placement: Placement) -> Bag:
-    """A half-timbered house: each floor juts over the one below, dark posts, rails and braces, a gable to the street."""
+    """Build a half-timbered house: each floor juts over the one below, dark posts, rails and braces, a gable to the street."""
     rng = np.random.default_rng(placement.seed)
     base = _trim(rng)
     panel = str(rng.choice(["stucco", base.wall]))
@@ -291,7 +291,7 @@ def build_timber(placement: Placement) -> Bag:
 
 
 def _beams(bag: Bag, ends: Sequence[tuple[float, float, float, float]], wide: float = 0.16) -> None:
-    """Timbers on a front between points (x0, z0, x1, z1), 3 cm proud of it."""
+    """Add timbers on a front between points (x0, z0, x1, z1), 3 cm proud of it."""
     a = np.array([(x0, z0) for x0, z0, _, _ in ends])
     b = np.array([(x1, z1) for _, _, x1, z1 in ends])
     along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
@@ -309,7 +309,7 @@ def _beams(bag: Bag, ends: Sequence[tuple[float, float, float, float]], wide: fl
 
 
 def _frame(bag: Bag, width: float, height: float, windows: Sequence[Opening], rng: np.random.Generator) -> None:
-    """Sills, plates, posts beside each window, a rail below it and braces in the blind fields."""
+    """Add sills, plates, posts beside each window, a rail below it and braces in the blind fields."""
     low, high = windows[0].z0, windows[0].z1
     beams = [(0.0, 0.09, width, 0.09), (0.0, height - 0.09, width, height - 0.09)]
     posts = sorted({0.08, width - 0.08, *(o.x0 - 0.08 for o in windows), *(o.x1 + 0.08 for o in windows)})
@@ -369,7 +369,7 @@ def _timber_gable(bag: Bag, house: House, z: float, rng: np.random.Generator) ->
 
 
 def build_modern(placement: Placement) -> Bag:
-    """A flat-roofed block of flats: wide dark-framed windows, long balconies, a set-back top floor, shops below."""
+    """Build a flat-roofed block of flats: wide dark-framed windows, long balconies, a set-back top floor, shops below."""
     rng = np.random.default_rng(placement.seed)
     base = _trim(rng)
     wall = str(rng.choice([base.wall, "stucco", "brick-buff", "concrete"]))
@@ -440,7 +440,7 @@ def _long_balcony(bag: Bag, x0: float, x1: float, z: float, *, solid: bool, rng:
 
 
 def _penthouse(bag: Bag, house: House, z: float, rng: np.random.Generator) -> None:
-    """The top floor, set back 2 m behind a terrace with a railing."""
+    """Add the top floor, set back 2 m behind a terrace with a railing."""
     w, d, back = house.width, house.depth, 2.0
     top = Bag()
     inner = w - 1.6

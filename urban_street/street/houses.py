@@ -18,7 +18,7 @@ ROOF_COLORS = 3
 
 @dataclass(frozen=True, slots=True)
 class House:
-    """What one house decided on: metres, materials."""
+    """The choices for one house: metres, materials."""
 
     width: float
     depth: float
@@ -37,7 +37,7 @@ class House:
 
 
 def build_house(placement: Placement) -> Bag:
-    """One house in the frame of its front (see `facade`)."""
+    """Build one house in the frame of its front (see `facade`)."""
     rng = np.random.default_rng(placement.seed)
     house = _decide(placement, rng)
     bag = Bag()
@@ -58,7 +58,7 @@ def build_house(placement: Placement) -> Bag:
 
 
 def _corner_front(bag: Bag, house: House, rng: np.random.Generator, *, first: bool) -> None:
-    """A second front, a brick thick, on the side wall that a side street lays bare: at x = 0 (``first``) or the other."""
+    """Add a second front, a brick thick, on the side wall that a side street lays bare: at x = 0 (``first``) or the other."""
     thick, d, h = 0.2, house.depth, house.eaves - 0.05
     side = Bag()
     centres = (np.arange(4) + 0.5) * d / 4.0
@@ -173,7 +173,7 @@ def _has_balcony(kind: str, bay: int, bays: int, floor: int, floors: int) -> boo
 
 
 def other_walls(bag: Bag, house: House, *, gabled: bool) -> None:
-    """Party walls and back: plain, seen where a neighbour is lower."""
+    """Add party walls and back: plain, seen where a neighbour is lower."""
     w, d, h = house.width, house.depth, house.eaves
     faces = np.array(
         [
@@ -192,7 +192,7 @@ def other_walls(bag: Bag, house: House, *, gabled: bool) -> None:
 
 
 def add_base(bag: Bag, house: House, openings: list[Opening]) -> None:
-    """Plinth between the doors and shop fronts."""
+    """Add a plinth between the doors and shop fronts."""
     holes = sorted((o.x0 - 0.02, o.x1 + 0.02) for o in openings if o.z0 < 0.5)
     starts = [0.0, *(stop for _, stop in holes)]
     stops = [*(start for start, _ in holes), house.width]
@@ -253,7 +253,7 @@ def add_balcony(bag: Bag, o: Opening, *, solid: bool, deep: float) -> None:
 
 
 def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator) -> None:
-    """Name boards over the shop windows, mostly an awning over the first."""
+    """Add name boards over the shop windows, mostly an awning over the first."""
     for k, o in enumerate(o for o in openings if o.kind == "shop"):
         cell = int(rng.integers(8))
         column, row = cell % 4, 2 + cell // 4
@@ -267,7 +267,7 @@ def add_shop_boards(bag: Bag, openings: list[Opening], rng: np.random.Generator)
 
 
 def _awning(bag: Bag, o: Opening, material: str) -> None:
-    """Striped cloth, 0.95 m out, with a hanging edge."""
+    """Add striped cloth, 0.95 m out, with a hanging edge."""
     count = max(round((o.x1 - o.x0) / 0.3), 2)
     x = np.linspace(o.x0, o.x1, count + 1)
     edges = np.array([(-0.95, 2.26), (-0.95, 2.48), (0.0, 2.98)])  # y, z: hem, front, wall
@@ -307,7 +307,7 @@ def add_eaves_roof(bag: Bag, house: House, rng: np.random.Generator, *, dormers:
 
 
 def _dormer(bag: Bag, house: House, x: float, slope: float, low: float, over: float, rng: np.random.Generator) -> None:
-    """A small gabled window in the roof's front slope."""
+    """Add a small gabled window in the roof's front slope."""
     half, tall = 0.72, 1.45
     y = 0.75
     z = low + (y + over) * (house.eaves + 0.5 * house.depth * slope - low) / (0.5 * house.depth + over)
@@ -344,7 +344,7 @@ def _dormer(bag: Bag, house: House, x: float, slope: float, low: float, over: fl
 
 
 def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
-    """The ridge runs back from the street; the front rises in steps or in a plain triangle with a coping."""
+    """Add a roof whose ridge runs back from the street; the front rises in steps or in a plain triangle with a coping."""
     w, d, h = house.width, house.depth, house.eaves
     rise = 0.5 * w * np.tan(np.radians(house.pitch))
     middle, peak = 0.5 * w, h + rise
@@ -381,7 +381,7 @@ def _gable_roof(bag: Bag, house: House, rng: np.random.Generator) -> None:
 
 
 def _coping(start: tuple[float, float], stop: tuple[float, float]) -> Floats:
-    """(3, 4, 3) front, top and underside of a stone band 0.22 m high along a gable's edge, from (x, z) to (x, z)."""
+    """Return (3, 4, 3) front, top and underside of a stone band 0.22 m high along a gable's edge, from (x, z) to (x, z)."""
     near, far, high = -0.08, 0.3, 0.22
     (x0, z0), (x1, z1) = start, stop
     front = [(x0, near, z0), (x1, near, z1), (x1, near, z1 + high), (x0, near, z0 + high)]

@@ -1,4 +1,4 @@
-"""Where things stand in a street: seeded rules, no shapes.
+"""Lay out a street: seeded rules for the places of things, no shapes.
 
 People walk at x −2…7 m, y 5…35 m and cameras look along +y from about (2.5, −12, 1.4): parked cars, trunks and posts
 stand between the two, with gaps, and never within `CAMERA_CORRIDOR`.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from urban_street.street import layout_mixed
+from urban_street.street import layout_furniture
 from urban_street.street.plan import (
     CAMERA_CORRIDOR,
     SIDE_HALF,
@@ -21,6 +21,7 @@ from urban_street.street.plan import (
     SIDE_ROAD_HALF,
     GroundRegion,
     Placement,
+    Spot,
     StreetLayout,
     StreetSettings,
     disc,
@@ -40,15 +41,15 @@ _NARROW = {"gable", "timber"}
 HOUSE_DEPTH = 11.0
 #: Houses in a side street are less deep than the narrowest corner house is wide.
 _SIDE_DEPTH = 7.9
-#: What is parked and how often.
+#: Shares of parked cars by kind.
 _PARKED = {"hatchback": 0.36, "sedan": 0.18, "estate": 0.18, "suv": 0.22, "van": 0.06}
 #: Seeds of a kind that differ: rims, plates, paint.
 CAR_MODELS = 6
 TREE_MODELS = 3
 _KERB_GAP = 0.2
-#: Up to here along the street people are varied: some bays stay free, so that most places are seen past the cars.
+#: End of the people's range along the street: some bays up to here stay free, so that most places are visible past the cars.
 WALK_STOP = 34.0
-#: Signs: left side?, about where, which face (`textures.things.sign_faces`).
+#: Signs: left side?, approximate place, face (`textures.things.sign_faces`).
 _SIGNS = (
     (True, 4.6, 4), (False, 5.2, 4), (True, 19.0, 5), (False, 15.5, 2), (True, 33.0, 1), (False, 36.0, 6),
     (True, 61.0, 4), (False, 70.5, 4), (True, 84.0, 2), (False, 92.0, 0),
@@ -56,7 +57,7 @@ _SIGNS = (
 
 
 def _signs(row_stop: float) -> Iterator[tuple[bool, float, int]]:
-    """The signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
+    """Yield the signs of a street whose houses end at ``row_stop``: the same ones again every 88 m."""
     for again in range(math.ceil(row_stop / 88.0)):
         for left, y, face in _SIGNS:
             if again == 0 or 96.0 < y + 88.0 * again < row_stop - 5.0:
@@ -86,7 +87,7 @@ def layout_street(settings: StreetSettings) -> StreetLayout:
     _place_furniture(plan, furniture, kerbside)
     _place_large_vehicles(plan)
     _place_cycles(plan, cycles)
-    layout_mixed.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
+    layout_furniture.place_furniture(plan, np.random.default_rng(np.random.SeedSequence([settings.seed, 7003])))
     left, right = round(lines.front(left=True), 4), round(lines.front(left=False), 4)
     stop, height = lines.road_stop - 6.0, lines.kerb_height
     ground = [
@@ -106,7 +107,7 @@ def _seed(rng: np.random.Generator) -> int:
 
 
 def _place_houses(plan: Plan, rng: np.random.Generator) -> None:
-    """Two rows, without gaps but for side streets; neighbours differ in style, a few stand behind a front garden."""
+    """Place two rows of houses, without gaps except for side streets; neighbours differ in style, a few have front gardens."""
     for left in (True, False):
         for start, stop in plan.lines.spans(plan.lines.row_start, plan.lines.row_stop, SIDE_HALF, left=left):
             _place_row(plan, rng, start, stop, left=left)
@@ -153,7 +154,7 @@ def _place_row(plan: Plan, rng: np.random.Generator, y: float, stop: float, *, l
 
 
 def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
-    """A street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
+    """Place a street to the left, the right or both: carriageway, pavements, two rows of houses and one across its end."""
     lines = plan.lines
     for left, there in zip((True, False), lines.sides, strict=True):
         if not there:
@@ -173,27 +174,27 @@ def _place_side_street(plan: Plan, y: float, rng: np.random.Generator) -> None:
                 # Fronts face the side street: those before it (smaller y) look to +y.
                 heading, origin = (math.pi, high) if side < 0.0 else (0.0, low)
                 style = str(rng.choice([s for s in _ENDS if s != previous]))
-                _add_house(plan, rng, style, origin, y + side * SIDE_HALF, heading, float(width), _SIDE_DEPTH)
+                spot = Spot(origin, y + side * SIDE_HALF, heading)
+                _add_house(plan, rng, style, spot, float(width), _SIDE_DEPTH)
                 previous, x = style, x + outward * float(width)
         heading, origin = (0.5 * math.pi, y - 11.0) if left else (-0.5 * math.pi, y + 11.0)
-        _add_house(plan, rng, "classic", end, origin, heading, 22.0)
+        _add_house(plan, rng, "classic", Spot(end, origin, heading), 22.0)
 
 
 def _add_house(
-    plan: Plan, rng: np.random.Generator, style: str, x: float, y: float, heading: float, width: float,
-    depth: float = HOUSE_DEPTH,
-) -> None:  # fmt: skip
-    """A house with its left end at (x, y), and its footprint."""
+    plan: Plan, rng: np.random.Generator, style: str, spot: Spot, width: float, depth: float = HOUSE_DEPTH
+) -> None:
+    """Add a house, whose front has its left end at ``spot``, and its footprint; width and depth in metres."""
     bays, door = _bays(width, rng)
     house = plan.add(
-        "building", style, x, y, z=plan.lines.kerb_height, heading=heading, seed=_seed(rng),
+        "building", style, spot.x, spot.y, z=plan.lines.kerb_height, heading=spot.heading, seed=_seed(rng),
         size=(round(width, 3), depth, bays, door), variant=int(rng.integers(4, 6)),
     )  # fmt: skip
-    plan.block(house, turned_rectangle(x, y, heading, (0.0, 0.0), (width, depth)))
+    plan.block(house, spot.outline((0.0, 0.0), (width, depth)))
 
 
 def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Number of window axes of a front, and which of them has the door."""
+    """Return the number of window axes of a front, and the index of the axis with the door."""
     bays = max(round(width / float(rng.uniform(2.35, 2.9))), 3)
     return bays, int(rng.integers(bays))
 
@@ -201,7 +202,7 @@ def _bays(width: float, rng: np.random.Generator) -> tuple[int, int]:
 def _place_garden(
     plan: Plan, rng: np.random.Generator, *, left: bool, y0: float, y1: float, gate: float, depth: float
 ) -> None:
-    """Grass and a hedge behind railings or a low wall on both sides of the way to the door."""
+    """Place grass and a hedge behind railings or a low wall on both sides of the way to the door."""
     outward = -1.0 if left else 1.0
     line = (plan.lines.left_front if left else plan.lines.right_front) + 0.12 * outward
     kind = ("fence", "railing") if rng.random() < 0.6 else ("wall", "low")
@@ -233,7 +234,7 @@ def _place_garden(
 
 
 def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
-    """Cross streets at both ends with houses behind, so that no open horizon shows."""
+    """Place cross streets at both ends with houses behind, so that no open horizon shows."""
     lines = plan.lines
     first, last = round(lines.front(left=True) - 17.4, 4), round(lines.front(left=False) + 17.4, 4)
     middle = round(0.5 * (first + last), 4)
@@ -244,13 +245,13 @@ def _place_ends(plan: Plan, rng: np.random.Generator) -> None:
         while x < last:
             width = float(rng.uniform(11.0, 16.0))
             style = str(rng.choice([s for s in _ENDS if s != previous]))
-            _add_house(plan, rng, style, x if direction > 0 else x + width, y, heading, width)
+            _add_house(plan, rng, style, Spot(x if direction > 0 else x + width, y, heading), width)
             previous = style
             x += width
 
 
 def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
-    """Both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
+    """Place cars in both parking bays: rows with tight gaps, now and then a free bay; one van where people walk."""
     van_left = bool(rng.random() < 0.5)
     for left in (True, False):
         y = float(rng.uniform(13.0, 16.0) if left else rng.uniform(9.5, 12.5))
@@ -283,22 +284,23 @@ def _place_cars(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _place_large_vehicles(plan: Plan) -> None:
-    """A delivery truck and a bus in the cross street at the far end."""
+    """Place a delivery truck and a bus in the cross street at the far end."""
     for kind, x, y in (("truck", -2.6, plan.lines.road_stop - 4.5), ("bus", 8.2, plan.lines.road_stop - 1.5)):
         length, width, _ = dimensions(kind)
-        placed = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
+        placement = plan.add(kind, kind, x, y, heading=0.5 * math.pi)
         plan.block(
-            placed, turned_rectangle(x, y, placed.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length))
+            placement,
+            turned_rectangle(x, y, placement.heading, (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)),
         )
 
 
 def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
-    """Motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
+    """Place motorcycles in free bays, bicycles along the kerbs where nothing else stands."""
     lines = plan.lines
     zebras = [shapely.box(lines.left_kerb, c - 3.2, lines.right_kerb, c + 3.2) for c in lines.crossings]
     keep_free = shapely.union_all([*zebras, shapely.box(*CAMERA_CORRIDOR)])
-    for kind, tries, wanted in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
-        found = 0
+    for kind, tries, number in (("motorcycle", 40, 3), ("bicycle", 60, 8)):
+        count = 0
         length, width, _ = dimensions(kind)
         for _ in range(tries):
             left = bool(rng.random() < 0.5)
@@ -312,31 +314,31 @@ def _place_cycles(plan: Plan, rng: np.random.Generator) -> None:
             low, high = (-0.5 * width, -0.5 * length), (0.5 * width, 0.5 * length)
             polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
             if (
-                found == wanted
+                count == number
                 or lines.in_side_street(y, SIDE_HALF, left=left)
                 or shapely.Polygon(polygon).buffer(0.35).intersects(keep_free)
                 or not plan.is_free(polygon, 0.35)
             ):
                 continue
             z = 0.0 if kind == "motorcycle" else lines.kerb_height
-            placed = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
-            plan.block(placed, polygon)
-            found += 1
+            placement = plan.add(kind, kind, x, y, z=z, heading=heading, variant=int(rng.integers(CAR_MODELS)))
+            plan.block(placement, polygon)
+            count += 1
 
 
 def _whole(degrees: float) -> float:
-    """Radians of a heading in thousandths of a degree, so that a declared default says it exactly."""
+    """Return a heading in radians, rounded to thousandths of a degree, so that a declared default is exact."""
     return math.radians(round(degrees % 360.0, 3))
 
 
 def _gap(rng: np.random.Generator, *, roomy: bool) -> float:
-    """Metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
+    """Return the metres to the next parked car: manoeuvring room, or a free bay or two (more of them where people walk)."""
     tight = rng.random() < (0.1 if roomy else 0.55)
     return float(rng.uniform(0.7, 1.5) if tight else rng.uniform(*((6.5, 11.0) if roomy else (3.6, 7.5))))
 
 
 def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str]:
-    """Kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
+    """Yield the kinds of the trees along one kerb: an avenue of one kind with a few replanted by others."""
     others = ("plane", "birch", "hornbeam", "cherry")
     # A plane's crown needs room; birches and columns stand in narrow streets.
     avenue = str(rng.choice(["tree", "plane"] if settings.pavement_width_m >= 3.2 else ["tree", "hornbeam"]))
@@ -345,7 +347,7 @@ def _species(settings: StreetSettings, rng: np.random.Generator) -> Iterator[str
 
 
 def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float]]:
-    """Trees along both kerbs; returns (left side?, y) of each trunk."""
+    """Place trees along both kerbs; return (left side?, y) of each trunk."""
     trunks = []
     species = np.random.default_rng(np.random.SeedSequence([plan.settings.seed, 7006]))
     for left in (True, False):
@@ -379,11 +381,11 @@ def _place_trees(plan: Plan, rng: np.random.Generator) -> list[tuple[bool, float
 
 
 def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bool, float]]) -> None:
-    """Lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
+    """Place lamp posts, signs, bollards, bins, planters, bicycle stands: where the trunks leave room."""
     taken = list(trunks)
 
     def free(y: float, *, left: bool) -> float:
-        """The nearest place along the kerb at least 1.6 m from what stands there already."""
+        """Return the nearest place along the kerb at least 1.6 m from what stands there already."""
         for step in range(60):
             candidate = y + 0.25 * step
             if plan.lines.in_side_street(candidate, SIDE_HALF, left=left):
@@ -398,9 +400,9 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
     ) -> Placement:
         x = plan.lines.left_kerb - inset if left else plan.lines.right_kerb + inset
         heading = 0.0 if left else math.pi
-        placed = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
-        plan.block(placed, disc(x, y, radius))
-        return placed
+        placement = plan.add(object_class, kind, x, y, z=plan.lines.kerb_height, heading=heading, **more)
+        plan.block(placement, disc(x, y, radius))
+        return placement
 
     for left in (True, False):
         y = 12.0 if left else 24.5
@@ -424,7 +426,7 @@ def _place_furniture(plan: Plan, rng: np.random.Generator, trunks: list[tuple[bo
 
 
 def _place_along_walls(plan: Plan, rng: np.random.Generator, *, left: bool) -> None:
-    """Bins and planters, clear of house doors and of each other."""
+    """Place bins and planters, clear of house doors and of each other."""
     front, heading = (plan.lines.left_front, 0.5 * math.pi) if left else (plan.lines.right_front, -0.5 * math.pi)
     taken = []
     for house in plan.placements:

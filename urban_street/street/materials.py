@@ -36,10 +36,10 @@ _AWNINGS: tuple[Color, ...] = ((0.34, 0.03, 0.025), (0.02, 0.13, 0.07), (0.03, 0
 
 
 def make_textures(settings: StreetSettings) -> dict[str, Texture]:
-    """All textures, each made when it is first looked at; equal settings give equal pixels."""
+    """Return all textures, each made when it is first read; equal settings give equal pixels."""
     streams = iter(np.random.default_rng(s) for s in np.random.SeedSequence([settings.seed, 7001]).spawn(24))
     textures = _carriageways(settings, [next(streams) for _ in range(3)])
-    next(streams)  # spare: what a seed paints stays as it is
+    next(streams)  # unused, so that the colours of each seed stay the same
     textures |= _one("turf", partial(ground.turf, next(streams)))
     for names, make in (
         (("paving", "paving-normal", "paving-roughness"), ground.paving),
@@ -68,7 +68,7 @@ def _one(name: str, make: Callable[[], ground.Image]) -> dict[str, Texture]:
 
 
 def _carriageways(settings: StreetSettings, streams: Sequence[np.random.Generator]) -> dict[str, Texture]:
-    """Colour, normals and roughness of asphalt or, where the settings ask for them, of setts; of a side street too.
+    """Return colour, normals and roughness of the carriageways, of asphalt or of setts.
 
     Args:
         settings: of the street.
@@ -111,7 +111,7 @@ _BLOSSOM: Color = (0.72, 0.42, 0.46)
 
 
 def _mixed(settings: StreetSettings) -> dict[str, Texture]:
-    """Leaves and bark of more species, posters."""
+    """Return leaves and bark of more species, posters."""
     rng = np.random.default_rng(np.random.SeedSequence([settings.seed, 7007]))
     barks = ("plane", "birch", "cherry")
 
@@ -128,20 +128,20 @@ def _mixed(settings: StreetSettings) -> dict[str, Texture]:
     return deferred_textures(names, make)
 
 
-#: What a season makes of a leaf's linear colour: factors of red, green and blue.
+#: Factors of red, green and blue of a leaf's linear colour, by season.
 _SEASONS: dict[Season, Color] = {
     "spring": (1.35, 1.25, 1.05), "summer": (1.0, 1.0, 1.0), "autumn": (3.4, 1.05, 0.75), "winter": (1.6, 0.8, 0.9),
 }  # fmt: skip
 
 
 def leaf_color(summer: Color, season: Season) -> Color:
-    """The linear colour of leaves that are ``summer`` in summer."""
+    """Return the linear colour, in a season, of leaves that are ``summer`` in summer."""
     red, green, blue = (value * factor for value, factor in zip(summer, _SEASONS[season], strict=True))
     return red, green, blue
 
 
 def make_materials(seed: int) -> dict[str, Material]:
-    """All materials; the seed chooses the colours of render, doors and roofs.
+    """Return all materials; the seed chooses the colours of render, doors and roofs.
 
     Args:
         seed: of the street.
@@ -241,6 +241,6 @@ def _walls(rng: np.random.Generator) -> list[Material]:
 
 
 def _shifted(color: Color, rng: np.random.Generator) -> Color:
-    """A little brighter or darker, warmer or colder."""
+    """Return a colour that is a little brighter or darker, warmer or colder."""
     red, green, blue = np.clip(np.array(color) * rng.normal(1.0, 0.05) * rng.normal(1.0, 0.025, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)

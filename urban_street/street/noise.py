@@ -11,7 +11,7 @@ Field = NDArray[np.float32]
 def band_noise(
     shape: tuple[int, int], rng: np.random.Generator, *, longest: float, shortest: float = 2.0, slope: float = 1.0
 ) -> Field:
-    """Periodic noise of zero mean and unit variance.
+    """Return periodic noise of zero mean and unit variance.
 
     Args:
         shape: rows, columns.
@@ -31,7 +31,7 @@ def band_noise(
 def stretched_noise(
     shape: tuple[int, int], rng: np.random.Generator, *, rows: float, columns: float, slope: float = 1.0
 ) -> Field:
-    """Periodic noise, longest ``rows`` pixels down and ``columns`` across: grain, streaks, runs."""
+    """Return periodic noise, longest ``rows`` pixels down and ``columns`` across: grain, streaks, runs."""
     spectrum = np.fft.rfft2(rng.standard_normal(shape, np.float32))
     frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None] * rows, np.fft.rfftfreq(shape[1])[None] * columns)
     gain = 1.0 / np.maximum(frequency, 1.0) ** (slope + 1.0)
@@ -41,22 +41,22 @@ def stretched_noise(
 
 
 def hashed(cells: NDArray[np.int64], seed: int) -> Field:
-    """Equal integers to equal numbers in [0, 1): a colour for every stone, without a table."""
-    mixed = (cells.astype(np.uint64) + np.uint64(seed % 2**32)) * np.uint64(0x9E3779B97F4A7C15)
-    mixed ^= mixed >> np.uint64(29)
-    mixed *= np.uint64(0xBF58476D1CE4E5B9)
-    mixed ^= mixed >> np.uint64(32)
-    return ((mixed >> np.uint64(40)).astype(np.float64) / 2**24).astype(np.float32)
+    """Map equal integers to equal numbers in [0, 1): a colour for every stone, without a table."""
+    bits = (cells.astype(np.uint64) + np.uint64(seed % 2**32)) * np.uint64(0x9E3779B97F4A7C15)
+    bits ^= bits >> np.uint64(29)
+    bits *= np.uint64(0xBF58476D1CE4E5B9)
+    bits ^= bits >> np.uint64(32)
+    return ((bits >> np.uint64(40)).astype(np.float64) / 2**24).astype(np.float32)
 
 
 def smoothstep(low: float, high: float, value: NDArray[np.floating]) -> Field:
-    """0 below ``low``, 1 above ``high``, smooth between."""
+    """Return 0 below ``low``, 1 above ``high``, smooth between."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
     smooth: Field = (t * t * (3.0 - 2.0 * t)).astype(np.float32)
     return smooth
 
 
 def toward(value: Field, target: NDArray[np.floating] | float, share: NDArray[np.floating]) -> Field:
-    """``value`` where ``share`` is 0, ``target`` where it is 1."""
-    mixed: Field = (value + (target - value) * share).astype(np.float32)
-    return mixed
+    """Return a blend: ``value`` at ``share`` 0, ``target`` at 1."""
+    blend: Field = (value + (target - value) * share).astype(np.float32)
+    return blend

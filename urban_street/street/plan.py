@@ -1,4 +1,4 @@
-"""The plan of a street: what stands where, before anything has a shape."""
+"""The plan of a street: places of things, before anything has a shape."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ Polygon = tuple[Point, ...]
 #: Across, metres: the kerbs of a street of default width.
 LEFT_KERB, RIGHT_KERB = -0.8, 5.8
 KERB_HEIGHT = 0.12
-#: Along, metres: where the carriageway and the rows of houses begin, and how far the carriageway reaches beyond the rows (both
-#: ends are closed by houses).
+#: Along, metres: the starts of carriageway and rows of houses, and the carriageway's reach beyond the rows (houses close both
+#: ends).
 ROAD_START, ROW_START = -33.0, -27.0
 _ROAD_BEYOND = 7.2
 #: Edges of the driving lane, metres from the left kerb: parking bays lie beside it.
 LANE = (2.1, 4.5)
-#: Nothing tall may stand here: the cameras look through it.
+#: Ground without tall objects: the cameras look across it.
 CAMERA_CORRIDOR = (-0.8, -16.0, 5.8, 4.0)
 
 
 Season = Literal["spring", "summer", "autumn", "winter"]
 #: Along a side street: half of what it takes between the corner houses, and of its carriageway, metres.
 SIDE_HALF, SIDE_ROAD_HALF = 5.4, 3.0
-#: How far a side street reaches beyond the corner houses' fronts, metres.
+#: Length of a side street beyond the corner houses' fronts, metres.
 SIDE_LENGTH = 46.0
 
 
 class StreetSettings(BaseModel):
-    """What a generated street depends on; lengths in metres.
+    """The arguments of a generated street; lengths in metres.
 
     Attributes:
         seed: houses, cars, trees, colours and their places follow from it; 0 is a seed like any other.
@@ -64,7 +64,7 @@ class StreetSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Where a street's lines run, metres: x of fronts and kerbs, y of ends, rows of houses and crossings.
+    """The lines of a street in metres: x of fronts and kerbs, y of ends, rows of houses and crossings.
 
     Attributes:
         left_front, left_kerb, right_kerb, right_front: edges of the pavements.
@@ -94,26 +94,26 @@ class Lines:
 
     @property
     def width(self) -> float:
-        """From kerb to kerb."""
+        """Return the distance from kerb to kerb."""
         return round(self.right_kerb - self.left_kerb, 4)
 
     def front(self, *, left: bool) -> float:
-        """Where the houses' fronts stand."""
+        """Return the x of the houses' fronts."""
         return self.left_front - self.setback if left else self.right_front + self.setback
 
     def in_side_street(self, y: float, half: float, *, left: bool) -> bool:
-        """Whether ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
+        """Return True if ``y`` on one side lies within ``half`` of the middle of a street that branches off there."""
         return self.side_y is not None and self.sides[0 if left else 1] and abs(y - self.side_y) < half
 
     def spans(self, start: float, stop: float, half: float, *, left: bool) -> list[tuple[float, float]]:
-        """``start`` … ``stop`` along one side without the side street's ``half`` width to each side of its middle."""
+        """Return ``start`` … ``stop`` along one side without the side street's ``half`` width to each side of its middle."""
         if self.side_y is None or not self.sides[0 if left else 1]:
             return [(start, stop)]
         return [(start, self.side_y - half), (self.side_y + half, stop)]
 
 
 def lines_of(settings: StreetSettings) -> Lines:
-    """The lines of a street: across, about the middle of the default one's kerbs; along, from `ROW_START` on."""
+    """Return the lines of a street: across, about the middle of the default one's kerbs; along, from `ROW_START` on."""
     bay = LANE[0]
     width = 2.0 * bay + settings.lanes * settings.lane_width_m
     centre = 0.5 * (LEFT_KERB + RIGHT_KERB) - (0.5 * settings.lane_width_m if settings.lanes % 2 == 0 else 0.0)
@@ -141,8 +141,21 @@ def lines_of(settings: StreetSettings) -> Lines:
     )
 
 
-#: Where a side street branches off, and the crossing before it.
+#: Places along the street of a side street and of the crossing before it, metres.
 _SIDE_Y, _SIDE_CROSSING = 46.0, 39.6
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A spot on the ground: x and y in metres, heading in radians (0 faces +y, counter-clockwise seen from above)."""
+
+    x: float
+    y: float
+    heading: float
+
+    def outline(self, low: Point, high: Point) -> Polygon:
+        """Return the rectangle ``low`` … ``high`` of the frame of an object at this spot."""
+        return turned_rectangle(self.x, self.y, self.heading, low, high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,9 +168,9 @@ class Placement:
         x, y, z: origin in the world, metres.
         heading: radians, counter-clockwise seen from above; 0 faces +y (houses: the front faces −y at 0).
         seed: the object's own source of chance.
-        size: metres, meaning by kind (houses: width, depth, then window axes and which has the door); empty where
-            the kind says it all.
-        variant: which of the shared models or colours of that kind.
+        size: metres, meaning by kind (houses: width, depth, then the number of window axes and the index of the door's);
+            empty where the kind determines the size.
+        variant: index of the shared model or colour of that kind.
     """
 
     path: str
@@ -172,15 +185,15 @@ class Placement:
 
     @property
     def object_class(self) -> str:
-        """Node class as in `valerie.labels`, e.g. ``traffic-sign``."""
+        """Return the node class as in `valerie.labels`, e.g. ``traffic-sign``."""
         return self.path.rpartition(".")[2].rpartition("-")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Where nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
+    """Ground on which nobody can stand: the object at ``path`` fills ``polygon`` (x, y in metres, counter-clockwise).
 
-    ``height`` (metres) is known where it differs from what is usual for things of that class.
+    ``height`` (metres) is stated where it differs from the usual height of the class.
     """
 
     path: str
@@ -198,12 +211,12 @@ class GroundRegion:
 
 @dataclass(frozen=True, slots=True)
 class StreetLayout:
-    """A street without shapes: cheap, and enough to plan and to decide which variants are legal.
+    """A street without shapes: cheap, and enough to plan and to judge variants.
 
     Attributes:
-        settings: what it was made from.
+        settings: its arguments.
         placements: every object; paths are unique.
-        footprints: what people cannot walk through.
+        footprints: ground that people cannot enter.
         ground: kerb heights.
         extent: x0, y0, x1, y1 in metres, within which the street is modelled.
     """
@@ -216,23 +229,23 @@ class StreetLayout:
 
     @property
     def lines(self) -> Lines:
-        """Where its kerbs, fronts and ends run."""
+        """Return the lines of its kerbs, fronts and ends."""
         return lines_of(self.settings)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
-    """Axis-aligned, counter-clockwise."""
+    """Return an axis-aligned rectangle, counter-clockwise."""
     return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 
 
 def turned_rectangle(x: float, y: float, heading: float, low: Point, high: Point) -> Polygon:
-    """The rectangle ``low`` … ``high`` of an object's own frame, placed at (x, y) with a heading."""
+    """Return the rectangle ``low`` … ``high`` of an object's own frame, placed at (x, y) with a heading."""
     cos, sin = math.cos(heading), math.sin(heading)
     return tuple((round(x + u * cos - v * sin, 4), round(y + u * sin + v * cos, 4)) for u, v in rectangle(*low, *high))
 
 
 def disc(x: float, y: float, radius: float, corners: int = 8) -> Polygon:
-    """A regular polygon around a disc."""
+    """Return a regular polygon around a disc."""
     reach = radius / math.cos(math.pi / corners)
     angles = [2.0 * math.pi * (k + 0.5) / corners for k in range(corners)]
     return tuple((round(x + reach * math.cos(a), 4), round(y + reach * math.sin(a), 4)) for a in angles)

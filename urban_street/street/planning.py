@@ -1,8 +1,9 @@
-"""A street plan under construction: placements, footprints, and who stands where."""
+"""A street plan under construction: placements and footprints."""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import shapely
@@ -11,15 +12,16 @@ from urban_street.street.plan import (
     Footprint,
     Lines,
     Placement,
+    Point,
     Polygon,
+    Spot,
     StreetSettings,
     lines_of,
-    turned_rectangle,
 )
 
 
 class Plan:
-    """Collects placements and footprints and numbers the objects of each class."""
+    """Placements and footprints of a street; objects of each class are numbered."""
 
     def __init__(self, settings: StreetSettings) -> None:
         self.settings = settings
@@ -32,27 +34,37 @@ class Plan:
         """Place an object; more: other fields of `Placement`."""
         self._numbers[object_class] += 1
         path = f"scene.{object_class}-{self._numbers[object_class]}"
-        placed = Placement(path, kind, round(x, 4), round(y, 4), **more)
-        self.placements.append(placed)
-        return placed
+        placement = Placement(path, kind, round(x, 4), round(y, 4), **more)
+        self.placements.append(placement)
+        return placement
 
     def block(self, placed: Placement, polygon: Polygon, height: float | None = None) -> None:
-        """Nobody can stand there; see `Footprint`."""
+        """Add the footprint of an object (see `Footprint`)."""
         self.footprints.append(Footprint(placed.path, polygon, height))
 
     def is_free(self, polygon: Polygon, margin: float) -> bool:
-        """Whether nothing that blocks stands within ``margin`` metres of the polygon."""
+        """Return True if no footprint lies within ``margin`` metres of the polygon."""
         shape = shapely.Polygon(polygon).buffer(margin)
         return not any(shape.intersects(shapely.Polygon(footprint.polygon)) for footprint in self.footprints)
 
     def add_where_free(
-        self, object_class: str, kind: str, x: float, y: float, low: tuple[float, float], high: tuple[float, float],
-        *, heading: float, margin: float = 0.45, height: float | None = None, **more: Any,
+        self, object_class: str, kind: str, spot: Spot, room: tuple[Point, Point], *, margin: float = 0.45,
+        height: float | None = None, **more: Any,
     ) -> Placement | None:  # fmt: skip
-        """Place and block an object with the given rectangle in its own frame, if its place is free."""
-        polygon = turned_rectangle(round(x, 4), round(y, 4), heading, low, high)
+        """Place an object on the pavement with its footprint, if its spot is free.
+
+        Args:
+            object_class, kind: of the object.
+            spot: its wished place.
+            room: lowest and highest corner of the rectangle that it fills, in its own frame, metres.
+            margin: metres that must be free around it.
+            height: see `Footprint`.
+            more: other fields of `Placement`.
+        """
+        polygon = replace(spot, x=round(spot.x, 4), y=round(spot.y, 4)).outline(*room)
         if not self.is_free(polygon, margin):
             return None
-        placed = self.add(object_class, kind, x, y, z=self.lines.kerb_height, heading=heading, **more)
-        self.block(placed, polygon, height)
-        return placed
+        z, heading = self.lines.kerb_height, spot.heading
+        placement = self.add(object_class, kind, spot.x, spot.y, z=z, heading=heading, **more)
+        self.block(placement, polygon, height)
+        return placement

@@ -16,14 +16,14 @@ _PLAIN_SURFACES = 2
 
 
 def floor_quads(x0: Floats, x1: Floats, y0: Floats, y1: Floats, z: float) -> Floats:
-    """(N, 4, 3) level rectangles facing up."""
+    """Return (N, 4, 3) level rectangles facing up."""
     height = np.full_like(x0, z)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
     return np.stack([np.stack([x, y, height], -1) for x, y in corners], 1)
 
 
 def build_carriageway(placement: Placement, lines: Lines) -> Bag:
-    """Pieces of asphalt, each with its own history, meeting edge to edge; the crossings are painted into theirs."""
+    """Build pieces of asphalt, each with its own history, meeting edge to edge; the crossings are painted into theirs."""
     bag = Bag()
     rng = np.random.default_rng(placement.seed)
     length = ROAD_TILE[1]
@@ -46,7 +46,7 @@ def build_carriageway(placement: Placement, lines: Lines) -> Bag:
 
 
 def build_footway(placement: Placement, lines: Lines) -> Bag:
-    """A kerb of granite with a worn edge, and paving from there to the houses."""
+    """Build a kerb of granite with a worn edge, and paving from there to the houses."""
     bag = Bag()
     left = placement.kind == "left"
     spans = lines.spans(lines.road_start, lines.road_stop - 6.0, SIDE_ROAD_HALF, left=left)
@@ -101,7 +101,7 @@ def _footway_span(bag: Bag, lines: Lines, start: float, stop: float, *, left: bo
 
 
 def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -> None:
-    """Upright faces of the pavement where a side street cuts it, from the kerb to the plots."""
+    """Add upright faces of the pavement where a side street cuts it, from the kerb to the plots."""
     kerb, front = (lines.left_kerb, lines.left_front) if left else (lines.right_kerb, lines.right_front)
     x0, x1 = sorted((kerb, front))
     top = lines.kerb_height
@@ -113,14 +113,14 @@ def _kerb_ends(bag: Bag, lines: Lines, low: float, high: float, *, left: bool) -
 
 
 def _joint(kerb: float, outward: float, start: float, stop: float, height: float) -> list[tuple[float, float, float]]:
-    """The dark bed that shows between kerb stones."""
+    """Return the dark bed that shows between kerb stones."""
     x0, x1 = sorted((kerb + outward * 0.008, kerb + outward * KERB_WIDTH))
     z = height - 0.008
     return [(x0, start, z), (x1, start, z), (x1, stop, z), (x0, stop, z)]
 
 
 def build_cross_road(placement: Placement) -> Bag:
-    """Asphalt across the street's end."""
+    """Build asphalt across the street's end."""
     bag = Bag()
     length, width = placement.size
     cuts = np.linspace(-0.5 * length, 0.5 * length, 11)
@@ -137,7 +137,7 @@ def build_cross_road(placement: Placement) -> Bag:
 
 
 def build_cross_footway(placement: Placement, lines: Lines) -> Bag:
-    """The far footway of a cross street."""
+    """Build the far footway of a cross street."""
     bag = Bag()
     length, width = placement.size
     bag.add(
@@ -153,7 +153,7 @@ def build_cross_footway(placement: Placement, lines: Lines) -> Bag:
 
 
 def build_side_road(placement: Placement, lines: Lines) -> Bag:
-    """The carriageway of a side street along +x, level with the main one, with a zebra crossing at its mouth."""
+    """Build the carriageway of a side street along +x, level with the main one, with a zebra crossing at its mouth."""
     bag = Bag()
     length, width = placement.size
     cuts = np.linspace(0.0, length, 9)
@@ -173,7 +173,7 @@ def build_side_road(placement: Placement, lines: Lines) -> Bag:
 
 
 def build_side_footway(placement: Placement) -> Bag:
-    """A pavement of a side street along +x: size is (length, width, height)."""
+    """Build a pavement of a side street along +x: size is (length, width, height)."""
     bag = Bag()
     length, width, height = placement.size
     low, high = [0.0, -0.5 * width, 0.0], [length, 0.5 * width, height]
@@ -182,7 +182,7 @@ def build_side_footway(placement: Placement) -> Bag:
 
 
 def build_outskirts(lines: Lines) -> Bag:
-    """Ground below and around everything."""
+    """Build ground below and around everything."""
     bag = Bag()
     cuts = np.linspace(-90.0, 90.0, 10)
     reach = np.linspace(-90.0, max(90.0, round(lines.road_stop - 22.2, 4)), 10)
@@ -194,7 +194,7 @@ def build_outskirts(lines: Lines) -> Bag:
 
 
 def build_garden(placement: Placement) -> Bag:
-    """A strip of grass in front of a house."""
+    """Build a strip of grass in front of a house."""
     bag = Bag()
     wide, long = placement.size
     bag.add("turf", boxes([[0.0, 0.0, 0.0]], [[wide, long, 0.05]], skip=("-z",), tile=2.0))

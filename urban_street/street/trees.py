@@ -18,7 +18,7 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 @dataclass(frozen=True, slots=True)
 class TreeSettings:
-    """Shape of one tree; lengths in metres.
+    """The shape of one tree; lengths in metres.
 
     Attributes:
         height: of the crown's top above the foot.
@@ -47,7 +47,7 @@ class TreeSettings:
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """A species: its shape and what it is made of.
+    """A species: its shape and its materials.
 
     Attributes:
         shape: in summer.
@@ -97,18 +97,18 @@ SPECIES = {
 
 
 def from_afar(shape: TreeSettings) -> TreeSettings:
-    """The same tree with fewer and larger leaves."""
+    """Return the same tree with fewer and larger leaves."""
     return replace(
         shape, clusters=round(0.4 * shape.clusters), branches=round(0.6 * shape.branches), leaf=1.6 * shape.leaf
     )
 
 
 def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) -> TreeSettings:
-    """The tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
+    """Return the tree's shape in a season: young leaves are small, autumn thins the crown, winter leaves none.
 
     Args:
         shape: in summer.
-        season: which.
+        season: the season.
         blossoms: whether spring covers the tree densely.
     """
     if season == "spring" and not blossoms:
@@ -119,7 +119,7 @@ def in_season(shape: TreeSettings, season: Season, *, blossoms: bool = False) ->
 
 
 def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, leaves: str, twigs: str = "") -> Bag:
-    """One tree with its foot at the origin.
+    """Build one tree with its foot at the origin.
 
     Args:
         settings: size and density.
@@ -153,7 +153,7 @@ def build_tree(settings: TreeSettings, rng: np.random.Generator, *, bark: str, l
 
 
 def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
-    """(clusters, 3) centres: most near the surface of an egg whose radius swells and shrinks with direction."""
+    """Return (clusters, 3) centres: most near the surface of an egg whose radius swells and shrinks with direction."""
     count = settings.clusters
     index = np.arange(count) + 0.5
     polar = np.arccos(1.0 - 2.0 * index / count)
@@ -175,14 +175,14 @@ def _crown(settings: TreeSettings, rng: np.random.Generator) -> Floats:
 
 
 def _bezier(start: Floats, control: Floats, end: Floats, steps: int) -> Floats:
-    """(N, steps, 3) points on quadratic curves."""
+    """Return (N, steps, 3) points on quadratic curves."""
     t = np.linspace(0.0, 1.0, steps)[None, :, None]
     curve: Floats = (1 - t) ** 2 * start[:, None] + 2 * t * (1 - t) * control[:, None] + t**2 * end[:, None]
     return curve
 
 
 def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """(count, steps, 3): one leader up the middle, the others spreading and rising."""
+    """Return (count, steps, 3): one leader up the middle, the others spreading and rising."""
     angle = np.arange(count) * 2.0 * np.pi / (count - 1) + rng.normal(0.0, 0.25, count)
     spread = rng.uniform(0.42, 0.62, count) * settings.radius
     top = settings.fork + rng.uniform(0.5, 0.72, count) * (settings.height - settings.fork)
@@ -194,14 +194,14 @@ def _limbs(settings: TreeSettings, fork: Floats, count: int, rng: np.random.Gene
 
 
 def _branches(settings: TreeSettings, limbs: Floats, clusters: Floats, rng: np.random.Generator) -> Floats:
-    """(branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
-    chosen = clusters[rng.permutation(len(clusters))[: settings.branches]]
+    """Return (branches, steps, 3): from limbs towards well-spread clusters, two thirds of the way."""
+    targets = clusters[rng.permutation(len(clusters))[: settings.branches]]
     centre = np.array([0.0, 0.0, settings.fork + 0.45 * (settings.height - settings.fork)])
-    return _reach(limbs, centre + (chosen - centre) * 0.82, rng, sag=-settings.rise)
+    return _reach(limbs, centre + (targets - centre) * 0.82, rng, sag=-settings.rise)
 
 
 def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: float) -> Floats:
-    """(N, 4, 3): curves from the nearest point in the outer part of the given wood to each target."""
+    """Return (N, 4, 3): curves from the nearest point in the outer part of the wood to each target."""
     outer = wood[:, wood.shape[1] // 3 :].reshape(-1, 3)
     # Wood grows up and out: starting points above the target count as farther away.
     difference = targets[:, None] - outer[None]
@@ -214,7 +214,7 @@ def _reach(wood: Floats, targets: Floats, rng: np.random.Generator, *, sag: floa
 
 
 def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) -> Surface:
-    """One pointed triangle per leaf; normals lean towards the crown's outside, which shades like a mass of leaves."""
+    """Build one pointed triangle per leaf; normals lean towards the crown's outside, which shades like a mass of leaves."""
     count = settings.leaves * len(clusters)
     spread = 0.27 * (230 / settings.clusters) ** (1 / 3)
     centre = np.repeat(clusters, settings.leaves, axis=0)
@@ -232,8 +232,8 @@ def _leaves(settings: TreeSettings, clusters: Floats, rng: np.random.Generator) 
     )
     corners = place[:, None] + np.stack([tip, left, right], 1)
     face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    turned = np.sum(face * facing, axis=1) < 0.0
-    corners[turned] = corners[turned][:, ::-1]
+    tilted = np.sum(face * facing, axis=1) < 0.0
+    corners[tilted] = corners[tilted][:, ::-1]
     shading = unit(facing + 0.9 * outward + np.array([0.0, 0.0, 0.25]))
     # Leaves inside the crown stay in the dark half of the palette.
     inside = np.linalg.norm(

@@ -13,14 +13,14 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.cycle_parts import AXLE, Wheel, arc
 from urban_street.vehicles.skin import mirrored
 
-#: Where a rider touches it.
+#: Places of contact with a rider.
 BICYCLE: Final = Contact(
     (0.0, -0.29, 0.925), (0.275, 0.20, 1.055), ((0.115, -0.005, 0.135), (-0.115, -0.155, 0.455)), 16.0
 )
 
 
 def build_bicycle() -> list[RawPart]:
-    """A city bicycle with mudguards, carrier, chain and lamps: frame and two wheels, about 6,500 triangles."""
+    """Build a city bicycle with mudguards, carrier, chain and lamps: frame and two wheels, about 6,500 triangles."""
     bag = Bag()
     rear, front, bracket = np.array([0, -0.53, 0.345]), np.array([0, 0.545, 0.345]), np.array([0, -0.075, 0.285])
     cluster, head_top, head_low = np.array([0, -0.245, 0.79]), np.array([0, 0.315, 0.905]), np.array([0, 0.365, 0.735])
@@ -93,7 +93,7 @@ def build_bicycle() -> list[RawPart]:
 
 
 def _spoked(radius: float, tyre: float, *, hub_half: float, spokes: int = 28) -> Wheel:
-    """Tyre, rim, crossed spokes and hub around the origin; the axle is x."""
+    """Return tyre, rim, crossed spokes and hub around the origin; the axle is x."""
     bag = Bag()
     bag.add("vehicle-tyre", torus(radius - tyre, tyre, 40, 7).moved(AXLE))
     rim = radius - 2.0 * tyre
@@ -143,7 +143,7 @@ def _spoked(radius: float, tyre: float, *, hub_half: float, spokes: int = 28) ->
 
 
 def _saddle(at: Floats) -> Surface:
-    """Wide behind, a nose in front, its top at ``at``."""
+    """Build a saddle: wide behind, a nose in front, its top at ``at``."""
     shape = pillow((0.085, 0.135, 0.035), squareness=0.75, sides=20, levels=7)
     points = shape.positions.copy()
     forward = (points[:, 1] + 0.135) / 0.27
@@ -178,7 +178,7 @@ def _carrier(bag: Bag, rear: Floats) -> None:
 
 
 def _drive(bag: Bag, bracket: Floats, rear: Floats) -> None:
-    """Chainring, chain guard, cranks at the riders' feet, pedals."""
+    """Add chainring, chain guard, cranks at the riders' feet, pedals."""
     bag.add(
         "vehicle-steel",
         lathe([(0.03, 0.040), (0.085, 0.042), (0.088, 0.046), (0.085, 0.050), (0.0, 0.050)], 24)

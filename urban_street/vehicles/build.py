@@ -29,7 +29,7 @@ KINDS: Final[dict[str, str]] = {
     "motorcycle": "motorcycle",
     "bicycle": "bicycle",
 }
-#: Length, width and height of what is no `CarDesign`, metres.
+#: Length, width and height in metres of vehicles without a `CarDesign`.
 _SIZES: Final = {
     "truck": (truck.LENGTH, truck.WIDTH, truck.HEIGHT),
     "bus": (bus.LENGTH, bus.WIDTH, bus.HEIGHT),
@@ -48,7 +48,7 @@ def build_vehicle(
         seed: decides on rim, number plate and, without ``colour``, paint; 0 is a seed like any other.
         colour: a name of `PAINTS`, a linear RGB reflectance in [0, 1], or None.
         fine: False builds a car for views from more than about 40 m, with a third of the triangles.
-        lights: how bright the lamps are, 0 off … 1 full.
+        lights: brightness of the lamps, 0 off … 1 full.
 
     Raises:
         UnknownName: no such kind or paint.
@@ -74,19 +74,19 @@ def build_vehicle(
 
 
 def picked_paint(kind: str, seed: int) -> str:
-    """The paint that a vehicle has if no colour is asked for: a name of `PAINTS`."""
+    """Return the name of the paint that a vehicle has by default."""
     weights = np.array(FREQUENCIES)
     rng = np.random.default_rng(np.random.SeedSequence([seed, *kind.encode()]))
     return str(rng.choice(list(PAINTS), p=weights / weights.sum()))
 
 
 def vehicle_seed(seed: int, variant: int) -> int:
-    """Seed of the vehicle that a variant number stands for in a scene of some seed."""
+    """Return the seed of the vehicle that a variant number stands for in a scene of some seed."""
     return int(np.random.SeedSequence([seed, variant, 7003]).generate_state(1)[0])
 
 
 def size_of(kind: str) -> tuple[Polygon, float]:
-    """Footprint and height of a kind, without building it.
+    """Return footprint and height of a kind, without building it.
 
     Raises:
         UnknownName: no such kind.
@@ -96,7 +96,7 @@ def size_of(kind: str) -> tuple[Polygon, float]:
 
 
 def dimensions(kind: str) -> tuple[float, float, float]:
-    """Length, width (without mirrors) and height in metres.
+    """Return length, width (without mirrors) and height in metres.
 
     Raises:
         UnknownName: no such kind.
@@ -111,7 +111,7 @@ def dimensions(kind: str) -> tuple[float, float, float]:
 
 @lru_cache(maxsize=2 * len(KINDS))
 def _body(kind: str, fine: bool) -> tuple[VehiclePart, ...]:
-    """All that does not depend on the seed, painted in ``paint``, with plate number 0."""
+    """Return the parts that do not depend on the seed, painted in ``paint``, with plate number 0."""
     if kind in CARS:
         raw = build_body(CARS[kind], fine=fine)
     else:
@@ -142,7 +142,7 @@ def _paint(colour: str | Color) -> Material:
 
 
 def _finished(mesh: Mesh, coat: str, plate: int) -> Mesh:
-    """A mesh of the model with this vehicle's paint and number plate."""
+    """Return a mesh of the model with this vehicle's paint and number plate."""
     if mesh.material == "paint":
         return replace(mesh, material=coat)
     if mesh.material == "vehicle-plate":
@@ -151,7 +151,7 @@ def _finished(mesh: Mesh, coat: str, plate: int) -> Mesh:
 
 
 def _placed(part: RawPart) -> VehiclePart:
-    """The part in a frame of its own."""
+    """Return the part in a frame of its own."""
     back, there = np.eye(4), np.eye(4)
     back[:3, 3] = -np.asarray(part.origin)
     there[:3, 3] = part.origin

@@ -16,6 +16,7 @@ from urban_street.vehicles.details import facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides, on_left
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 11.95
 WIDTH: Final = 2.55
@@ -27,9 +28,9 @@ _DOORS: Final = ((4.30, 5.52), (-0.62, 0.66), (-5.02, -3.78))
 
 
 def build_bus() -> list[RawPart]:
-    """Body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
+    """Build body, door leaves (``door-1`` … front to rear, all on the right) and wheels."""
     hull = Hull(
-        -0.5 * LENGTH, 0.5 * LENGTH, WIDTH, 0.30, 2.93, corners=(0.30, 0.40),
+        (-0.5 * LENGTH, 0.5 * LENGTH), WIDTH, (0.30, 2.93), corners=(0.30, 0.40),
         inset=((0.30, 0.05), (0.40, 0.012), (0.95, 0.0), (2.45, 0.06), (2.72, 0.10), (2.86, 0.17), (2.93, 0.27)),
         rake=((0.3, 0.05), (0.5, 0.0), (1.0, 0.02), (2.0, 0.14), (2.93, 0.34)),
     )  # fmt: skip
@@ -89,7 +90,7 @@ def build_bus() -> list[RawPart]:
     parts = [RawPart("body", body)]
     for k, (y0, y1) in enumerate(_DOORS):
         parts.append(RawPart(f"door-{k + 1}", _door(hull, y0, y1), (0.5 * WIDTH, y1, 0.0), "rot.z"))
-    return parts + wheels(_TYRE, 0.29, 0.29, "steel", 0.5 * WIDTH - 0.20, _AXLES)
+    return parts + wheels(WheelSize(_TYRE, 0.29, 0.29), "steel", 0.5 * WIDTH - 0.20, _AXLES)
 
 
 def _largest(shape: shapely.Geometry) -> shapely.Geometry:
@@ -98,7 +99,7 @@ def _largest(shape: shapely.Geometry) -> shapely.Geometry:
 
 
 def _flaps(hull: Hull, arches: shapely.Geometry, gaps: list[shapely.Geometry]) -> shapely.Geometry:
-    """Seams of the lower panels."""
+    """Return seams of the lower panels."""
     lines = [hull.side(y - 0.004, y + 0.004, 0.37, 1.0) for y in (-5.2, -4.1, -3.3, -1.8, -0.7, 0.4, 1.5, 2.5, 4.1)]
     lines.append(hull.side(-5.6, 5.3, 0.985, 0.993))
     shape = shapely.union_all(lines).difference(arches)
@@ -137,7 +138,7 @@ def _lamps(hull: Hull, head: shapely.Geometry, tail: shapely.Geometry) -> Bag:
 
 
 def _door(hull: Hull, y0: float, y1: float) -> Bag:
-    """Two glazed leaves."""
+    """Build two glazed leaves."""
     bag = Bag()
     middle = 0.5 * (y0 + y1)
     for low, high in ((y0, middle), (middle, y1)):
@@ -162,7 +163,7 @@ def _roof_units(bag: Bag) -> None:
 
 
 def _display(bag: Bag, hull: Hull) -> None:
-    """The number of the line and a word in amber dots, behind the upper windscreen."""
+    """Add the number of the line and a word in amber dots, behind the upper windscreen."""
     rng = np.random.default_rng(5)
     low, high = [], []
     for row in range(9):

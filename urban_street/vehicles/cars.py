@@ -11,11 +11,11 @@ from urban_street.vehicles.details import add_details, add_side_details
 from urban_street.vehicles.interior import add_interior
 from urban_street.vehicles.panels import BODY, FRONT_DOOR, REAR_DOOR, Panels, mirrored_bag
 from urban_street.vehicles.shell import Shell
-from urban_street.vehicles.wheels import build_wheel
+from urban_street.vehicles.wheels import WheelSize, build_wheel
 
 
 def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:
-    """Body and four doors: 1 front left, 2 front right, 3 rear left, 4 rear right."""
+    """Build body and four doors: 1 front left, 2 front right, 3 rear left, 4 rear right."""
     shell = Shell(design, fine=fine)
     half = Panels(shell).build()
     add_side_details(half, shell)
@@ -35,35 +35,37 @@ def build_body(design: CarDesign, *, fine: bool = True) -> list[RawPart]:
 
 
 def build_wheels(design: CarDesign, rim: str, *, fine: bool = True) -> list[RawPart]:
-    """Four wheels in the order of the doors."""
+    """Build four wheels in the order of the doors."""
     axles = (design.front_axle, design.rear_axle)
-    return wheels(design.tyre, 0.215, 0.70 * design.tyre, rim, 0.5 * design.width - 0.135, axles, fine=fine)
+    size = WheelSize(design.tyre, 0.215, 0.70 * design.tyre)
+    return wheels(size, rim, 0.5 * design.width - 0.135, axles, fine=fine)
 
 
 def wheels(
-    radius: float,
-    width: float,
-    rim_radius: float,
-    design: str,
-    x: float,
-    axles: tuple[float, ...],
-    *,
-    twin: bool = False,
-    fine: bool = True,
+    size: WheelSize, design: str, x: float, axles: tuple[float, ...], *, twin: bool = False, fine: bool = True
 ) -> list[RawPart]:
-    """A wheel at each end of each axle, left before right; ``twin`` puts two side by side on all but the first."""
-    one = build_wheel(radius, width, rim_radius, design, fine=fine)
+    """Build a wheel at each end of each axle, left before right.
+
+    Args:
+        size: of each wheel.
+        design: of the rims.
+        x: of the outer faces on the right, metres.
+        axles: their y, metres.
+        twin: two wheels side by side on all axles but the first.
+        fine: see `build_wheel`.
+    """
+    wheel = build_wheel(size, design, fine=fine)
     parts: list[RawPart] = []
     for row, y in enumerate(axles):
         for side in (-1, 1):
             bag = Bag()
             where = np.eye(4)
-            where[:3, 3] = (x, y, radius)
-            bag.merge(one, where)
+            where[:3, 3] = (x, y, size.radius)
+            bag.merge(wheel, where)
             if twin and row:
                 inner = where.copy()
-                inner[0, 3] -= width + 0.03
-                bag.merge(one, inner)
-            placed = bag if side > 0 else mirrored_bag(bag)
-            parts.append(RawPart(f"wheel-{len(parts) + 1}", placed, (side * x, y, radius), "rot.x"))
+                inner[0, 3] -= size.width + 0.03
+                bag.merge(wheel, inner)
+            turned = bag if side > 0 else mirrored_bag(bag)
+            parts.append(RawPart(f"wheel-{len(parts) + 1}", turned, (side * x, y, size.radius), "rot.x"))
     return parts

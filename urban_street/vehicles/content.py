@@ -1,4 +1,4 @@
-"""What a built vehicle is: parts with their own frames, materials, textures, and the ground that it takes."""
+"""The content of a built vehicle: parts with their own frames, materials, textures, and its outline on the ground."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Polygon = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawPart:
-    """A part before it has meshes: its surfaces in the vehicle's frame, and where its own origin is."""
+    """A part before it has meshes: its surfaces in the vehicle's frame, and its own origin."""
 
     name: str
     bag: Bag
@@ -32,7 +32,7 @@ class VehiclePart:
         transform: (4, 4) part to vehicle: a door's origin is on its hinge, a wheel's on its axle.
         meshes: one per material, in the part's frame.
         moves: the rotation that is the part's own: ``rot.z`` of a door, ``rot.x`` of a wheel; empty if it is fixed.
-        joints: (len(JOINTS), 3) of a human body, metres in the part's frame; None of all else.
+        joints: (len(JOINTS), 3) of a human body, metres in the part's frame; None for other parts.
     """
 
     name: str
@@ -47,7 +47,7 @@ class VehicleContent:
     """One vehicle in its own frame: origin on the road in the middle, facing +y, z up, metres.
 
     Attributes:
-        kind: what was built, e.g. ``hatchback``.
+        kind: e.g. ``hatchback``.
         object_class: the Cityscapes class as in node names: ``car``, ``truck``, ``bus``, ``motorcycle``, ``bicycle``,
             ``rider``.
         parts: parents are the vehicle's node itself.
@@ -66,12 +66,12 @@ class VehicleContent:
 
     @property
     def triangles(self) -> int:
-        """How many triangles all parts have."""
+        """Return the number of triangles of all parts."""
         return sum(len(mesh.faces) for part in self.parts for mesh in part.meshes)
 
 
 def footprint_of(length: float, width: float) -> Polygon:
-    """A rectangle with cut corners around the origin, counter-clockwise."""
+    """Return a rectangle with cut corners around the origin, counter-clockwise."""
     x, y = 0.5 * width, 0.5 * length
     u, v = 0.22 * width, 0.09 * length
     corners = [(x, v - y), (x, y - v), (x - u, y), (u - x, y), (-x, y - v), (-x, v - y), (u - x, -y), (x - u, -y)]

@@ -1,4 +1,4 @@
-"""Curves that bodies are drawn with."""
+"""Curves of car bodies."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ class Outline:
         self._x = fine[:, 0]
 
     def at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Points (N, 2) and outward unit normals (N, 2) at arc lengths (N,)."""
+        """Return points (N, 2) and outward unit normals (N, 2) at arc lengths (N,)."""
         slope = self._slope(t)
         slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
         return self._curve(t), np.stack([slope[..., 1], -slope[..., 0]], -1)
 
     def at_y(self, y: ArrayLike) -> Floats:
-        """Arc lengths where the outline passes the given y."""
+        """Return arc lengths where the outline passes the given y."""
         rising = self._y + 1e-9 * np.arange(len(self._y))
         return np.asarray(np.interp(np.asarray(y, np.float64), rising, self._arc))
 
     def at_x(self, x: ArrayLike, *, front: bool) -> Floats:
-        """Arc lengths where the nose (or the tail) passes the given distance from the middle."""
+        """Return arc lengths where the nose (or the tail) passes the given distance from the middle."""
         wide = int(np.argmax(self._x))
-        given = np.asarray(x, np.float64)
+        distances = np.asarray(x, np.float64)
         if front:
             falling = self._x[wide:][::-1]
-            return np.asarray(np.interp(given, np.maximum.accumulate(falling), self._arc[wide:][::-1]))
-        return np.asarray(np.interp(given, np.maximum.accumulate(self._x[: wide + 1]), self._arc[: wide + 1]))
+            return np.asarray(np.interp(distances, np.maximum.accumulate(falling), self._arc[wide:][::-1]))
+        return np.asarray(np.interp(distances, np.maximum.accumulate(self._x[: wide + 1]), self._arc[: wide + 1]))
 
 
 def smooth(places: Sequence[float] | Floats, values: ArrayLike) -> PchipInterpolator:
-    """A curve through (place, value…) that never overshoots and is level beyond its ends."""
+    """Return a curve through (place, value…) that never overshoots and is level beyond its ends."""
     x = np.asarray(places, np.float64)
     y = np.asarray(values, np.float64)
     pad = 0.5 * float(np.ptp(x)) + 1.0
@@ -64,7 +64,7 @@ def smooth(places: Sequence[float] | Floats, values: ArrayLike) -> PchipInterpol
 
 
 def hermite(knots: Floats, values: Floats, at: Floats, creases: Sequence[int] = ()) -> Floats:
-    """Row-wise cubic interpolation: row n of ``values`` (N, K) over row n of ``knots`` (N, K), at (N,) places.
+    """Return row-wise cubic interpolation: row n of ``values`` (N, K) over row n of ``knots`` (N, K), at (N,) places.
 
     Tangents are those of the parabola through three neighbours; at a crease each side has its own.
     """

@@ -1,4 +1,4 @@
-"""What bicycles and motorcycles have in common."""
+"""Common parts of bicycles and motorcycles."""
 
 from __future__ import annotations
 

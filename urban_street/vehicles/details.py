@@ -1,4 +1,4 @@
-"""What is fastened to a car's skin: mirrors, handles, plates, wipers, arch liners, exhaust, aerial, rails."""
+"""Details on a car's skin: mirrors, handles, plates, wipers, arch liners, exhaust, aerial, rails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PLATES = 8
 
 
 def add_side_details(half: Half, shell: Shell) -> None:
-    """Mirror and handles of the right side, arch liners."""
+    """Add mirror and handles of the right side, and arch liners."""
     d = shell.design
     _mirror(half.parts[FRONT_DOOR], shell)
     for part, y in ((FRONT_DOOR, d.doors[1] + 0.16), (REAR_DOOR, d.doors[2] + 0.10)):
@@ -74,7 +74,7 @@ def _handle(bag: Bag, shell: Shell, y: float) -> None:
 
 
 def _liner(bag: Bag, shell: Shell, axle: float) -> None:
-    """The inside of a wheel arch: a half barrel open to the outside, and a wall behind the wheel."""
+    """Add the inside of a wheel arch: a half barrel open to the outside, and a wall behind the wheel."""
     d = shell.design
     inner = 0.5 * d.width - 0.34
     line = shell.arch(axle)
@@ -93,7 +93,7 @@ def _liner(bag: Bag, shell: Shell, axle: float) -> None:
 
 
 def _seam(bag: Bag, shell: Shell) -> None:
-    """A dark strip where the windows meet the doors."""
+    """Add a dark strip where the windows meet the doors."""
     d = shell.design
     a0, a1 = shell.house_side([d.posts[0][0] if d.panel_van else d.rear_base + 0.10, d.pillar_base - 0.02])
     a = np.linspace(float(a0), float(a1), 14)
@@ -102,7 +102,7 @@ def _seam(bag: Bag, shell: Shell) -> None:
 
 
 def add_details(bag: Bag, shell: Shell) -> None:
-    """What belongs to the whole car."""
+    """Add the details that a car has once."""
     d = shell.design
     for front in (True, False):
         _plate(bag, shell, front=front)
@@ -148,12 +148,12 @@ def _plate(bag: Bag, shell: Shell, *, front: bool) -> None:
 
 
 def facing(at: Floats, *, front: bool) -> Floats:
-    """(4, 4): what looks to −y, put at a place looking backwards, or forwards with ``front``."""
+    """Return the (4, 4) transform of a thing that faces −y to a place where it faces backwards, or forwards with ``front``."""
     return turned(2, 180.0 if front else 0.0, at)
 
 
 def number_plate() -> Bag:
-    """A plate of 52 × 11 cm around the origin, looking to −y, with the first of the `PLATES` numbers."""
+    """Build a plate of 52 × 11 cm around the origin, looking to −y, with the first of the `PLATES` numbers."""
     bag = Bag()
     v0, v1 = 0.0, 1.0 / PLATES
     corners = [[(-0.26, -0.006, -0.055), (0.26, -0.006, -0.055), (0.26, -0.006, 0.055), (-0.26, -0.006, 0.055)]]
@@ -163,12 +163,12 @@ def number_plate() -> Bag:
 
 
 def _wipers(bag: Bag, shell: Shell) -> None:
-    """Two arms at rest along the windscreen's lower edge."""
+    """Add two arms at rest along the windscreen's lower edge."""
     house = shell.house
     length = shell.house_length
 
     def on_glass(x: float, h: float) -> Floats:
-        """A point near the glass at a distance x from the middle."""
+        """Return a point near the glass at a distance x from the middle."""
         a = length - abs(x)
         point = house.points(np.array([[a, h * HOUSE]]))[0] + house.normals(np.array([[a, h * HOUSE]]))[0] * 0.018
         return np.asarray(point * [np.sign(x) if x else 1.0, 1.0, 1.0])
@@ -182,7 +182,7 @@ def _wipers(bag: Bag, shell: Shell) -> None:
 
 
 def _underbody(bag: Bag, shell: Shell) -> None:
-    """A dark floor a little above the sill."""
+    """Add a dark floor a little above the sill."""
     t = np.linspace(0.0, shell.outline.length, 40)
     right = shell.ring.points(np.column_stack([t, np.zeros_like(t)]))
     inner = 0.5 * shell.design.width - 0.36

@@ -17,9 +17,9 @@ class Hull:
     """The half x ≥ 0 of a rounded box; its domain is (metres along the plan from the middle of the tail, height).
 
     Args:
-        tail, nose: y of both ends.
+        ends: y of tail and nose, metres.
         width: metres.
-        low, high: heights.
+        heights: of the lower and the upper edge, metres.
         corners: radii in plan of tail and nose corner.
         inset: (height, metres inwards) of the section.
         rake: (height, metres backwards) of the nose.
@@ -28,11 +28,9 @@ class Hull:
 
     def __init__(
         self,
-        tail: float,
-        nose: float,
+        ends: tuple[float, float],
         width: float,
-        low: float,
-        high: float,
+        heights: tuple[float, float],
         *,
         corners: tuple[float, float],
         inset: Sequence[tuple[float, float]],
@@ -40,6 +38,7 @@ class Hull:
         columns: float = 0.6,
         rows: float = 0.35,
     ) -> None:
+        (tail, nose), (low, high) = ends, heights
         half = 0.5 * width
         self.half, self.tail, self.nose, self.low, self.high = half, tail, nose, low, high
         r0, r1 = corners
@@ -85,23 +84,23 @@ class Hull:
         return np.column_stack([xy, z])
 
     def flank_a(self, y: float) -> float:
-        """Domain coordinate of a place on the flank."""
+        """Return the domain coordinate of a place on the flank."""
         return self._flank[0] + y - self._flank[1]
 
     def side(self, y0: float, y1: float, z0: float, z1: float, rounding: float = 0.0) -> BaseGeometry:
-        """A rectangle on the flank."""
+        """Return a rectangle on the flank."""
         return self._shape(shapely.box(self.flank_a(y0), z0, self.flank_a(y1), z1), rounding)
 
     def front(self, x0: float, x1: float, z0: float, z1: float, rounding: float = 0.0) -> BaseGeometry:
-        """A rectangle on the nose, ``x`` in metres along it from the middle."""
+        """Return a rectangle on the nose, ``x`` in metres along it from the middle."""
         return self._shape(shapely.box(self.length - x1, z0, self.length - x0, z1), rounding)
 
     def back(self, x0: float, x1: float, z0: float, z1: float, rounding: float = 0.0) -> BaseGeometry:
-        """A rectangle on the tail."""
+        """Return a rectangle on the tail."""
         return self._shape(shapely.box(x0, z0, x1, z1), rounding)
 
     def arch(self, y: float, z: float, radius: float) -> BaseGeometry:
-        """A wheel arch, open below."""
+        """Return a wheel arch, open below."""
         angle = np.linspace(0.0, np.pi, 25)
         circle = [(self.flank_a(y) + radius * np.cos(t), z + radius * np.sin(t)) for t in angle]
         return shapely.Polygon(
@@ -122,7 +121,7 @@ class Hull:
         depth: float = 0.02,
         edge: str = "vehicle-gap",
     ) -> Bag:
-        """A region of the right half with an edge."""
+        """Build a region of the right half with an edge."""
         bag = Bag()
         shape = shrunk(region, gap, self.master.domain) if gap else region
         patch = cut(self.master, shape, offset=offset)
@@ -132,7 +131,7 @@ class Hull:
         return bag
 
     def lid(self, material: str, crown: float) -> Bag:
-        """The roof over the upper edge."""
+        """Build the roof over the upper edge."""
         a = np.linspace(0.0, self.length, 40)
         edge = self.master.points(np.column_stack([a, np.full_like(a, self.high)]))
         u = np.array([1.0, 0.9, 0.6, 0.0, -0.6, -0.9, -1.0])
@@ -145,7 +144,7 @@ class Hull:
         return bag
 
     def liner(self, y: float, z: float, radius: float, depth: float) -> Bag:
-        """The inside of a wheel arch on the right."""
+        """Build the inside of a wheel arch on the right."""
         angle = np.linspace(0.0, np.pi, 15)
         yz = np.stack([y + radius * np.cos(angle), z + radius * np.sin(angle)], -1)
         outer = np.column_stack([np.full(15, self.half - 0.012), yz])
@@ -156,7 +155,7 @@ class Hull:
 
 
 def both_sides(bag: Bag) -> Bag:
-    """What is given, and its mirror image."""
+    """Return a bag together with its mirror image."""
     whole = Bag()
     whole.merge(bag)
     for material, surfaces in bag.surfaces.items():
@@ -165,7 +164,7 @@ def both_sides(bag: Bag) -> Bag:
 
 
 def on_left(bag: Bag) -> Bag:
-    """The mirror image alone."""
+    """Return the mirror image of a bag."""
     other = Bag()
     for material, surfaces in bag.surfaces.items():
         other.add(material, *(mirrored(surface) for surface in surfaces))

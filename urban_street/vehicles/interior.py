@@ -1,4 +1,4 @@
-"""What one sees through a car's windows: dashboard, steering wheel, seats, floor."""
+"""The cabin behind a car's windows: dashboard, steering wheel, seats, floor."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def add_interior(bag: Bag, shell: Shell) -> None:
 
 
 def add_seat(bag: Bag, x: float, y: float, z: float, *, fine: bool = True) -> None:
-    """A front seat looking to +y; (x, y, z) is below the middle of the cushion."""
+    """Add a front seat looking to +y; (x, y, z) is below the middle of the cushion."""
     bag.add(
         "vehicle-fabric",
         pillow((0.255, 0.27, 0.085), sides=12 if fine else 8, levels=5 if fine else 3).moved(

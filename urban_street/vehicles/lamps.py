@@ -1,4 +1,4 @@
-"""Head and tail lamps of a built vehicle: where its lenses are, how strong they shine, what glows."""
+"""Head and tail lamps of a built vehicle: places, strengths, and the lenses that glow."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class VehicleLamp(NamedTuple):
 
 
 def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> Iterator[VehicleLamp]:
-    """Headlamps, then tail lamps, from left to right; one in the middle of what has one lens.
+    """Yield headlamps, then tail lamps, from left to right; a single lens gives one lamp in the middle.
 
     Args:
         vehicle: as built, facing +y.
@@ -64,7 +64,7 @@ def vehicle_lamps(vehicle: VehicleContent, own_name: Callable[[str], str]) -> It
 
 
 def _lenses(vehicle: VehicleContent, material: str) -> list[tuple[float, float, float]]:
-    """Where the lenses of a material are: their outermost end along the street, their middle otherwise."""
+    """Return the places of the lenses of a material: their outermost end along the street, their middle otherwise."""
     points = [
         mesh.positions.astype(np.float64) @ part.transform[:3, :3].T + part.transform[:3, 3]
         for part in vehicle.parts
@@ -79,6 +79,6 @@ def _lenses(vehicle: VehicleContent, material: str) -> list[tuple[float, float, 
     if not len(end):
         return []
     sides = [end[end[:, 0] < -0.15], end[end[:, 0] > 0.15]]
-    found = [side for side in sides if len(side)] or [end]
+    places = [side for side in sides if len(side)] or [end]
     outermost = np.max if material == WHITE else np.min
-    return [(float(side[:, 0].mean()), float(outermost(side[:, 1])), float(side[:, 2].mean())) for side in found]
+    return [(float(side[:, 0].mean()), float(outermost(side[:, 1])), float(side[:, 2].mean())) for side in places]

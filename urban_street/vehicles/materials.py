@@ -53,16 +53,16 @@ _GLOW: Final[dict[str, Color]] = {
 
 
 def common_materials(lights: float) -> dict[str, Material]:
-    """All shared materials; lamps glow with the share ``lights`` of their full strength."""
-    found = {material.name: material for material in _COMMON}
+    """Return all shared materials; lamps glow with the share ``lights`` of their full strength."""
+    materials = {material.name: material for material in _COMMON}
     if lights > 0.0:
         for name, (red, green, blue) in _GLOW.items():
-            found[name] = replace(found[name], emissive=(lights * red, lights * green, lights * blue))
-    return found
+            materials[name] = replace(materials[name], emissive=(lights * red, lights * green, lights * blue))
+    return materials
 
 
 def paint(name: str, color: Color, metallic: float) -> Material:
-    """A lacquered paint."""
+    """Return a lacquered paint."""
     return Material(name, color, metallic=metallic, roughness=gloss(metallic), specular=1.35)
 
 
@@ -85,7 +85,7 @@ _FONT: Final = {
 
 @lru_cache(maxsize=1)
 def plates() -> Texture:
-    """Number plates above one another, 512 × 64 each: a blue band, letters, figures."""
+    """Return number plates above one another, 512 × 64 each: a blue band, letters, figures."""
     rng = np.random.default_rng(np.random.SeedSequence([4711]))
     picture = np.full((64 * PLATES, 512, 3), 0.74, np.float32)
     letters, figures = [c for c in _FONT if c.isalpha()], [c for c in _FONT if c.isdigit()]

@@ -13,14 +13,14 @@ from urban_street.vehicles.content import RawPart
 from urban_street.vehicles.cycle_parts import AXLE, Wheel, arc
 from urban_street.vehicles.details import number_plate
 
-#: Where a rider touches it.
+#: Places of contact with a rider.
 MOTORCYCLE: Final = Contact(
     (0.0, -0.22, 0.80), (0.335, 0.30, 1.03), ((0.24, -0.12, 0.335), (-0.24, -0.12, 0.335)), 12.0
 )
 
 
 def build_motorcycle() -> list[RawPart]:
-    """A naked road motorcycle: frame with engine and tank, and two wheels, about 9,000 triangles."""
+    """Build a naked road motorcycle: frame with engine and tank, and two wheels, about 9,000 triangles."""
     bag = Bag()
     rear, front = np.array([0.0, -0.70, 0.315]), np.array([0.0, 0.73, 0.310])
     _engine(bag)
@@ -128,7 +128,7 @@ def _cast_wheel(radius: float, width: float) -> Wheel:
 
 
 def _engine(bag: Bag) -> None:
-    """Crankcase, cylinders with fins, chain."""
+    """Add crankcase, cylinders with fins, chain."""
     bag.add(
         "vehicle-steel",
         pillow((0.17, 0.24, 0.13), squareness=0.45, sides=18, levels=7).moved(turned(0, 0.0, (0.0, -0.02, 0.36))),

@@ -1,4 +1,4 @@
-"""Paints that vehicles are bought in: how they look, and how often each is seen."""
+"""Paints of vehicles: their looks and frequencies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def gloss(metallic: float) -> float:
     return 0.20 + 0.06 * metallic
 
 
-#: Linear reflectance, metallic, how often it is seen.
+#: Linear reflectance, metallic, frequency.
 _BOUGHT: Final[dict[str, tuple[Color, float, float]]] = {
     "white": ((0.74, 0.74, 0.73), 0.0, 3.0),
     "silver": ((0.45, 0.46, 0.47), 0.6, 2.4),
@@ -34,5 +34,5 @@ PAINTS: Final = {
     name: Paint(base_color=color, metallic=metallic, roughness=gloss(metallic))
     for name, (color, metallic, _) in _BOUGHT.items()
 }
-#: How often each paint is seen, in the order of `PAINTS`; no shares.
+#: Relative frequencies of the paints, in the order of `PAINTS`.
 FREQUENCIES: Final = tuple(frequency for _, _, frequency in _BOUGHT.values())

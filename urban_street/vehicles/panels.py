@@ -26,14 +26,14 @@ BODY, FRONT_DOOR, REAR_DOOR = "body", "front-door", "rear-door"
 
 @dataclass(slots=True)
 class Half:
-    """The surfaces of the half x ≥ 0 by part; what crosses the middle is in ``both``."""
+    """The surfaces of the half x ≥ 0 by part; those that cross the middle are in ``both``."""
 
     parts: dict[str, Bag] = field(default_factory=lambda: {name: Bag() for name in (BODY, FRONT_DOOR, REAR_DOOR)})
     both: Bag = field(default_factory=Bag)
 
 
 def mirrored_bag(bag: Bag) -> Bag:
-    """Everything on the other side."""
+    """Return the mirror image of a bag."""
     other = Bag()
     for material, surfaces in bag.surfaces.items():
         other.add(material, *(mirrored(surface) for surface in surfaces))
@@ -41,7 +41,7 @@ def mirrored_bag(bag: Bag) -> Bag:
 
 
 class Panels:
-    """Cuts a shell into panels."""
+    """The panels that a shell is cut into."""
 
     def __init__(self, shell: Shell) -> None:
         self.shell = shell
@@ -56,7 +56,7 @@ class Panels:
         return self.half
 
     def _edge(self, patch: Patch, depth: float) -> Surface:
-        """The edge of a panel; from afar there is none to be seen."""
+        """Build the edge of a panel; bodies for far views have none."""
         return flange(patch, depth) if self.shell.fine else merge([])
 
     # -- outlines -----------------------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ class Panels:
         return shapely.union_all(discs)
 
     def _door_outlines(self) -> tuple[BaseGeometry, BaseGeometry]:
-        """Lower parts of the right front and rear door in the ring's domain."""
+        """Return the lower parts of the right front and rear door in the ring's domain."""
         d, shell = self.design, self.shell
         front, middle, rear = d.doors
         belt = float(np.interp(0.0, *np.array(d.belt).T))
@@ -132,12 +132,12 @@ class Panels:
         flap = shell.side_polygon(self._flap)
         self._metal(body, ring, shrunk(rest.difference(flap), _GAP, ring.domain), plastic)
         self._metal(body, ring, shrunk(flap.intersection(metal), _GAP, ring.domain), plastic)
-        # What one sees at the bottom of the gaps.
+        # The bottom of the gaps.
         body.add("vehicle-gap", cut(ring.coarse(), metal.difference(seen_into).simplify(0.01), offset=-_DEPTH).surface)
 
     @property
     def _flap(self) -> Floats:
-        """The filler flap (on both sides: nobody sees both)."""
+        """Return the filler flap (on both sides, which no view shows together)."""
         d = self.design
         y, z = d.rear_axle + 0.10, d.tyre + d.arch + 0.11
         angle = np.linspace(0.0, 2.0 * np.pi, 21)[:-1]
@@ -148,7 +148,7 @@ class Panels:
         return np.column_stack([y + 0.075 * square[0], z + 0.065 * square[1]])
 
     def _front_bumper(self) -> BaseGeometry:
-        """Nose skin below the bonnet, back to the wheel arches."""
+        """Return the nose skin below the bonnet, back to the wheel arches."""
         shell, d = self.shell, self.design
         edge = shell.side(
             [
@@ -180,7 +180,7 @@ class Panels:
         return shapely.Polygon(self.shell.bow(line, front=False)).buffer(0)
 
     def _metal(self, bag: Bag, master: Master, region: BaseGeometry, plastic: BaseGeometry | None = None) -> None:
-        """A panel with an edge; the part inside ``plastic`` is unpainted."""
+        """Add a panel with an edge; the part inside ``plastic`` is unpainted."""
         painted = region if plastic is None else region.difference(plastic)
         for material, piece in (
             ("paint", painted),
@@ -203,7 +203,7 @@ class Panels:
         )
 
     def _lamp(self, region: BaseGeometry, *, front: bool) -> None:
-        """A lens with something in it."""
+        """Add a lens with something in it."""
         body, ring = self.half.parts[BODY], self.shell.ring
         inner = region.buffer(-0.004, quad_segs=2)
         lens = cut(ring, inner)
@@ -235,7 +235,7 @@ class Panels:
         body.add("vehicle-plastic", self._edge(lens, 0.02))
 
     def _projector(self, at: Floats, radius: float) -> None:
-        """A lens in a bright ring, looking forward."""
+        """Add a lens in a bright ring, looking forward."""
         body, ring = self.half.parts[BODY], self.shell.ring
         centre = ring.points(at[None])[0] - ring.normals(at[None])[0] * 0.048
         rim = lathe([(radius * 0.62, 0.004), (radius, 0.034), (radius * 1.08, 0.034), (radius * 1.08, 0.0)][::-1], 18)
@@ -247,7 +247,7 @@ class Panels:
         body.add("vehicle-lamp-white", eye.moved(turn))
 
     def _grille(self, region: BaseGeometry, *, bars: int, chrome: bool) -> None:
-        """A dark opening with bars across, and a frame."""
+        """Add a dark opening with bars across, and a frame."""
         body, ring = self.half.parts[BODY], self.shell.ring
         rim = cut(ring, region)
         body.add("vehicle-gap", cut(ring, region, offset=-0.05).surface, reversed_(self._edge(rim, 0.05)))
@@ -309,7 +309,7 @@ class Panels:
     def _side_strip(
         self, front: tuple[float, float], rear: tuple[float, float], low: float, high: float
     ) -> BaseGeometry:
-        """Between two lines (place at the belt, place at the roof) on the house, from ``low`` to ``high`` (shares)."""
+        """Return the strip of the house between two lines (place at the belt, at the roof), from ``low`` to ``high`` (shares)."""
         f0, f1 = front
         r0, r1 = rear
         h = np.array([low, high])
@@ -322,13 +322,13 @@ class Panels:
         return shapely.Polygon([(a, HOUSE * b) for a, b in corners])
 
     def _posts(self) -> tuple[float, float, float, float]:
-        """Places of the front pillar, the two posts between the side windows, and the glass's rear end."""
+        """Return places of the front pillar, the two posts between the side windows, and the glass's rear end."""
         at, d = self.shell.house_side, self.design
         pillar = float(self.shell.house_a(2.0)) - 0.055
         return pillar, float(at(d.posts[0][0])), float(at(d.posts[1][0])), float(at(d.quarter[0]))
 
     def _panes(self) -> dict[str, list[BaseGeometry]]:
-        """Daylight openings by part."""
+        """Return the daylight openings by part."""
         shell, d = self.shell, self.design
         frame, length = shell.house.domain, shell.house_length
         pillar, post, second, quarter = self._posts()
@@ -355,12 +355,12 @@ class Panels:
 
     @property
     def _has_quarter(self) -> bool:
-        """Whether there is a third side window, behind the doors."""
+        """Return True if there is a third side window, behind the doors."""
         _, _, second, quarter = self._posts()
         return not self.design.panel_van and second - quarter > 0.22
 
     def _door_frames(self) -> dict[str, BaseGeometry]:
-        """How far the doors reach up and along the glass house."""
+        """Return the parts of the doors on the glass house."""
         pillar, post, second, quarter = self._posts()
         fixed = self._has_quarter or self.design.panel_van
         ends = (second - 0.02, second - 0.02) if fixed else (quarter - 0.10, quarter + 0.03)
@@ -371,7 +371,7 @@ class Panels:
         return {name: strip.intersection(self.shell.house.domain) for name, strip in strips.items()}
 
     def _blackened(self, panes: list[BaseGeometry]) -> BaseGeometry:
-        """Posts, mirror triangle and seals around the panes."""
+        """Return posts, mirror triangle and seals around the panes."""
         pillar, post, second, _ = self._posts()
         pieces = [pane.buffer(0.013, quad_segs=4) for pane in panes]
         pieces.append(self._side_strip((pillar, pillar), (pillar - 0.13, pillar - 0.13), 0.035, 0.40))
@@ -411,7 +411,7 @@ class Panels:
 
 
 def _inside(region: BaseGeometry, a: float) -> Floats:
-    """The middle of a region at the first coordinate ``a``."""
+    """Return the middle of a region at the first coordinate ``a``."""
     _, b0, _, b1 = region.bounds
     line = region.intersection(shapely.LineString([(a, b0 - 1.0), (a, b1 + 1.0)]))
     low, high = line.bounds[1], line.bounds[3]

@@ -18,17 +18,17 @@ from urban_street.vehicles.motorcycle import MOTORCYCLE
 from valerie.errors import UnknownName
 from valerie.scene.graph.model import Material, Mesh
 
-#: What can be ridden.
+#: Vehicles that can be ridden.
 MOUNTS: Final = {"bicycle": BICYCLE, "motorcycle": MOTORCYCLE}
 
 
 def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | None = None) -> VehicleContent:
-    """A rider in the frame of what is ridden (`build_vehicle` of the same name); equal arguments give equal bytes.
+    """Build a rider in the frame of the vehicle (`build_vehicle` of the same name); equal arguments give equal bytes.
 
     Args:
         mount: ``bicycle`` or ``motorcycle``.
-        character: who it is, a name of `urban_street.human.CHARACTERS`.
-        helmet: None: on a motorcycle yes, on a bicycle no.
+        character: a name of `urban_street.human.CHARACTERS`.
+        helmet: None means yes on a motorcycle, no on a bicycle.
 
     Returns:
         One part, ``body``, with the joints; the class is ``rider``. The footprint is that of the vehicle.
@@ -42,7 +42,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     covered = mount == "motorcycle" if helmet is None else helmet
     full_face = mount == "motorcycle"
     person, seat = seat_character(character, MOUNTS[mount], bare_head=not (covered and full_face))
-    # The pose is another mesh, so its materials must not be taken for the walking character's.
+    # The seated pose is another mesh, so its materials need names other than the walking character's.
     prefix = f"rider-{mount}/"
     materials: dict[str, Material] = {
         prefix + name: replace(material, name=prefix + name) for name, material in person.materials.items()
@@ -51,11 +51,11 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
     height = person.height_m
     if covered:
         bag = _full_face(seat.head) if full_face else _bicycle_helmet(seat.head)
-        found = bag.meshes()
-        meshes += found
+        parts = bag.meshes()
+        meshes += parts
         shared = common_materials(0.0)
-        materials |= {mesh.material: shared[mesh.material] for mesh in found}
-        height = max(height, *(float(mesh.positions[:, 2].max()) for mesh in found))
+        materials |= {mesh.material: shared[mesh.material] for mesh in parts}
+        height = max(height, *(float(mesh.positions[:, 2].max()) for mesh in parts))
     used = {mesh.material for mesh in meshes}
     materials = {name: material for name, material in materials.items() if name in used}
     images = {name for m in materials.values() for name in m.textures}
@@ -71,7 +71,7 @@ def build_rider(mount: str, character: str = CHARACTERS[0], *, helmet: bool | No
 
 
 def _full_face(head: Floats) -> Bag:
-    """A motorcycle helmet with a dark visor."""
+    """Build a motorcycle helmet with a dark visor."""
     shell = pillow((0.128, 0.155, 0.150), squareness=0.9, sides=28, levels=15)
     points = shell.positions.copy()
     # The chin is drawn down and forward, the neck stays open.
@@ -98,7 +98,7 @@ def _full_face(head: Floats) -> Bag:
 
 
 def _bicycle_helmet(head: Floats) -> Bag:
-    """A shell with grooves above the brows, and its strap."""
+    """Build a shell with grooves above the brows, and its strap."""
     shell = pillow((0.108, 0.138, 0.105), squareness=1.0, sides=36, levels=13)
     points = shell.positions.copy()
     around = np.arctan2(points[:, 0], points[:, 1])

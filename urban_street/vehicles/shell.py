@@ -21,12 +21,12 @@ _CREASES = (5,)
 #: Domain half width of deck and roof, and domain height of the glass house, metres.
 DECK = 0.8
 HOUSE = 0.5
-#: Where the sections stand; y as a share of the way between the axles for the middle.
+#: Places of the sections; y as a share of the way between the axles for the middle.
 _PLACES = ("tail", "tail-corner", "rear", "middle", "front", "nose-corner", "nose")
 
 
 class Shell:
-    """Master surfaces of one design, of the half x ≥ 0; ``fine`` False is for what is seen from afar.
+    """Master surfaces of one design, of the half x ≥ 0; ``fine`` is False for views from afar.
 
     Domains are in metres, roughly. Ring: arc length along the plan outline from the middle of the tail, height above
     the sill. Deck: the same arc length, −`DECK` … `DECK` from the right to the left edge. House and roof: arc length from the
@@ -67,7 +67,7 @@ class Shell:
     # -- the ring -----------------------------------------------------------------------------------------------------
 
     def _levels(self, t: Floats) -> Floats:
-        """(N, 9) heights of the rails."""
+        """Return (N, 9) heights of the rails."""
         low, high = self._sill(t)[:, None], self._belt(t)[:, None]
         return np.asarray(low + (high - low) * self._share(t))
 
@@ -89,7 +89,7 @@ class Shell:
 
     @cached_property
     def ring(self) -> Master:
-        """Flank, nose and tail from the sill to the belt."""
+        """Return flank, nose and tail as one surface, from the sill to the belt."""
         outline = self.outline
         corners = [
             float(outline.at_x(0.60 * 0.5 * self.design.width, front=False)),
@@ -115,16 +115,16 @@ class Shell:
         )
 
     def _detailed(self, master: Master) -> Master:
-        """The surface with as many lines as this shell has."""
+        """Return the surface with the number of lines of this shell."""
         return master if self.fine else master.coarse(2)
 
     @property
     def top(self) -> float:
-        """Domain height of the belt."""
+        """Return the domain height of the belt."""
         return float(self.heights[-1])
 
     def height_of(self, rail: ArrayLike) -> Floats:
-        """Domain heights of (fractional) rails."""
+        """Return domain heights of (fractional) rails."""
         return np.asarray(np.interp(np.asarray(rail, np.float64), np.arange(RAILS + 1.0), self.heights))
 
     @property
@@ -136,7 +136,7 @@ class Shell:
         return 0.5 * self.design.length - 0.7
 
     def rail_at(self, t: ArrayLike, z: ArrayLike) -> Floats:
-        """Domain heights of the places ``t`` at ``z`` metres above the road; clipped to the ring."""
+        """Return domain heights of the places ``t`` at ``z`` metres above the road; clipped to the ring."""
         where, height = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(t, z))
         levels = self._levels(where)
         piece = np.clip((levels[:, 1:-1] <= height[:, None]).sum(axis=1), 0, RAILS - 1)
@@ -145,13 +145,13 @@ class Shell:
         return self.height_of(np.clip(piece + (height - low) / (high - low), 0.0, RAILS))
 
     def side(self, line: ArrayLike, *, step: float = 0.06) -> Floats:
-        """(M, 2) ring places of a polyline given as (y, z) in the side view."""
+        """Return (M, 2) ring places of a polyline given as (y, z) in the side view."""
         fine = along_polyline(np.asarray(line, np.float64), step if self.fine else 3.0 * step)
         t = self.outline.at_y(fine[:, 0])
         return np.column_stack([t, self.rail_at(t, fine[:, 1])])
 
     def bow(self, line: ArrayLike, *, front: bool, step: float = 0.07) -> Floats:
-        """(M, 2) ring places of a polyline given as (place along the bow, rail).
+        """Return (M, 2) ring places of a polyline given as (place along the bow, rail).
 
         The place is the distance from the middle along nose or tail in half widths; the corner is about 1.
         """
@@ -171,7 +171,7 @@ class Shell:
         return rounded(shape, rounding, self.ring.domain) if rounding else shape
 
     def arch(self, axle: float, *, wider: float = 0.0) -> Floats:
-        """(M, 2) the circle of a wheel arch in (y, z), widened, as far as it is above the sill."""
+        """Return (M, 2): the widened circle of a wheel arch in (y, z), as far as it lies above the sill."""
         angle = np.linspace(-0.35, np.pi + 0.35, 41)
         radius = self.design.arch + wider
         return np.column_stack([axle + radius * np.cos(angle), self.design.tyre + radius * np.sin(angle)])
@@ -193,7 +193,7 @@ class Shell:
 
     @cached_property
     def deck(self) -> Master:
-        """Between the upper edges of both flanks; u = 1 is the right edge."""
+        """Return the surface between the upper edges of both flanks; u = 1 is the right edge."""
         t = np.unique(np.append(self.ring.lines[0], self.outline.length - 0.04))
         u = np.array([-1, -0.93, -0.85, -0.74, -0.62, -0.5, -0.28, 0, 0.28, 0.5, 0.62, 0.74, 0.85, 0.93, 1.0])
         # d/dt × d/du must look up: t runs forwards on the right, so u runs to the left.
@@ -206,13 +206,13 @@ class Shell:
         return self._detailed(top)
 
     def deck_t(self, y: ArrayLike) -> Floats:
-        """Arc lengths where the upper edge passes the given y."""
+        """Return arc lengths where the upper edge passes the given y."""
         t = np.linspace(0.0, self.outline.length, 800)
         edge = self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 1]
         return np.asarray(np.interp(np.asarray(y, np.float64), np.maximum.accumulate(edge), t))
 
     def deck_height(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Height of the deck over (x, y)."""
+        """Return the height of the deck over (x, y)."""
         across, along = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(x, y))
         t = self.deck_t(along)
         half = self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 0]
@@ -223,7 +223,7 @@ class Shell:
 
     @cached_property
     def _house_lines(self) -> tuple[CubicSpline, CubicSpline]:
-        """Base and roof edge (x, y, z) over the place q: 0 tail … 1 corner … 2 corner … 3 middle of the windscreen."""
+        """Return base and roof edge (x, y, z) over the place q: 0 tail … 1 corner … 2 corner … 3 middle of the windscreen."""
         d = self.design
         q_side = np.linspace(1.0, 2.0, 25)
         inset = 0.004
@@ -232,7 +232,7 @@ class Shell:
             t = self.deck_t(y)
             return self._ring_points(np.column_stack([t, np.full_like(t, self.top)]))[:, 0] - inset
 
-        # Pairs of places at belt and roof that belong together: the pillars.
+        # Pairs of places at belt and roof: the pillars.
         pairs = sorted([(d.rear_base, d.rear_top), d.quarter, *d.posts, (d.pillar_base, d.pillar_top)])
         low, high = np.array(pairs).T
         share = (q_side - 1.0) * (d.pillar_base - d.rear_base) + d.rear_base
@@ -247,7 +247,7 @@ class Shell:
         side_roof = np.column_stack([roof_x, roof_y, rail_z])
 
         def ends(corner: Floats, middle_y: float, power: float, q0: float, q1: float) -> tuple[Floats, Floats]:
-            """From the middle (x = 0) to the corner, bowed."""
+            """Return a bowed line from the middle (x = 0) to the corner."""
             f = np.linspace(0.0, 1.0, 13)[:-1]
             return q0 + (q1 - q0) * f, np.column_stack([corner[0] * f, middle_y + (corner[1] - middle_y) * f**power])
 
@@ -290,7 +290,7 @@ class Shell:
 
     @cached_property
     def house(self) -> Master:
-        """From the belt to the roof."""
+        """Return the glass house, from the belt to the roof."""
         q = np.unique(
             np.concatenate(
                 [
@@ -308,7 +308,7 @@ class Shell:
 
     @cached_property
     def _house_arc(self) -> tuple[Floats, Floats]:
-        """Places and arc lengths along the middle between base and roof edge."""
+        """Return places and arc lengths along the middle between base and roof edge."""
         q = np.linspace(0.0, 3.0, 601)
         base, roof = self._house_lines
         line = 0.5 * (base(q) + roof(q))
@@ -316,25 +316,25 @@ class Shell:
 
     @property
     def house_length(self) -> float:
-        """Largest first domain coordinate of house and roof."""
+        """Return the largest first domain coordinate of house and roof."""
         return float(self._house_arc[1][-1])
 
     def house_place(self, a: ArrayLike) -> Floats:
-        """Places q of domain coordinates."""
+        """Return places q of domain coordinates."""
         q, arc = self._house_arc
         return np.asarray(np.interp(np.asarray(a, np.float64), arc, q))
 
     def house_a(self, q: ArrayLike) -> Floats:
-        """Domain coordinates of places q."""
+        """Return domain coordinates of places q."""
         places, arc = self._house_arc
         return np.asarray(np.interp(np.asarray(q, np.float64), places, arc))
 
     def roof_edge(self, q: ArrayLike) -> Floats:
-        """(M, 3) points of the roof's edge at places q."""
+        """Return (M, 3) points of the roof's edge at places q."""
         return np.asarray(self._house_lines[1](np.asarray(q, np.float64)))
 
     def house_side(self, y: ArrayLike) -> Floats:
-        """Domain coordinates along the side of the house whose base is at the given y."""
+        """Return domain coordinates along the side of the house whose base is at the given y."""
         d = self.design
         return self.house_a(1.0 + (np.asarray(y, np.float64) - d.rear_base) / (d.pillar_base - d.rear_base))
 
@@ -361,7 +361,7 @@ class Shell:
 
     @cached_property
     def roof(self) -> Master:
-        """Between the two upper edges of the house."""
+        """Return the roof between the two upper edges of the house."""
         q = np.unique(
             np.concatenate(
                 [
@@ -379,13 +379,13 @@ class Shell:
 
 
 def _fall(share: Floats) -> Floats:
-    """0 at 0, 1 from 1 on, smooth."""
+    """Return 0 at 0, 1 from 1 on, smooth."""
     t = np.clip(share, 0.0, 1.0)
     return np.asarray(t * (2.0 - t))
 
 
 def _rounded_corners(line: Floats, reach: int) -> Floats:
-    """A triangular moving average; the ends continue mirrored in x."""
+    """Return a triangular moving average; the ends continue mirrored in x."""
     flip = np.array([-1.0, 1.0, 1.0])
     padded = np.concatenate([line[1 : reach + 1][::-1] * flip, line, line[-reach - 1 : -1][::-1] * flip])
     weights = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
@@ -394,7 +394,7 @@ def _rounded_corners(line: Floats, reach: int) -> Floats:
 
 
 def extended(shape: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
-    """The shape continued, mirrored, across those borders of its frame that it touches: the border is no edge of it."""
+    """Return the shape continued, mirrored, across the borders of its frame that it touches, so that they are no edges."""
     x0, y0, x1, y1 = frame.bounds
     pieces = [shape]
     for axis, border in ((0, x0), (0, x1), (1, y0), (1, y1)):
@@ -414,7 +414,7 @@ def extended(shape: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
 
 
 def rounded(shape: BaseGeometry, radius: float, frame: BaseGeometry) -> BaseGeometry:
-    """Corners rounded by ``radius`` (domain units), but not where the shape ends at the frame's border."""
+    """Return the shape with corners rounded by ``radius`` (domain units), but not where the shape ends at the frame's border."""
     wide = (
         extended(shape, frame).buffer(-radius, quad_segs=4).buffer(2 * radius, quad_segs=4).buffer(-radius, quad_segs=4)
     )
@@ -422,6 +422,6 @@ def rounded(shape: BaseGeometry, radius: float, frame: BaseGeometry) -> BaseGeom
 
 
 def shrunk(shape: BaseGeometry, gap: float, frame: BaseGeometry) -> BaseGeometry:
-    """The shape without a margin of ``gap``, but not where it ends at the frame's border."""
+    """Return the shape without a margin of ``gap``, but not where it ends at the frame's border."""
     smaller = extended(shape, frame).buffer(-gap, join_style="mitre", mitre_limit=2.0).simplify(0.001)
     return shapely.intersection(smaller, frame)

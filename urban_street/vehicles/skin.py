@@ -1,7 +1,7 @@
 """Trimmed surfaces: a smooth master surface over a plane domain, cut into panels along outlines.
 
-A body is modelled as in a design studio: one smooth surface says where the sheet metal is, outlines drawn on it say
-where a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
+A body is modelled as in a design studio: one smooth surface defines the sheet metal, and outlines on it define where
+a door ends and a lamp begins. `cut` makes the triangles of one such region; `flange` gives it an edge, so that a
 gap between two panels is a real groove.
 """
 
@@ -30,7 +30,7 @@ class Master:
     Attributes:
         points: (N, 2) domain points to (N, 3) metres. The outside is where d/da × d/db points.
         low, high: corners of the domain.
-        lines: where the triangles of the untrimmed surface have their edges: values of a, values of b.
+        lines: edges of the untrimmed surface's triangles: values of a, values of b.
     """
 
     points: Callable[[Floats], Floats]
@@ -39,7 +39,7 @@ class Master:
     lines: tuple[Floats, Floats]
 
     def normals(self, at: Floats) -> Floats:
-        """(N, 3) unit normals at (N, 2) domain points, by central differences (one-sided on the border)."""
+        """Return (N, 3) unit normals at (N, 2) domain points, by central differences (one-sided on the border)."""
         slopes = []
         for axis in (0, 1):
             step = np.zeros(2)
@@ -49,7 +49,7 @@ class Master:
         return unit(np.cross(slopes[0], slopes[1]))
 
     def coarse(self, every: int = 3) -> Master:
-        """The same surface with fewer lines, for what is seen little of."""
+        """Return the same surface with fewer lines, for parts that are hardly visible."""
         along, across = (np.unique(np.append(lines[::every], lines[-1])) for lines in self.lines)
         return Master(self.points, self.low, self.high, (along, across))
 
@@ -60,7 +60,7 @@ class Master:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A region of a master surface: its triangles, and where its edge is.
+    """A region of a master surface: its triangles, and its edge.
 
     Attributes:
         surface: triangles, with texture coordinates 0.
@@ -72,7 +72,7 @@ class Patch:
 
 
 def cut(master: Master, region: BaseGeometry, *, offset: float = 0.0) -> Patch:
-    """The part of a master surface inside ``region`` (in its domain), moved ``offset`` metres along its normals."""
+    """Return the part of a master surface inside ``region`` (in its domain), moved ``offset`` metres along its normals."""
     corners = _triangles(master, region)
     flat = corners.reshape(-1, 2)
     keys = np.round(flat / _WELD).astype(np.int64)
@@ -89,7 +89,7 @@ def cut(master: Master, region: BaseGeometry, *, offset: float = 0.0) -> Patch:
 
 
 def _triangles(master: Master, region: BaseGeometry) -> Floats:
-    """(M, 3, 2) counter-clockwise domain triangles: whole cells of the grid inside, clipped cells along the outline."""
+    """Return (M, 3, 2) counter-clockwise domain triangles: whole cells of the grid inside, clipped cells along the outline."""
     if region.is_empty:
         return np.zeros((0, 3, 2))
     a0, b0, a1, b1 = region.bounds
@@ -105,7 +105,7 @@ def _triangles(master: Master, region: BaseGeometry) -> Floats:
     low = np.stack([left.ravel(), lower.ravel()], -1)[inside]
     high = np.stack([right.ravel(), upper.ravel()], -1)[inside]
     square = np.stack([low, np.stack([high[:, 0], low[:, 1]], -1), high, np.stack([low[:, 0], high[:, 1]], -1)], 1)
-    found = [square[:, [0, 1, 2]], square[:, [0, 2, 3]]]
+    corners = [square[:, [0, 1, 2]], square[:, [0, 2, 3]]]
     pieces = shapely.get_parts(shapely.intersection(region, cells[crossed]))
     pieces = pieces[(shapely.get_type_id(pieces) == 3) & (shapely.area(pieces) > 1e-9)]
     if len(pieces):
@@ -114,19 +114,19 @@ def _triangles(master: Master, region: BaseGeometry) -> Floats:
         sides = points[:, 1:] - points[:, :1]
         turn = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
         points = np.where((turn < 0.0)[:, None, None], points[:, ::-1], points)
-        found.append(points[np.abs(turn) > 1e-10])
-    return np.concatenate(found)
+        corners.append(points[np.abs(turn) > 1e-10])
+    return np.concatenate(corners)
 
 
 def _within(lines: Floats, low: float, high: float) -> Floats:
-    """The grid lines that enclose an interval."""
+    """Return the grid lines that enclose an interval."""
     first = max(int(np.searchsorted(lines, low, "right")) - 1, 0)
     last = min(int(np.searchsorted(lines, high, "left")), len(lines) - 1)
     return lines[first : max(last, first + 1) + 1]
 
 
 def _rim(faces: Ints) -> Ints:
-    """(E, 2) directed edges that have a triangle on one side only."""
+    """Return (E, 2) directed edges that have a triangle on one side only."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     size = int(faces.max()) + 1
     forward = edges[:, 0] * size + edges[:, 1]
@@ -135,7 +135,7 @@ def _rim(faces: Ints) -> Ints:
 
 
 def flange(patch: Patch, depth: float, *, middle: bool = False) -> Surface:
-    """A strip from the patch's border ``depth`` metres inwards, facing away from the patch.
+    """Build a strip from the patch's border ``depth`` metres inwards, facing away from the patch.
 
     Args:
         patch: its border.
@@ -159,18 +159,18 @@ def flange(patch: Patch, depth: float, *, middle: bool = False) -> Surface:
 
 
 def mirrored(surface: Surface) -> Surface:
-    """The surface on the other side of the plane x = 0."""
+    """Return the mirror image at the plane x = 0."""
     flip = np.array([-1.0, 1.0, 1.0])
     return Surface(surface.positions * flip, surface.normals * flip, surface.uvs, surface.faces[:, ::-1])
 
 
 def reversed_(surface: Surface) -> Surface:
-    """The surface seen from its other side."""
+    """Return the surface with its faces turned to the other side."""
     return Surface(surface.positions, -surface.normals, surface.uvs, surface.faces[:, ::-1])
 
 
 def along_polyline(points: Floats, step: float) -> Floats:
-    """(M, D) points of a polyline, its corners among them, at most ``step`` apart."""
+    """Return (M, D) points of a polyline, its corners among them, at most ``step`` apart."""
     pieces = [points[:1]]
     for start, stop in pairwise(points):
         count = max(int(np.ceil(float(np.linalg.norm(stop - start)) / step)), 1)

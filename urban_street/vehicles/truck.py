@@ -15,6 +15,7 @@ from urban_street.vehicles.details import facing, number_plate
 from urban_street.vehicles.hull import Hull, both_sides, on_left
 from urban_street.vehicles.interior import add_seat
 from urban_street.vehicles.skin import cut, reversed_
+from urban_street.vehicles.wheels import WheelSize
 
 LENGTH: Final = 7.40
 WIDTH: Final = 2.46
@@ -26,7 +27,7 @@ _TYRE: Final = 0.405
 
 
 def build_truck() -> list[RawPart]:
-    """Body (cab, box, chassis), two doors (1 left, 2 right) and wheels."""
+    """Build body (cab, box, chassis), two doors (1 left, 2 right) and wheels."""
     body = Bag()
     doors = _cab(body)
     _box(body)
@@ -34,14 +35,13 @@ def build_truck() -> list[RawPart]:
     parts = [RawPart("body", body)]
     for k, side in enumerate((-1, 1)):
         parts.append(RawPart(f"door-{k + 1}", doors if side > 0 else on_left(doors), (side * 1.02, 3.22, 0.0), "rot.z"))
-    return parts + wheels(_TYRE, 0.235, 0.245, "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
+    return parts + wheels(WheelSize(_TYRE, 0.235, 0.245), "steel", 0.5 * WIDTH - 0.19, _AXLES, twin=True)
 
 
 def _cab(body: Bag) -> Bag:
-    y0, y1 = _CAB
     width = 2.12
     hull = Hull(
-        y0, y1, width, 0.42, 2.36, corners=(0.10, 0.24),
+        _CAB, width, (0.42, 2.36), corners=(0.10, 0.24),
         inset=((0.42, 0.03), (0.52, 0.0), (1.35, 0.0), (2.05, 0.055), (2.24, 0.10), (2.36, 0.24)),
         rake=((0.42, 0.06), (0.55, 0.0), (1.0, 0.03), (1.35, 0.07), (2.36, 0.44)), columns=0.35, rows=0.22,
     )  # fmt: skip
@@ -143,7 +143,7 @@ def _cab_inside(body: Bag) -> None:
 
 
 def _box(body: Bag) -> None:
-    """A box with aluminium edges, side guards and two rear doors with locking bars."""
+    """Add a box with aluminium edges, side guards and two rear doors with locking bars."""
     y0, y1 = _BOX
     half, low, high = 0.5 * WIDTH, 1.02, HEIGHT - 0.02
     t = 0.012

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,17 @@ RIMS: Final = {
 _UPRIGHT = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def build_wheel(radius: float, width: float, rim_radius: float, design: str, *, fine: bool = True) -> Bag:
-    """A wheel around the origin, its outer face at +x; about 1,200 triangles."""
+class WheelSize(NamedTuple):
+    """The size of a wheel in metres: radius and width of the tyre, radius of the rim."""
+
+    radius: float
+    width: float
+    rim_radius: float
+
+
+def build_wheel(size: WheelSize, design: str, *, fine: bool = True) -> Bag:
+    """Build a wheel around the origin, its outer face at +x; about 1,200 triangles."""
+    radius, width, rim_radius = size
     bag = Bag()
     sides = 24 if fine else 12
     half = 0.5 * width
@@ -89,7 +98,7 @@ def build_wheel(radius: float, width: float, rim_radius: float, design: str, *, 
 def _spokes(
     rim: float, half: float, count: int, hub_share: float, rim_share: float, *, split: bool, swept: bool, fine: bool
 ) -> Surface:
-    """Bars from hub to rim, each a ridge with sloping flanks, dished towards the hub."""
+    """Build bars from hub to rim, each a ridge with sloping flanks, dished towards the hub."""
     radii = np.linspace(0.20 * rim, rim - 0.018, 4 if fine else 3)
     share = (radii - radii[0]) / (radii[-1] - radii[0])
     face = half - 0.012 - 0.022 * np.sin(np.pi * (1.0 - share)) * (1.0 - share) - 0.008 * (1.0 - share)
@@ -116,12 +125,12 @@ def _spokes(
 
 
 def _creased(grid: Floats) -> Surface:
-    """A grid of strips with sharp edges between its rows, each strip smooth along its columns."""
+    """Build a grid of strips with sharp edges between its rows, each strip smooth along its columns."""
     return merge([sheet(grid[k : k + 2], flip=False) for k in range(len(grid) - 1)])
 
 
 def _trim_disc(rim: float, half: float) -> Surface:
-    """A wheel cover with holes all around."""
+    """Build a wheel cover with holes all around."""
     face = half - 0.014
     outside = [(rim - 0.018, face - 0.010), (0.86 * rim, face), (0.80 * rim, face - 0.004)]
     inside = [

@@ -1,6 +1,6 @@
-"""What a run says of all classes, not of persons only: IoU class by class and its mean, as networks are usually compared.
+"""Scores of a run over all classes, not persons alone: IoU class by class and its mean, as networks are usually compared.
 
-A function that knows fewer than the 19 classes is judged by those that it knows, and says so wherever its means stand.
+A function that knows fewer than the 19 classes is judged by those that it knows. Whoever shows its means names these.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ class PooledClass:
 
     Attributes:
         name: of the class.
-        pixels: of the truth.
-        pacc: its recall.
-        precision, iou: likewise. All three are None also of a class that the function is not judged by.
+        pixels: of the class in the truth.
+        pacc: recall.
+        precision, iou: precision and intersection over union. All three are None for a class that the function is not
+            judged by.
     """
 
     name: str
@@ -35,16 +36,16 @@ class PooledClass:
 
 @dataclass(frozen=True, slots=True)
 class AllClasses:
-    """One function behind one sensor setting, over all frames and all classes that it is judged by.
+    """Scores of one function behind one sensor setting, over all frames and all classes that it is judged by.
 
     Attributes:
-        function, sensor: who looked.
-        frames: evaluated.
+        function, sensor: names of the function and of the sensor setting.
+        frames: number of evaluated frames.
         miou_mean: mean over the frames of each frame's mean IoU.
         miou_pooled: mean IoU of the summed counts, over the classes that the truth shows.
-        pixel_accuracy_pooled: share of labelled pixels that were predicted right.
-        classes: those that the truth shows, in the order of their train ids.
-        judged_by: names of the classes that the three are over; empty: all 19.
+        pixel_accuracy_pooled: share of labelled pixels that were predicted correctly.
+        classes: classes that the truth shows, in the order of their train ids.
+        judged_by: names of the classes that the three scores are over; empty: all 19.
     """
 
     function: str
@@ -60,24 +61,24 @@ class AllClasses:
 def all_classes(
     function: str, sensor: str, matrix: ConfusionMatrix, frame_mious: FrameMean, judged_by: Sequence[str] = ()
 ) -> AllClasses:
-    """The figures of one function behind one sensor setting.
+    """Return the scores of one function behind one sensor setting.
 
     Args:
-        function, sensor: who looked.
+        function, sensor: names of the function and of the sensor setting.
         matrix: (19, 20) summed counts of all frames (`valerie.metrics.aggregate.pooled`).
         frame_mious: mean IoU of the frames, over the same classes.
         judged_by: see `AllClasses`.
 
     Raises:
-        InvalidInput: no such matrix.
+        InvalidInput: the matrix is not (19, 20).
     """
     judged = judged_ids(judged_by)
     shown = []
     for label in TRAIN_LABELS:
         counts = class_counts(matrix, label.train_id)
         if pixels := counts.tp + counts.fn:
-            of_it = (counts.pacc, counts.precision, counts.iou) if label.train_id in judged else (None, None, None)
-            shown.append(PooledClass(label.name, pixels, *of_it))
+            ratios = (counts.pacc, counts.precision, counts.iou) if label.train_id in judged else (None, None, None)
+            shown.append(PooledClass(label.name, pixels, *ratios))
     return AllClasses(
         function,
         sensor,

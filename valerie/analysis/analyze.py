@@ -1,4 +1,4 @@
-"""All numbers of a finished run in one call: summary, trends and findings from the same bootstrap draws."""
+"""All statistics of a finished run: summary, trends and findings from the same bootstrap draws."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from valerie.analysis.trends import Trends, find_trends
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """What a run says."""
+    """Statistics of one run."""
 
     summary: Summary
     trends: Trends
@@ -31,12 +31,12 @@ def analyze(
     seed: int = 0,
     resamples: int = 2000,
 ) -> Analysis:
-    """Summarize, regress, compare; equal input gives equal numbers.
+    """Return summary, trends and findings of a run; equal input gives equal numbers.
 
     Args:
         table: the run's evaluations.
-        classes: what they say of all classes.
-        precisions: function to the precision that it ran in: functions of unequal ones are not held against each other.
+        classes: their scores over all classes, for the summary.
+        precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.incomparable`.
         threshold: detection threshold t, 0 < t ≤ 1.
         seed: of the bootstrap draws and the cross-validation folds.
         resamples: number of bootstrap draws.

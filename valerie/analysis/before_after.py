@@ -1,7 +1,7 @@
-"""The same validation with several versions of a function: side by side, what got worse as plainly as what got better.
+"""Several versions of a function on the same frames: scores side by side, and what became better or worse.
 
 All versions looked at the same frames, so differences are paired: rows are matched, and intervals draw whole situations
-(`valerie.analysis.intervals`). Every score stands in both averages: frame mean and pooled.
+(`valerie.analysis.intervals`). Every score is given as frame mean and pooled.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _OCCLUSION: Final = (
     ("occluded 5–50 %", 0.05, 0.5),
     ("occluded > 50 %", 0.5, 1.0),
 )
-#: Changes of a class's IoU below this many percentage points are not called better or worse.
+#: Smallest change of a pooled score that counts as better or worse: one percentage point.
 _CLASS_STEP: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One version on one group of persons; ratios in [0, 1], None where undefined.
+    """Scores of one version on one group of persons; ratios in [0, 1], None where undefined.
 
     Attributes:
-        pacc_mean, pacc_pooled: over the group's persons: each weighs the same, each pixel weighs the same.
+        pacc_mean, pacc_pooled: over the group's persons; in the mean every person has the same weight, pooled every pixel.
         detected: share of persons with pACC ≥ the threshold.
         precision_mean, precision_pooled, iou_mean, iou_pooled: of the frames that show the group's persons.
         false_pixels: pixels of these frames that are called person and belong to none.
@@ -57,9 +57,9 @@ class GroupComparison:
     """One group of persons under all versions.
 
     Attributes:
-        name: which persons.
-        persons: person-frames with a defined pACC.
-        frames: frames that show them.
+        name: describes the persons.
+        persons: number of persons in frames with a defined pACC.
+        frames: number of frames that show them.
         sides: per version, in order; the first is "before".
         differences: mean pACC of each later version minus the first's, with a 95 % interval where situations suffice.
     """
@@ -93,16 +93,16 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All groups and classes.
+    """Comparison of all versions over all groups and classes.
 
     Attributes:
         versions: names, "before" first.
         threshold: of the detection rate.
         groups: all persons first, then the parts.
-        numeric_classes: in which the versions ran, in their order; empty where nobody knows.
-        judged_by: names of the classes that ``classes`` and ``overall`` are of; all 19 unless a version knows fewer.
+        numeric_classes: in which the versions ran, in their order; empty where unknown.
+        judged_by: names of the classes that ``classes`` and ``overall`` are over; all 19 unless a version knows fewer.
         classes: class name to (IoU, recall) per version, pooled over all frames; classes in truth or prediction.
-        overall: all-class score to (frame mean, pooled) per version.
+        overall: score over all classes to (frame mean, pooled) per version.
     """
 
     versions: tuple[str, ...]
@@ -115,7 +115,7 @@ class Comparison:
 
     @property
     def alike(self) -> bool:
-        """Whether all versions ran in one numeric class, as far as is known."""
+        """True unless two versions are known to have run in different numeric classes."""
         return len(set(self.numeric_classes)) < 2
 
     def changes(self, version: int) -> tuple[Change, ...]:
@@ -169,11 +169,11 @@ def compare(
     """Compare versions of a function on the same frames.
 
     Args:
-        versions: name to long table (one function, one sensor setting) and scores; the first is "before". Rows are those
-            of `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
+        versions: name to long table (one function, one sensor setting) and scores; the first is "before". The rows come
+            from `aligned`: the same persons in the same frames, in the same order. Scores are judged by the same classes.
         numeric_classes: in which the versions ran, in their order.
-        more_groups: name to (N,) bool over the first table's rows: groups beside those that are always made (distance,
-            occlusion, character, camera).
+        more_groups: name to (N,) bool over the first table's rows; added to the groups by distance, occlusion, character
+            and camera.
         threshold: of the detection rate.
         seed: of the bootstrap.
 
@@ -181,7 +181,7 @@ def compare(
         InvalidInput: fewer than two versions, tables of other rows, or scores of other classes.
     """
     if len(versions) < 2:
-        raise InvalidInput("nothing to compare", field="versions", value=list(versions), limit="at least two")
+        raise InvalidInput("too few versions to compare", field="versions", value=list(versions), limit="at least two")
     tables = [table for table, _ in versions.values()]
     first = tables[0]
     for name, table in zip(versions, tables, strict=True):
@@ -214,30 +214,34 @@ def compare(
 
 
 def row_keys(table: EvaluationTable) -> list[tuple[str, int | None]]:
-    """(frame, instance) of every row: what must be equal, row for row, between versions."""
+    """Return (frame, instance) of every row; versions are comparable if these are equal, row by row."""
     frames, instances = table.arrow["frame_id"].to_pylist(), table.arrow["instance_id"].to_pylist()
     return list(zip(frames, instances, strict=True))
 
 
 def aligned(tables: Sequence[EvaluationTable]) -> list[EvaluationTable]:
-    """The rows that all tables have, in the order of the first; one function and sensor setting each."""
+    """Return the tables reduced to the rows that all have, in the order of the first.
+
+    Args:
+        tables: one function and one sensor setting each.
+    """
     keys = [row_keys(table) for table in tables]
     common = set(keys[0]).intersection(*keys[1:])
     order = [key for key in keys[0] if key in common]
-    made = []
+    reduced = []
     for table, own in zip(tables, keys, strict=True):
         place = {key: i for i, key in enumerate(own)}
-        made.append(EvaluationTable(table.arrow.take([place[key] for key in order]), table.parameters))
-    return made
+        reduced.append(EvaluationTable(table.arrow.take([place[key] for key in order]), table.parameters))
+    return reduced
 
 
 def _parts(table: EvaluationTable) -> dict[str, NDArray[np.bool_]]:
-    """Distance, occlusion, character and camera."""
+    """Return the groups by distance, occlusion, character and camera: name to (N,) bool."""
     parts: dict[str, NDArray[np.bool_]] = {}
     distance, occlusion = table.numbers("distance_m"), table.numbers("occlusion_rate")
-    seen = np.isfinite(distance) & np.isfinite(table.numbers("pacc"))
-    if seen.any():
-        edges = bin_edges(float(distance[seen].min()), float(distance[seen].max()), _DISTANCE_BIN_M)
+    defined = np.isfinite(distance) & np.isfinite(table.numbers("pacc"))
+    if defined.any():
+        edges = bin_edges(float(distance[defined].min()), float(distance[defined].max()), _DISTANCE_BIN_M)
         for low, high in pairwise(edges):
             parts[f"distance {low:g}–{high:g} m"] = (distance >= low) & (distance < high)
     for name, low, high in _OCCLUSION:
@@ -256,7 +260,7 @@ def _group(
     threshold: float,
 ) -> GroupComparison:
     paccs = [table.numbers("pacc") for table in tables]
-    defined = mask & np.isfinite(paccs[0])  # visibility decides, so it is the same in all versions
+    defined = mask & np.isfinite(paccs[0])  # the same in all versions: visibility alone decides it
     frames = np.unique(tables[0].evaluations[mask])
     sides = tuple(_side(table, defined, frames, threshold) for table in tables)
     differences: list[tuple[float, Interval | None]] = []
@@ -272,16 +276,17 @@ def _group(
 def _side(table: EvaluationTable, defined: NDArray[np.bool_], frames: NDArray[np.int64], threshold: float) -> Side:
     pacc, tp, fn = (table.numbers(name)[defined] for name in ("pacc", "tp", "fn"))
     counts = frame_counts(table)
-    hit, false, missed = counts.tp[frames], counts.fp[frames], counts.fn[frames]
+    tp_of_frames, fp, fn_of_frames = counts.tp[frames], counts.fp[frames], counts.fn[frames]
+    union = tp_of_frames + fp + fn_of_frames
     return Side(
         pacc_mean=_mean(pacc),
         pacc_pooled=_ratio(tp.sum(), (tp + fn).sum()),
         detected=_mean((pacc >= threshold).astype(np.float64)),
-        precision_mean=_mean_ratio(hit, hit + false),
-        precision_pooled=_ratio(hit.sum(), (hit + false).sum()),
-        iou_mean=_mean_ratio(hit, hit + false + missed),
-        iou_pooled=_ratio(hit.sum(), (hit + false + missed).sum()),
-        false_pixels=int(false.sum()),
+        precision_mean=_mean_ratio(tp_of_frames, tp_of_frames + fp),
+        precision_pooled=_ratio(tp_of_frames.sum(), (tp_of_frames + fp).sum()),
+        iou_mean=_mean_ratio(tp_of_frames, union),
+        iou_pooled=_ratio(tp_of_frames.sum(), union.sum()),
+        false_pixels=int(fp.sum()),
     )
 
 

@@ -1,4 +1,4 @@
-"""A comparison of versions for people: tables in a terminal, and one picture."""
+"""A comparison of versions as tables in a terminal and as one picture."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rich.text import Text
 from valerie.analysis.before_after import Comparison
 from valerie.analysis.wording import change_sentence, classes_text, numeric_classes_sentence, percent
 
-#: Okabe and Ito: told apart by everyone.
+#: Colours of Okabe and Ito (2008), which remain apart in all common forms of colour blindness.
 _COLORS: Final = ("#555555", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 _MARKERS: Final = ("o", "D", "s", "^", "v")
-#: Of the small line above the picture, as many as fit.
+#: Characters of the small line above the picture that fit its width.
 _CHARACTERS: Final = 160
 
 
 def comparison_renderable(comparison: Comparison) -> RenderableType:
-    """Groups, classes, and what got better and worse, for a rich console."""
+    """Return the tables of groups and classes and the lists of changes, for a rich console."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     table.add_column("persons", no_wrap=True)
     headings = ("n", "pACC mean", "pooled", f"≥ {comparison.threshold:g}", "precision", "IoU", "false px")
@@ -47,8 +47,8 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
                 f"{side.false_pixels:,}",
             )
     classes = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
-    of = classes_text(comparison.judged_by) if comparison.judged_by else "no class that all are judged by"
-    classes.add_column(f"{of}: mean / pooled")
+    judged = classes_text(comparison.judged_by) if comparison.judged_by else "no class that all are judged by"
+    classes.add_column(f"{judged}: mean / pooled")
     for version in comparison.versions:
         classes.add_column(version, justify="right")
     for name, sides in comparison.overall.items():
@@ -58,9 +58,9 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
     for name, sides in comparison.classes.items():
         classes.add_row(name, *(f"{percent(iou)} / {percent(recall)}" for iou, recall in sides))
     note = (
-        "In per cent; differences of the mean pACC to the first version with 95 % intervals; precision and IoU are of the "
-        "frames that show the group's persons: mean / pooled. Groups selected by the first version's own scores favour every "
-        "later version: what was bad by chance is less bad the next time."
+        "In per cent. Differences of the mean pACC are to the first version, with 95 % intervals. Precision and IoU are "
+        "those of the frames that show the group's persons: mean / pooled. Groups selected by the scores of the first version "
+        "favour every later version (regression to the mean)."
     )
     parts: list[RenderableType] = [table, classes, Text(note, style="dim")]
     if comparison.numeric_classes:
@@ -74,7 +74,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
 
 
 def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> None:
-    """One picture: mean pACC per group and pooled IoU per class, all versions on one line.
+    """Draw mean pACC per group and pooled IoU per class, all versions on one line.
 
     Args:
         comparison: what to draw.
@@ -118,7 +118,7 @@ def draw_comparison(comparison: Comparison, path: Path, *, title: str = "") -> N
 
 
 def _line(axes: object, place: int, values: list[float | None], pooled: list[float | None] | None) -> None:
-    """All versions of one row: joined by a line, in colours of their own."""
+    """Draw the values of all versions in one row, joined by a line, each version in its own colour."""
     from matplotlib.axes import Axes
 
     assert isinstance(axes, Axes)
@@ -129,6 +129,6 @@ def _line(axes: object, place: int, values: list[float | None], pooled: list[flo
         color, marker = _COLORS[number % 5], _MARKERS[number % 5]
         if value is not None:
             axes.scatter(100 * value, place, color=color, marker=marker, s=46, zorder=3)
-        other = None if pooled is None else pooled[number]
-        if other is not None:
-            axes.scatter(100 * other, place, facecolor="none", edgecolor=color, marker=marker, s=46, zorder=2)
+        hollow = None if pooled is None else pooled[number]
+        if hollow is not None:
+            axes.scatter(100 * hollow, place, facecolor="none", edgecolor=color, marker=marker, s=46, zorder=2)

@@ -1,4 +1,4 @@
-"""Binned means: what the data say before any curve is laid through them."""
+"""Binned means of pACC."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from valerie.analysis.intervals import Interval, Resampler, wilson
 from valerie.errors import InvalidInput
 
-#: More bins than this are merged: the width is widened by 2, 5, 10, 20 … until they are fewer.
+#: Largest number of bins; beyond it, the width is multiplied by 2, 5, 10, 20 … until fewer are left.
 MAX_BINS: Final = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """The persons whose x lies in [low, high).
+    """Persons whose x lies in [low, high); a person counts once in each frame.
 
     Attributes:
         low, high: edges, multiples of the bin width.
-        n: person-frames with a defined pACC.
-        x: mean of their x: where the bin's mean belongs in a plot.
-        mean: of their pACC; ``mean_interval`` is its 95 % bootstrap interval, None where situations are too few.
-        detected: person-frames with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % of detected / n.
+        n: number of persons with a defined pACC.
+        x: mean of their x, the place of the bin's mean in a plot.
+        mean: mean of their pACC; ``mean_interval`` is its 95 % bootstrap interval, None with too few situations.
+        detected: number of persons with pACC ≥ threshold; ``detection_interval`` is Wilson's 95 % interval of detected / n.
     """
 
     low: float
@@ -38,7 +38,7 @@ class Bin:
 
 
 def bin_edges(low: float, high: float, width: float) -> NDArray[np.float64]:
-    """Edges at whole multiples of ``width`` that cover ``low`` … ``high`` (the last edge lies above ``high``).
+    """Return edges at whole multiples of ``width`` that cover ``low`` … ``high``; the last edge lies above ``high``.
 
     Raises:
         InvalidInput: ``width`` is not positive.
@@ -61,19 +61,19 @@ def bins_of(
     threshold: float,
     resampler: Resampler,
 ) -> tuple[Bin, ...]:
-    """Bin the rows by ``x``; empty bins are left out.
+    """Return the bins of ``x`` that hold at least one row, in ascending order.
 
     Args:
-        x: (N,) of the whole table; rows with a gap are ignored.
-        pacc: (N,), the same.
-        rows: (N,) bool, which rows to take.
+        x: (N,) of the whole table; NaN values are left out.
+        pacc: (N,) likewise.
+        rows: (N,) bool, the rows to use.
         edges: ascending (K+1,).
         threshold: of the detection rate.
         resampler: the run's draws.
     """
     usable = rows & np.isfinite(x) & np.isfinite(pacc)
     place = np.digitize(x, edges) - 1
-    found = []
+    bins = []
     for k in range(len(edges) - 1):
         inside = usable & (place == k)
         n = int(np.count_nonzero(inside))
@@ -81,7 +81,7 @@ def bins_of(
             continue
         mean, replicates = resampler.mean(pacc, inside)
         detected = int(np.count_nonzero(pacc[inside] >= threshold))
-        found.append(
+        bins.append(
             Bin(
                 low=float(edges[k]),
                 high=float(edges[k + 1]),
@@ -93,4 +93,4 @@ def bins_of(
                 detection_interval=wilson(detected, n),
             )
         )
-    return tuple(found)
+    return tuple(bins)

@@ -1,4 +1,4 @@
-"""Which frames to look at: the extremes that numbers point to, one picture each."""
+"""Frames that are worth a look: the extremes of a run, one frame each."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from valerie.analysis.trends import AXES
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One person in one frame, and how each function saw it.
+    """One person in one frame, and the pACC of each function.
 
     Attributes:
-        title: why it was chosen.
+        title: reason for the choice.
         frame_id, sensor, camera, character: the person and the frame.
         measures: the person's value on each axis of the report where one is defined; time only in runs of several moments.
         pacc: per function, 0…1.
@@ -34,7 +34,10 @@ class Example:
 
 
 def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
-    """Best seen, worst in plain sight, worst of all, most occluded, most disputed; each frame at most once."""
+    """Return the best seen person, the worst in plain sight, the worst of all, the most occluded and the most disputed one.
+
+    No frame occurs twice, so there may be fewer.
+    """
     usable = present(table) & np.isfinite(table.numbers("pacc"))
     if not usable.any():
         return ()
@@ -46,20 +49,20 @@ def choose_examples(table: EvaluationTable) -> tuple[Example, ...]:
     pacc = table.numbers("pacc")[rows]
     n = np.bincount(inverse)
     mean = np.bincount(inverse, weights=pacc) / n
-    least, most = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
-    np.minimum.at(least, inverse, pacc)
-    np.maximum.at(most, inverse, pacc)
+    lowest, highest = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
+    np.minimum.at(lowest, inverse, pacc)
+    np.maximum.at(highest, inverse, pacc)
     occlusion = np.nan_to_num(table.numbers("occlusion_rate")[rows[first]], nan=0.0)
-    plain = occlusion <= OCCLUDED
-    wishes: list[tuple[str, NDArray[np.float64]]] = [
+    in_plain_sight = occlusion <= OCCLUDED
+    extremes: list[tuple[str, NDArray[np.float64]]] = [
         ("Best seen", mean),
-        ("Worst in plain sight", np.where(plain, -mean, -np.inf)),
+        ("Worst in plain sight", np.where(in_plain_sight, -mean, -np.inf)),
         ("Worst of all", -mean),
         ("Most occluded", np.where(occlusion > 0, occlusion, -np.inf)),
-        ("Most disputed", np.where(most > least, most - least, -np.inf)),
+        ("Most disputed", np.where(highest > lowest, highest - lowest, -np.inf)),
     ]
     chosen: list[Example] = []
-    for title, score in wishes:
+    for title, score in extremes:
         for place in np.argsort(-score, kind="stable"):
             if not np.isfinite(score[place]):
                 break

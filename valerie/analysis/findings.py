@@ -1,8 +1,8 @@
-"""First findings, said in sentences that numbers wrote: each with its n and an interval, none where nothing was shown.
+"""Findings: the comparisons of a run whose effect the choice of situations cannot explain.
 
-All comparisons that were made, the silent ones too, share one family of simultaneous 95 % intervals
-(`valerie.analysis.intervals.simultaneous`): the chance that even one sentence is due to the choice of situations alone
-is 5 %. What holds between bins may still have another cause than the axis it is binned by.
+All comparisons, also those without a finding, share one family of simultaneous 95 % intervals
+(`valerie.analysis.intervals.simultaneous`). The chance that even one finding is due to the choice of situations alone is
+5 %. A difference between bins may still have another cause than the axis.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ LEVEL: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One sentence and what it rests on.
+    """One effect with its evidence.
 
     Attributes:
-        kind: which comparison.
-        sentence: for people; holds the effect, its interval and every n.
-        function, sensor: who looked (of two functions, the one with the higher pACC).
-        column: the x column of a comparison between bins, the path of one between values, else empty.
-        effect: a difference of pACC (0…1 scale), or by how much the share of false person pixels passes one half.
+        kind: kind of the comparison.
+        sentence: for people, with the effect, its interval and every n.
+        function, sensor: names of the function and the sensor setting; of two functions, the one with the higher pACC.
+        column: axis of the bins or path of the parameter; empty for other kinds.
+        effect: difference of mean pACC (0…1 scale), or of the share of false person pixels to one half.
         interval: simultaneous 95 % interval of ``effect``; never holds 0.
-        evidence: effect / standard error, without sign; findings are sorted by it.
-        n: what was counted on each side.
-        situations: how many different situations that rests on.
+        evidence: |effect| / standard error; findings are sorted by it.
+        n: number of persons, pairs or frames on each side.
+        situations: number of different situations.
     """
 
     kind: FindingKind
@@ -54,16 +54,16 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a run shows at first sight.
+    """Findings of a run.
 
     Attributes:
         items: strongest evidence first; of several changes along one axis or parameter only the clearest.
-        examined: number of comparisons made.
-        held: number whose interval leaves out "no effect".
+        examined: number of comparisons.
+        held: number of comparisons whose interval leaves out 0.
         level: joint confidence of all intervals.
-        resamples: bootstrap draws.
+        resamples: number of bootstrap draws.
         seed: of the draws.
-        unpaired: a sentence for each two functions that were not held against each other, with the reason.
+        unpaired: a sentence with the reason for each two functions that are not compared.
     """
 
     items: tuple[Finding, ...]
@@ -75,24 +75,24 @@ class Findings:
     unpaired: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """Plain dicts, lists, numbers and None."""
+        """Return the findings as JSON values."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, document: Mapping[str, object]) -> Findings:
-        """Read what `to_json` gave, also after a trip through JSON."""
+        """Read the result of `to_json`, also after a round trip through JSON text."""
         return TypeAdapter(cls).validate_python(document)
 
 
 def find_findings(
     table: EvaluationTable, trends: Trends, *, resampler: Resampler, precisions: Mapping[str, str] | None = None
 ) -> Findings:
-    """Compare bins, values of every varied parameter, characters, functions and false positives; say what holds.
+    """Compare bins, values of every varied parameter, pedestrians and functions, and return the effects that hold.
 
     Args:
         table: the run's evaluations.
-        trends: its trends (their bins are compared).
-        resampler: the run's bootstrap draws (made of ``table.situations``).
+        trends: its trends, whose bins are compared.
+        resampler: bootstrap draws of ``table.situations``.
         precisions: function to the precision that it ran in; see `valerie.analysis.comparisons.incomparable`.
     """
     precisions = precisions or {}
@@ -138,15 +138,15 @@ def _finding(comparison: Comparison, half: float, error: float, *, several_senso
     )
 
 
-def _clearest(found: list[Finding]) -> tuple[Finding, ...]:
-    """All but those that repeat a clearer change along the same axis or parameter."""
+def _clearest(findings: list[Finding]) -> tuple[Finding, ...]:
+    """Return the findings without those that repeat a clearer change along the same axis or parameter."""
     kept: list[Finding] = []
-    said: set[tuple[str, str, str]] = set()
-    for finding in found:
+    named: set[tuple[str, str, str]] = set()
+    for finding in findings:
         axis = (finding.function, finding.sensor, finding.column)
         if finding.kind in (FindingKind.BINS, FindingKind.VALUES):
-            if axis in said:
+            if axis in named:
                 continue
-            said.add(axis)
+            named.add(axis)
         kept.append(finding)
     return tuple(kept)

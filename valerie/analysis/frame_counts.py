@@ -1,4 +1,4 @@
-"""Counts of whole frames, from the rows of their persons: precision and IoU belong to a frame, never to a person."""
+"""Groups of rows, and counts of whole frames: precision and IoU belong to a frame, never to a person."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from valerie.analysis.table import EvaluationTable
 
-#: The reason of a row that stands for a person who is not there.
+#: Reason of a row whose person is not in the scene.
 ABSENT: Final = "absent"
-#: The name under which all characters are taken together.
+#: Name of all characters together.
 ALL: Final = "all"
-#: The name of a person whose asset declares no character.
+#: Name of persons whose asset declares no character.
 UNNAMED: Final = "unnamed"
 
 
@@ -23,9 +23,9 @@ class FrameCounts:
     """Person pixels of every evaluation (frame, sensor, function); all arrays (E,), in the table's numbering.
 
     Attributes:
-        row: int64, the first row of the evaluation: where to read what is the frame's.
+        row: int64, the first row of the evaluation, from which to read the frame's own columns.
         tp, fn, fp: float64 pixels; tp and fn summed over the frame's persons.
-        inhabited: bool, whether at least one person is present (visible or not).
+        inhabited: bool, true where at least one person is present, visible or not.
     """
 
     row: NDArray[np.int64]
@@ -37,7 +37,7 @@ class FrameCounts:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """One line of a summary: a function behind a sensor setting, and which pedestrian it looks at (`ALL` for any)."""
+    """One line of a summary: a function, a sensor setting and a pedestrian (`ALL` for any)."""
 
     function: str
     sensor: str
@@ -45,13 +45,13 @@ class Group:
 
 
 def present(table: EvaluationTable) -> NDArray[np.bool_]:
-    """(N,) bool: rows of persons that are in the scene, visible or not."""
-    there: NDArray[np.bool_] = ~table.codes("undefined_reason").where(ABSENT)
-    return there
+    """Return (N,) bool: the rows of persons that are in the scene, visible or not."""
+    rows: NDArray[np.bool_] = ~table.codes("undefined_reason").where(ABSENT)
+    return rows
 
 
 def frame_counts(table: EvaluationTable) -> FrameCounts:
-    """Sum the rows of each evaluation."""
+    """Return the sums over the rows of each evaluation."""
     number = table.evaluations
     count = int(number.max()) + 1 if len(number) else 0
     row = np.zeros(count, np.int64)
@@ -66,14 +66,14 @@ def frame_counts(table: EvaluationTable) -> FrameCounts:
 
 
 def settings(table: EvaluationTable) -> tuple[tuple[str, str], ...]:
-    """The (function, sensor) pairs that occur, sorted."""
+    """Return the (function, sensor) pairs that occur, sorted."""
     functions, sensors = table.codes("function"), table.codes("sensor")
     pairs = np.unique(functions.index * max(len(sensors.names), 1) + sensors.index)
     return tuple((functions.names[p // len(sensors.names)], sensors.names[p % len(sensors.names)]) for p in pairs)
 
 
 def characters(table: EvaluationTable) -> tuple[str, ...]:
-    """The characters that are present in at least one frame, sorted; `UNNAMED` last where some have none."""
+    """Return the characters that are present in at least one frame, sorted; `UNNAMED` is last where a person has none."""
     codes = table.codes("character")
     occurring = np.unique(codes.index[present(table)])
     named = tuple(codes.names[i] for i in occurring if i >= 0)
@@ -81,7 +81,7 @@ def characters(table: EvaluationTable) -> tuple[str, ...]:
 
 
 def rows_of(table: EvaluationTable, group: Group) -> NDArray[np.bool_]:
-    """(N,) bool: the rows of the group's present persons."""
+    """Return (N,) bool: the rows of the group's present persons."""
     rows = present(table) & table.codes("function").where(group.function) & table.codes("sensor").where(group.sensor)
     if group.character == ALL:
         return rows
@@ -91,7 +91,7 @@ def rows_of(table: EvaluationTable, group: Group) -> NDArray[np.bool_]:
 
 
 def groups(table: EvaluationTable) -> tuple[Group, ...]:
-    """Per function and sensor: each character that occurs, then `ALL` where there are several."""
+    """Return the groups of each function and sensor: one per character, then `ALL` where there are several."""
     names = characters(table)
     shown = (*names, ALL) if len(names) > 1 else names
     return tuple(Group(function, sensor, name) for function, sensor in settings(table) for name in shown)

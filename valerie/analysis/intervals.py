@@ -1,9 +1,9 @@
-"""How sure is a number? Wilson's interval for shares, and one bootstrap of whole situations for everything else.
+"""Confidence intervals: Wilson's for shares, and one bootstrap of whole situations for everything else.
 
-Rows are not independent: one situation is seen by three cameras, by two functions, with two pedestrians. The bootstrap
+Rows are not independent, since several cameras and functions see one situation with several pedestrians. The bootstrap
 therefore draws situations with replacement (cluster bootstrap: Davison & Hinkley 1997, *Bootstrap Methods and their
-Application*, section 3.8), and every statistic of a run uses the same draws: differences are paired by construction,
-and many comparisons can be judged together (`simultaneous`).
+Application*, section 3.8). Every statistic of a run uses the same draws, so differences are paired by construction and
+many comparisons can be judged together (`simultaneous`).
 """
 
 from __future__ import annotations
@@ -15,22 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
-#: Fewer situations than this give no bootstrap interval: it would be far too narrow.
+#: Smallest number of situations for a bootstrap interval; with fewer it would be far too narrow.
 MIN_SITUATIONS: Final = 6
-#: Above this many, situations are drawn in random groups of equal size; the variance stays right, memory stays bounded.
+#: Largest number of drawn units. More situations are drawn in random groups of equal size, which keeps the variance
+#: right and the memory bounded.
 MAX_GROUPS: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An interval that holds the true value with a stated confidence (the level is the caller's)."""
+    """A confidence interval; the caller states the level."""
 
     low: float
     high: float
 
 
 def wilson(successes: int, total: int, *, level: float = 0.95) -> Interval | None:
-    """Wilson's score interval for a share (Wilson 1927, doi:10.1080/01621459.1927.10502953); None of nothing."""
+    """Return Wilson's score interval for a share (Wilson 1927, doi:10.1080/01621459.1927.10502953); None if total is 0."""
     if total == 0:
         return None
     z = float(ndtri(0.5 + level / 2))
@@ -44,9 +45,9 @@ class Resampler:
     """The bootstrap draws of one run.
 
     Attributes:
-        group: (N,) int64, the drawn unit that a row belongs to.
+        group: (N,) int64, the drawn unit of each row.
         groups: number G of units.
-        weights: (B, G) float64, how often a draw holds a unit; rows sum to G.
+        weights: (B, G) float64, number of times that a draw holds a unit; rows sum to G.
         seed: of the draws.
     """
 
@@ -70,28 +71,31 @@ class Resampler:
         self.weights: NDArray[np.float64] = drawn.astype(np.float64)
 
     def totals(self, values: NDArray[np.float64], rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Sum of ``values`` over ``rows`` ((N,) bool) per unit: (G,) float64."""
+        """Return the sum of ``values`` over ``rows`` ((N,) bool) per unit: (G,) float64."""
         sums = np.bincount(self.group[rows], weights=values[rows], minlength=self.groups)
         return sums.astype(np.float64)
 
     def ratio(
         self, top: NDArray[np.float64], bottom: NDArray[np.float64], rows: NDArray[np.bool_]
     ) -> tuple[float, NDArray[np.float64]]:
-        """Σ top / Σ bottom over ``rows``, and its (B,) replicates; NaN where the bottom is 0."""
+        """Return Σ top / Σ bottom over ``rows`` and its (B,) replicates; NaN where the bottom is 0."""
         a, b = self.totals(top, rows), self.totals(bottom, rows)
         with np.errstate(invalid="ignore", divide="ignore"):
             return float(np.divide(a.sum(), b.sum())), (self.weights @ a) / (self.weights @ b)
 
     def mean(self, values: NDArray[np.float64], rows: NDArray[np.bool_]) -> tuple[float, NDArray[np.float64]]:
-        """Mean of ``values`` over ``rows``, and its (B,) replicates."""
+        """Return the mean of ``values`` over ``rows`` and its (B,) replicates."""
         return self.ratio(values, np.ones_like(values), rows)
 
     def occupied(self, rows: NDArray[np.bool_]) -> int:
-        """How many units have at least one of ``rows``."""
+        """Return the number of units with at least one of ``rows``."""
         return int(np.count_nonzero(np.bincount(self.group[rows], minlength=self.groups)))
 
     def interval(self, replicates: NDArray[np.float64], rows: NDArray[np.bool_]) -> Interval | None:
-        """95 % interval of replicates that rest on ``rows``; None with fewer than `MIN_SITUATIONS` units."""
+        """Return the 95 % interval of replicates over ``rows``; None with fewer than `MIN_SITUATIONS` units.
+
+        None too where more than a tenth of the replicates are undefined.
+        """
         sound = replicates[np.isfinite(replicates)]
         units = self.occupied(rows)
         if units < MIN_SITUATIONS or len(sound) < 0.9 * len(replicates):
@@ -101,10 +105,10 @@ class Resampler:
 
 
 def quantiles(units: int, *, level: float = 0.95) -> tuple[float, float]:
-    """Which quantiles of replicates that rest on few units bound an interval of ``level``.
+    """Return the two quantiles of replicates that bound an interval of ``level``.
 
-    The plain percentile interval is too narrow for few units; this widens it as Student's t does (expanded percentile
-    interval: Hesterberg 2015, doi:10.1080/00031305.2015.1089789).
+    The plain percentile interval is too narrow with few units. The expanded percentile interval widens it as Student's t
+    does (Hesterberg 2015, doi:10.1080/00031305.2015.1089789).
     """
     tail = float(ndtr(np.sqrt(units / (units - 1)) * stdtrit(units - 1, 0.5 - level / 2)))
     return tail, 1 - tail
@@ -117,16 +121,16 @@ def simultaneous(
     *,
     level: float = 0.95,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Intervals that hold *together*: with probability ``level`` none of the M true values lies outside its own.
+    """Return intervals that hold *together*: with probability ``level`` none of the M true values lies outside its own.
 
-    The largest |estimate* − estimate| / standard error over all comparisons is bootstrapped, and its quantile widens
-    every interval (single-step max-T: Westfall & Young 1993, *Resampling-Based Multiple Testing*), as does Student's t
-    for the number of units. Looking at many comparisons thus makes no false finding more likely.
+    The largest |estimate* − estimate| / standard error over all comparisons is bootstrapped. Its quantile widens every
+    interval (single-step max-T: Westfall & Young 1993, *Resampling-Based Multiple Testing*), as does Student's t for the
+    number of units. More comparisons therefore make no false finding more likely.
 
     Args:
         estimates: (M,).
-        replicates: (B, M) of the same draws; a draw with a gap counts as no deviation in that comparison.
-        units: (M,) number of drawn units that each comparison rests on, ≥ 2.
+        replicates: (B, M) of the same draws; an undefined replicate counts as no deviation.
+        units: (M,) number of drawn units in each comparison, ≥ 2.
         level: joint confidence.
 
     Returns:
@@ -137,7 +141,7 @@ def simultaneous(
     deviation = np.nan_to_num(replicates - estimates)
     error = np.maximum(np.sqrt((deviation**2).mean(axis=0)), 1e-9)
     normal = float(np.quantile(np.abs(deviation / error).max(axis=1), level))
-    # Never below the normal quantile of a single comparison: a quantile of few draws is noisy.
+    # The quantile of few draws is noisy, so it is never taken below that of a single comparison.
     tail = min(1 - float(ndtr(normal)), 0.5 - level / 2)
     error = error * np.sqrt(units / (units - 1))
     return -stdtrit(units - 1, tail) * error, error

@@ -1,4 +1,4 @@
-"""The numbers behind a plot: which points, curves and bins a panel shows. `plots` draws them, with either library."""
+"""Points, curves and bins of one plot; `valerie.analysis.plots` draws them with either library."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.analysis.table import EvaluationTable
 from valerie.analysis.trends import Trends
 from valerie.measures import Measure, measure_of
 
-#: Of a panel with more points than this, a random share is drawn (curves and bins always rest on all).
+#: Largest number of drawn points; beyond it a random sample is drawn. Curves and bins always use all points.
 MAX_POINTS: Final = 2500
 #: Colours that remain apart in all common forms of colour blindness (Okabe & Ito 2008) and in grey.
 COMBINED_COLOR: Final = "#d55e00"
@@ -23,7 +23,7 @@ CHARACTER_SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How a character looks in every plot of a report: colour and symbol both tell it."""
+    """Colour and symbol of a character in every plot of a report; each alone tells characters apart."""
 
     color: str
     symbol: str
@@ -31,7 +31,7 @@ class Style:
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """The persons of one character: x in shown units, pACC in per cent, and the frame of each."""
+    """Points of one character: x in shown units, pACC in per cent, and the frame of each."""
 
     character: str
     style: Style
@@ -42,7 +42,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A regression curve and its 95 % band: x in shown units, pACC in per cent; clipped to 0…100 for drawing."""
+    """A regression curve and its 95 % band: x in shown units, pACC in per cent, clipped to 0…100."""
 
     character: str
     style: Style
@@ -54,7 +54,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """One binned mean of all characters: its persons' mean x, mean pACC and 95 % interval in per cent."""
+    """Mean of one bin over all characters: mean x, mean pACC and its 95 % interval in per cent."""
 
     x: float
     y: float
@@ -65,14 +65,14 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """pACC over one axis for one function: everything that is drawn.
+    """pACC over one axis for one function and sensor setting.
 
     Attributes:
-        axis: what x is.
-        function, sensor: who looked.
+        axis: measure on the x axis.
+        function, sensor: names of the function and of the sensor setting.
         points: per character; ``drawn`` of ``total`` points.
-        lines: per character, then combined.
-        marks: binned means with an interval, all characters.
+        lines: per character, then of all characters together.
+        marks: means of the bins that have an interval, over all characters.
     """
 
     axis: Measure
@@ -86,24 +86,23 @@ class Panel:
 
 
 def styles(names: Sequence[str]) -> dict[str, Style]:
-    """Style of each character; with two, the darker name takes black and the other blue, as in the paper."""
-    found = {
+    """Return the style of each character, in the order of ``names``, and of `ALL`."""
+    by_name = {
         name: Style(CHARACTER_COLORS[i % len(CHARACTER_COLORS)], CHARACTER_SYMBOLS[i % len(CHARACTER_SYMBOLS)])
         for i, name in enumerate(names)
     }
-    return {**found, ALL: Style(COMBINED_COLOR, "square-open")}
+    return {**by_name, ALL: Style(COMBINED_COLOR, "square-open")}
 
 
 def make_panel(table: EvaluationTable, trends: Trends, column: str, function: str, sensor: str, *, seed: int) -> Panel:
-    """Collect one panel.
+    """Return one panel.
 
     Args:
         table: the run's evaluations.
         trends: its trends.
-        column: the x column.
-        function: who looked.
-        sensor: behind which setting.
-        seed: of the choice of points where there are more than `MAX_POINTS`.
+        column: of the x axis.
+        function, sensor: names of the function and of the sensor setting.
+        seed: of the sample where there are more than `MAX_POINTS` points.
     """
     axis = measure_of(column)
     names = characters(table)

@@ -1,4 +1,4 @@
-"""Drawing only: a `Panel` as a plotly figure (a plain dict) or, from the same numbers, as a static PNG or SVG."""
+"""Drawings of a `Panel`: a plotly figure as a plain dict, and a static PNG or SVG from the same numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MATPLOTLIB_MARKERS: Final = {
 
 
 def plotly_figure(panel: Panel) -> dict[str, Any]:
-    """The panel as a plotly figure: ``data`` and ``layout`` of plain dicts and lists (JSON as it is)."""
+    """Return the panel as a plotly figure: ``data`` and ``layout`` as JSON values."""
     data = [_plotly_points(points) for points in panel.points]
     for line in panel.lines:
         data.extend(_plotly_line(line))
@@ -55,7 +55,7 @@ def plotly_figure(panel: Panel) -> dict[str, Any]:
 
 
 def static_figure(panel: Panel, *, image_format: Literal["png", "svg"] = "png") -> bytes:
-    """The panel as a picture file, for print, e-mail and readers without JavaScript (points are rasterised in SVG).
+    """Return the panel as a picture file for readers without JavaScript; points are rasterised in SVG.
 
     Raises:
         MissingDependency: matplotlib is not installed.
@@ -171,5 +171,5 @@ def _transparent(color: str, opacity: float) -> str:
 
 
 def _plotly_text(text: str) -> str:
-    """A name inside a hover template: neither markup nor a template of its own."""
+    """Return a name for a hover template, without markup and placeholders."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("%{", "% {")

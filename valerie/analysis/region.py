@@ -1,8 +1,8 @@
-"""Where a function is weak, as a region of what can be measured and varied: ranges, arcs and choices.
+"""Regions of weakness: bounds on measures and parameters that hold the frames in which a function is weak.
 
-A selection of rows (`valerie.analysis.where`) is turned into bounds on those quantities that the selection *narrows*: what it
-leaves as wide as the run had it is no part of the weakness, and stays free. Bounds hold the middle of the selected rows,
-so that a few outliers do not blow the region up.
+A selection of rows (`valerie.analysis.where`) becomes bounds on those quantities that the selection *narrows*. A quantity
+that varies as widely within the selection as in the run is no part of the weakness and stays free. Bounds hold the middle
+of the selected rows, so that a few outliers do not widen the region.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pydantic import BaseModel, ConfigDict, Field
 from valerie.errors import InvalidInput
 from valerie.parameters.definitions import TURN, ParameterType
 
-#: Share of the selected rows that the bounds of one quantity hold.
+#: Share of the selected rows within the bounds of one quantity.
 _COVERED: Final = 0.9
-#: A quantity is part of the region if its bounds are at most this part of the run's.
+#: Widest bounds of a quantity in the region, as a share of the run's range.
 _NARROWER: Final = 0.8
 
 
 class Range(BaseModel):
-    """Numbers from ``low`` to ``high``, both ends included."""
+    """Numbers from ``low`` to ``high``, both included."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     kind: Literal["range"] = "range"
@@ -40,7 +40,7 @@ class Range(BaseModel):
 
 
 class Arc(BaseModel):
-    """Angles from ``start``, counter-clockwise over ``width``, degrees."""
+    """Angles from ``start`` counter-clockwise over ``width``, in degrees."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     kind: Literal["arc"] = "arc"
@@ -55,7 +55,7 @@ class Arc(BaseModel):
 
 
 class Choices(BaseModel):
-    """Names."""
+    """Names of a CATEGORICAL or BOOL quantity."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["choices"] = "choices"
@@ -72,11 +72,11 @@ Bound = Annotated[Range | Arc | Choices, Field(discriminator="kind")]
 
 
 class Region(BaseModel):
-    """Bounds by name of the quantity; without any, everything is inside.
+    """Bounds by name of the quantity; without bounds, everything is inside.
 
     Attributes:
-        bounds: quantity to bound.
-        rows: how many rows the bounds were read from.
+        bounds: name of the quantity to its bound.
+        rows: number of rows that the bounds were taken from.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -84,11 +84,11 @@ class Region(BaseModel):
     rows: int = 0
 
     def holds(self, values: Mapping[str, Any]) -> bool:
-        """Whether all bounds hold; a quantity that is missing is outside."""
+        """Return whether all bounds hold; a missing quantity is outside."""
         return all(bound.holds(values.get(name)) for name, bound in self.bounds.items())
 
     def allows(self, values: Mapping[str, Any]) -> bool:
-        """Whether those bounds hold whose quantity ``values`` knows: the others are not measured yet."""
+        """Return whether the bounds hold for the quantities in ``values``; the others are not measured yet."""
         return all(bound.holds(values[name]) for name, bound in self.bounds.items() if name in values)
 
     def __str__(self) -> str:
@@ -100,12 +100,12 @@ def region_of(
     everything: Iterable[Mapping[str, Any]],
     quantities: Mapping[str, ParameterType],
 ) -> Region:
-    """Read the region of some rows.
+    """Return the region of the selected rows.
 
     Args:
         selected: the rows that are weak.
-        everything: all rows of the run; they say what a bound must be narrower than.
-        quantities: what the region may speak of, and the type of each.
+        everything: all rows of the run, whose range a bound must be narrower than.
+        quantities: name to type of the quantities that the region may bound.
 
     Raises:
         InvalidInput: no row is selected.
@@ -133,11 +133,11 @@ def _bound(some: Sequence[Any], every: Sequence[Any], kind: ParameterType) -> Bo
 
 
 def _choices(some: Sequence[str], known: set[str]) -> Choices | None:
-    """The commonest names that cover the selected rows; None if that is all of them."""
+    """Return the most frequent names that cover the selected rows; None if these are all names."""
     counts = {name: some.count(name) for name in set(some)}
     chosen: list[str] = []
     for name in sorted(counts, key=lambda name: (-counts[name], name)):
-        if sum(counts[one] for one in chosen) >= 0.95 * len(some):
+        if sum(counts[other] for other in chosen) >= 0.95 * len(some):
             break
         chosen.append(name)
     return Choices(names=tuple(sorted(chosen))) if set(chosen) != known else None
@@ -145,14 +145,14 @@ def _choices(some: Sequence[str], known: set[str]) -> Choices | None:
 
 def _range(some: NDArray[np.float64], every: NDArray[np.float64]) -> Range | None:
     tail = (1.0 - _COVERED) / 2
-    # Values that occurred, not values between them: a grid's own steps decide.
+    # Take values that occur, so that the steps of a grid stay whole.
     low, high = (float(x) for x in np.quantile(some, (tail, 1.0 - tail), method="closest_observation"))
     whole = float(every.max() - every.min())
     if high - low > _NARROWER * whole or whole == 0.0:
         return None
     values = np.unique(every)
     below, above = values[values < low], values[values > high]
-    # Half way to what the selection leaves out: a single step of a grid has a width too.
+    # Extend half way to the next value outside, so that a single step of a grid has a width too.
     margins = [float(low - below[-1]) / 2] if below.size else []
     margins += [float(above[0] - high) / 2] if above.size else []
     margin = max(margins, default=0.0) if low == high else None
@@ -175,7 +175,7 @@ def _arc(some: NDArray[np.float64], every: NDArray[np.float64]) -> Arc | None:
 
 
 def _shortest_arc(angles: NDArray[np.float64], share: float) -> tuple[float, float]:
-    """(start, width) of the shortest arc that holds a share of the angles, degrees."""
+    """Return (start, width) in degrees of the shortest arc that holds ``share`` of the angles."""
     ordered = np.sort(angles % TURN)
     count = max(1, math.ceil(share * len(ordered)))
     twice = np.concatenate([ordered, ordered + TURN])

@@ -1,9 +1,8 @@
-"""One polynomial with its band: degree by cross-validation, uncertainty by the run's bootstrap draws.
+"""Polynomial regression with a confidence band: degree by cross-validation, band by the run's bootstrap draws.
 
 The paper draws "a polynomial function of a higher order". Here the degree is the smallest that predicts unseen
-situations as well as the best one does, and a band shows what the same number of situations could have shown instead.
-Everything is computed from sums per situation (Σ φφᵀ, Σ φy of Chebyshev polynomials φ), so that a million rows are
-read once.
+situations as well as the best degree does. Everything is computed from sums per situation (Σ φφᵀ, Σ φy of Chebyshev
+polynomials φ), so that a million rows are read once.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from valerie.analysis.intervals import MIN_SITUATIONS, Resampler, quantiles
 
 MAX_DEGREE: Final = 5
 FOLDS: Final = 10
-#: Points at which the curve is given.
+#: Number of points of a curve.
 GRID: Final = 61
 
 
@@ -28,9 +27,9 @@ class Curve:
     """A fitted polynomial over its domain.
 
     Attributes:
-        n: person-frames it rests on; ``situations`` is the number of drawn units among them.
+        n: number of fitted rows; ``situations`` is the number of drawn units among them.
         degree: chosen by cross-validation.
-        domain: smallest and largest x; the curve says nothing beyond.
+        domain: smallest and largest x; the curve is not defined beyond.
         coefficients: of Chebyshev polynomials on ``domain`` (as `numpy.polynomial.Chebyshev`).
         rmse: root mean square residual of the fit.
         x, y, low, high: the curve and its pointwise 95 % bootstrap band at `GRID` points. Not clipped to 0…1.
@@ -67,18 +66,18 @@ def fit_curve(
     seed: int,
     max_degree: int = MAX_DEGREE,
 ) -> Curve | None:
-    """Fit y over x.
+    """Fit a polynomial of y over x.
 
     Args:
-        x: (N,) of the whole table; rows with a gap are ignored.
-        y: (N,), the same.
-        rows: (N,) bool, which rows to take.
+        x: (N,) of the whole table; NaN values are left out.
+        y: (N,) likewise.
+        rows: (N,) bool, the rows to use.
         resampler: the run's draws.
         seed: of the folds.
-        max_degree: highest degree that is tried.
+        max_degree: highest degree to try.
 
     Returns:
-        None where fewer than `MIN_SITUATIONS` situations or fewer than two distinct x are left.
+        The curve; None with fewer than `MIN_SITUATIONS` situations or fewer than two distinct x.
     """
     usable = rows & np.isfinite(x) & np.isfinite(y)
     situations = resampler.occupied(usable)
@@ -135,7 +134,7 @@ def _sums(
 
 
 def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
-    """The smallest degree whose held-out error is not clearly above the best one's (by one standard error).
+    """Return the smallest degree whose held-out error is at most one standard error above the best one's.
 
     Folds hold whole units; the rule is that of Breiman et al. 1984 (*Classification and Regression Trees*, section
     3.4.3), with the standard error of the *difference*.
@@ -160,7 +159,7 @@ def _choose_degree(sums: _Sums, highest: int, seed: int) -> int:
 
 
 def _solve(gram: NDArray[np.float64], moment: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares from normal equations, (…, P, P) and (…, P); the shortest solution of singular ones."""
+    """Solve normal equations, (…, P, P) and (…, P), by least squares; of singular ones, return the shortest solution."""
     solved: NDArray[np.float64] = np.linalg.pinv(gram, rcond=1e-10, hermitian=True) @ moment[..., None]
     return solved[..., 0]
 
@@ -168,10 +167,10 @@ def _solve(gram: NDArray[np.float64], moment: NDArray[np.float64]) -> NDArray[np
 def _squared_error(
     c: NDArray[np.float64], gram: NDArray[np.float64], moment: NDArray[np.float64], square: float
 ) -> float:
-    """Σ (y − cᵀφ)² = Σ y² − 2 cᵀ Σ φy + cᵀ (Σ φφᵀ) c."""
+    """Return Σ (y − cᵀφ)² = Σ y² − 2 cᵀ Σ φy + cᵀ (Σ φφᵀ) c."""
     return float(square - 2 * c @ moment + c @ gram @ c)
 
 
 def _unit(x: NDArray[np.float64], domain: tuple[float, float]) -> NDArray[np.float64]:
-    """Map the domain to −1…1."""
+    """Return x with the domain mapped to −1…1."""
     return (2 * x - domain[0] - domain[1]) / (domain[1] - domain[0])

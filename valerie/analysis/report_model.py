@@ -1,4 +1,4 @@
-"""What a report is made of: everything is handed in, nothing is looked up, so that equal input gives equal bytes."""
+"""Input of a report. A report looks nothing up, so equal input gives equal bytes."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ class PictureKind(StrEnum):
 
 
 class PictureSource(Protocol):
-    """Gives the pictures of the gallery, e.g. from the artifact store."""
+    """Reads the pictures of the gallery, for example from the artifact store."""
 
     def __call__(self, frame_id: str, kind: PictureKind, *, sensor: str, function: str | None) -> bytes | None:
-        """A JPEG, PNG or WebP file; None where it is not to be had any more.
+        """Return a JPEG, PNG or WebP file; None where its products are gone.
 
         Args:
-            frame_id: the frame, as in the table.
-            kind: the picture, or the picture with the truth or the prediction laid over it.
-            sensor: the sensor setting that made the picture.
-            function: whose prediction; None for the other kinds.
+            frame_id: id of the frame in the table.
+            kind: the plain picture, or the picture under an overlay of truth or prediction.
+            sensor: name of the sensor setting.
+            function: name of the function for a prediction; None for the other kinds.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where the results come from: enough to make them again.
+    """Origin of the results, complete enough to make them again.
 
     Attributes:
         run_id, spec_digest: of the run.
         seed: of the spec.
-        asset, asset_digest: the scene.
+        asset, asset_digest: name and digest of the asset.
         renderer: name and revision of the engine.
-        resolution: (width, height) pixels.
-        numeric_classes: stage → what its numbers depend on besides the revision (driver, inference engine, precision).
+        resolution: (width, height) in pixels.
+        numeric_classes: stage to its numeric class (driver, inference engine, precision).
         functions: the functions under test.
         software: name and version of the program.
         submitted, finished: with time zone; ``finished`` is None while work remains.
-        more: further facts, shown as they are.
+        more: further facts: title to text.
     """
 
     run_id: str
@@ -73,11 +73,11 @@ class Failure:
     """Products that failed for good in the same way.
 
     Attributes:
-        stage: e.g. ``image``, ``prediction``.
-        error: the message, as recorded.
-        attempts: how often the work was tried.
-        count: how many products.
-        example: one of them, e.g. a frame id.
+        stage: for example ``image`` or ``prediction``.
+        error: recorded message.
+        attempts: number of attempts.
+        count: number of products.
+        example: one of them, for example a frame id.
     """
 
     stage: str
@@ -89,17 +89,17 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class ReportInput:
-    """All of a report.
+    """Everything that a report shows.
 
     Attributes:
-        document: the run's spec as plain JSON types; its ``name`` is the title.
-        provenance: see there.
-        table, summary, trends, findings: the numbers.
+        document: the run's spec as JSON values; its ``name`` is the title.
+        provenance: origin of the results.
+        table, summary, trends, findings: the results.
         variants: number of variants of the run, rejected ones included.
         frames: number of frames planned for the variants that were not rejected.
-        rejections: variants that were not rendered, by reason.
-        failures: what failed for good.
-        picture: gives the gallery's pictures; None for a report without gallery.
+        rejections: reason to number of rejected variants.
+        failures: products that failed for good.
+        picture: reads the gallery's pictures; None for a report without gallery.
     """
 
     document: Mapping[str, object]

@@ -1,7 +1,7 @@
-"""The table of the paper's section 6.2, and what it lacked: counts, gaps and their reasons, precision, IoU, intervals.
+"""Summary of a run: the table of the paper's section 6.2 with counts, reasons of gaps, precision, IoU and intervals.
 
-Every aggregate exists twice, named so: as *frame mean* (each person-frame weighs the same) and from *pooled* counts
-(each pixel weighs the same).
+Every aggregate exists twice: as *frame mean*, in which every person in every frame has the same weight, and from *pooled*
+counts, in which every pixel has the same weight.
 """
 
 from __future__ import annotations
@@ -30,27 +30,29 @@ from valerie.analysis.intervals import Interval, Resampler, wilson
 from valerie.analysis.table import EvaluationTable
 from valerie.errors import InvalidInput
 
-#: A person counts as occluded above this rate (the paper's "> 5 % occluded").
+#: Rate above which a person counts as occluded (the paper's "> 5 % occluded").
 OCCLUDED: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class SummaryRow:
-    """One function behind one sensor setting, looking at one pedestrian (`all` = any). Rates are 0…1; None = undefined.
+    """Results of one function behind one sensor setting on one pedestrian. Rates are 0…1, None where undefined.
+
+    A *person-frame* is one person in one frame.
 
     Attributes:
-        function, sensor, character: the group.
-        frames: frames in which such a person is present.
-        persons: person-frames; more than ``frames`` where a frame holds several.
-        defined: person-frames with a defined pACC.
-        undefined: person-frames without, by reason.
+        function, sensor, character: the group; the character `ALL` stands for any pedestrian.
+        frames: number of frames in which such a person is present.
+        persons: number of person-frames; more than ``frames`` where a frame shows several such persons.
+        defined: number of person-frames with a defined pACC.
+        undefined: reason to number of the other person-frames.
         pacc_mean: mean over the defined person-frames; ``pacc_mean_interval`` is its 95 % bootstrap interval.
-        pacc_min, pacc_max: of the same.
+        pacc_min, pacc_max: smallest and largest value of the same.
         pacc_pooled: Σ tp / Σ (tp + fn).
-        precision_mean, iou_mean: mean over the frames where it is defined.
+        precision_mean, iou_mean: means over the frames in which the score is defined.
         precision_pooled, iou_pooled: from the summed counts of the frames.
-        detected: person-frames with pACC ≥ the summary's threshold.
-        detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 %.
+        detected: number of person-frames with pACC ≥ the summary's threshold.
+        detection_rate: detected / defined; ``detection_interval`` is Wilson's 95 % interval.
     """
 
     function: str
@@ -76,12 +78,12 @@ class SummaryRow:
 
 @dataclass(frozen=True, slots=True)
 class OcclusionShare:
-    """How many person-frames are more than 5 % occluded; a fact of the frames, whatever function looks at them.
+    """Share of person-frames that are occluded, whatever function looks at them.
 
     Attributes:
-        character: or `all`.
-        persons: person-frames whose occlusion is defined (some pixel of the person alone lies within the image).
-        occluded: of these, with a rate above `OCCLUDED`; fully hidden ones included.
+        character: name of the pedestrian, or `ALL`.
+        persons: number of person-frames with a defined occlusion.
+        occluded: number of these with a rate above `OCCLUDED`; fully hidden persons included.
     """
 
     character: str
@@ -90,19 +92,19 @@ class OcclusionShare:
 
     @property
     def share(self) -> float | None:
-        """Occluded / persons; None without persons."""
+        """``occluded / persons``; None without persons."""
         return self.occluded / self.persons if self.persons else None
 
 
 @dataclass(frozen=True, slots=True)
 class EmptyFrames:
-    """Frames without any person: whatever is called person there is wrong.
+    """False positives in frames without any person.
 
     Attributes:
-        function, sensor: who looked.
-        frames: number of such frames.
-        with_false_positives: of these, with at least one pixel called person.
-        false_positive_pixels: sum over them.
+        function, sensor: names of the function and of the sensor setting.
+        frames: number of frames without a person.
+        with_false_positives: number of these with at least one pixel called person.
+        false_positive_pixels: number of such pixels.
     """
 
     function: str
@@ -114,15 +116,15 @@ class EmptyFrames:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The first page of a result.
+    """Summary of a run.
 
     Attributes:
-        threshold: t of every detection rate here.
-        frames: distinct frames evaluated.
+        threshold: t of every detection rate.
+        frames: number of distinct evaluated frames.
         rows: per function, sensor and character.
-        occlusion: share of occluded person-frames per character, then all.
-        empty: frames without persons, per function and sensor; only where there are such.
-        classes: all classes, per function and sensor; empty in summaries that were written before there was such a thing.
+        occlusion: share of occluded person-frames per character, then of all.
+        empty: frames without persons, per function and sensor; empty where there are none.
+        classes: scores over all classes, per function and sensor.
     """
 
     threshold: float
@@ -133,12 +135,12 @@ class Summary:
     classes: tuple[AllClasses, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """Plain dicts, lists, numbers and None."""
+        """Return the summary as JSON values."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, document: Mapping[str, object]) -> Summary:
-        """Read what `to_json` gave, also after a trip through JSON."""
+        """Read the result of `to_json`, also after a round trip through JSON text."""
         return TypeAdapter(cls).validate_python(document)
 
 
@@ -153,9 +155,9 @@ def summarize(
 
     Args:
         table: its evaluations.
-        classes: what they say of all classes, which the table does not hold.
-        threshold: a person counts as detected from this pACC on; 0 < t ≤ 1.
-        resampler: the run's bootstrap draws (made of ``table.situations``); without it, means have no interval.
+        classes: scores over all classes, which the table does not hold.
+        threshold: smallest pACC of a detected person, 0 < t ≤ 1.
+        resampler: bootstrap draws of ``table.situations``; None: means have no interval.
 
     Raises:
         InvalidInput: the threshold is out of bounds.
@@ -220,31 +222,31 @@ def _row(
 
 
 def _occlusion(table: EvaluationTable) -> tuple[OcclusionShare, ...]:
-    """Each person of each frame counts once, although functions and sensors repeat its row."""
-    there = np.flatnonzero(present(table) & np.isfinite(table.numbers("occlusion_rate")))
-    if not len(there):
+    """Count each person of each frame once, although functions and sensors repeat its row."""
+    places = np.flatnonzero(present(table) & np.isfinite(table.numbers("occlusion_rate")))
+    if not len(places):
         return ()
-    person = table.codes("frame_id").index[there] * 100_000 + table.numbers("instance_id")[there].astype(np.int64)
+    person = table.codes("frame_id").index[places] * 100_000 + table.numbers("instance_id")[places].astype(np.int64)
     once = np.zeros(len(table), np.bool_)
-    once[there[np.unique(person, return_index=True)[1]]] = True
+    once[places[np.unique(person, return_index=True)[1]]] = True
     names = characters(table)
-    found = []
+    shares = []
     for name in (*names, ALL) if len(names) > 1 else names:
         of_any = [rows_of(table, Group(function, sensor, name)) for function, sensor in settings(table)]
         rates = table.numbers("occlusion_rate")[once & np.logical_or.reduce(of_any)]
-        found.append(OcclusionShare(name, len(rates), int(np.count_nonzero(rates > OCCLUDED))))
-    return tuple(found)
+        shares.append(OcclusionShare(name, len(rates), int(np.count_nonzero(rates > OCCLUDED))))
+    return tuple(shares)
 
 
 def _empty(table: EvaluationTable, counts: FrameCounts) -> tuple[EmptyFrames, ...]:
-    nobody = ~counts.inhabited
-    found = []
+    uninhabited = ~counts.inhabited
+    empty = []
     for function, sensor in settings(table):
-        theirs = (table.codes("function").where(function) & table.codes("sensor").where(sensor))[counts.row]
-        pixels = counts.fp[nobody & theirs]
+        evaluations = (table.codes("function").where(function) & table.codes("sensor").where(sensor))[counts.row]
+        pixels = counts.fp[uninhabited & evaluations]
         if len(pixels):
-            found.append(EmptyFrames(function, sensor, len(pixels), int(np.count_nonzero(pixels)), int(pixels.sum())))
-    return tuple(found)
+            empty.append(EmptyFrames(function, sensor, len(pixels), int(np.count_nonzero(pixels)), int(pixels.sum())))
+    return tuple(empty)
 
 
 def _ratio(part: float, whole: float) -> float | None:

@@ -1,4 +1,4 @@
-"""The summary in a terminal: a table of the paper's section 6.2 for people who do not want to leave the shell."""
+"""The summary as a table in a terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from valerie.analysis.intervals import Interval
 from valerie.analysis.summary import Summary, SummaryRow
 from valerie.analysis.wording import classes_text, occlusion_sentence, pedestrian, percent, reasons_text, setting_labels
 
-#: What stands in a column, as `_cells` calls it → its title; {} is the threshold.
+#: Column of `_cells` to its title; {} is the threshold.
 _COLUMNS: Final = {
     "frames": "frames",
     "mean pACC": "mean pACC",
@@ -29,14 +29,20 @@ _COLUMNS: Final = {
     "IoU": "IoU",
     "undefined": "undefined",
 }
-#: The same in two tables that fit into 80 columns.
+#: The same columns in two tables that fit into 80 characters.
 _SCORES: Final = {name: _COLUMNS[name] for name in ("frames", "mean pACC", "min", "max", "precision", "IoU")}
 _BESIDE: Final = {"pooled": "pooled pACC", "detected": "pACC ≥ {}", "undefined": "undefined"}
 _ANY_WIDTH: Final = 10_000
 
 
 def summary_renderable(summary: Summary, findings: Findings | None = None, *, most: int | None = 5) -> RenderableType:
-    """The summary for a rich console; below it, where they are given, so many of the strongest findings (None: all)."""
+    """Return the summary for a rich console, and below it the strongest findings.
+
+    Args:
+        summary: of the run.
+        findings: of the run; None: the summary alone.
+        most: largest number of findings; None: all.
+    """
     parts: list[RenderableType] = [_Rows(summary) if summary.rows else Text("No person was evaluated.")]
     parts += [Text(line, style="dim") for line in _notes(summary)]
     if findings is not None and findings.items:
@@ -48,7 +54,7 @@ def summary_renderable(summary: Summary, findings: Findings | None = None, *, mo
 
 
 def summary_text(summary: Summary, findings: Findings | None = None, *, width: int = 140) -> str:
-    """The same as plain text without colours, ``width`` characters wide."""
+    """Return the same as plain text without colours, ``width`` characters wide."""
     sink = StringIO()
     Console(file=sink, width=width, color_system=None, force_terminal=False, highlight=False).print(
         summary_renderable(summary, findings)
@@ -57,7 +63,7 @@ def summary_text(summary: Summary, findings: Findings | None = None, *, width: i
 
 
 class _Rows:
-    """The rows in one table; on a screen too narrow for that, in two that cut no number."""
+    """The rows in one table; on a narrow screen in two tables, so that no number is cut."""
 
     def __init__(self, summary: Summary) -> None:
         self._summary = summary
@@ -70,31 +76,31 @@ class _Rows:
             yield from (self._table(_SCORES), "", self._table(_BESIDE))
 
     def _table(self, columns: Mapping[str, str]) -> Table:
-        """``columns`` of all rows, functions one below the other."""
+        """Return a table with ``columns`` of all rows, functions one below the other."""
         summary = self._summary
         labels = setting_labels((row.function, row.sensor) for row in summary.rows)
         table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
         table.add_column("pedestrian")
         for name, title in columns.items():
-            words = name == "undefined"
+            is_text = name == "undefined"
             table.add_column(
-                title.format(f"{summary.threshold:g}"), justify="left" if words else "right", no_wrap=not words
+                title.format(f"{summary.threshold:g}"), justify="left" if is_text else "right", no_wrap=not is_text
             )
         previous = None
         for row in summary.rows:
-            who = labels[row.function, row.sensor]
-            if previous != who:
+            title = labels[row.function, row.sensor]
+            if previous != title:
                 if previous is not None:
                     table.add_section()
-                table.add_row(Text(who, style="bold"))
+                table.add_row(Text(title, style="bold"))
             cells = _cells(row)
             table.add_row(Text(f"  {pedestrian(row.character)}"), *(Text(cells[name]) for name in columns))
-            previous = who
+            previous = title
         return table
 
 
 def _cells(row: SummaryRow) -> dict[str, str]:
-    """Column → what stands there."""
+    """Return the text of each column."""
     return {
         "frames": f"{row.frames:,}",
         "mean pACC": percent(row.pacc_mean) + _within(row.pacc_mean_interval),
@@ -112,14 +118,14 @@ def _notes(summary: Summary) -> list[str]:
     lines = ["In per cent; [95 % interval]; precision and IoU are of the frame: mean / from pooled counts."]
     lines += [sentence] if (sentence := occlusion_sentence(summary.occlusion)) else []
     lines += [
-        f"{e.function}: {e.with_false_positives:,} of {e.frames:,} frames without a person have person pixels."
-        for e in summary.empty
+        f"{empty.function}: {empty.with_false_positives:,} of {empty.frames:,} frames without a person have person pixels."
+        for empty in summary.empty
     ]
-    labels = setting_labels((one.function, one.sensor) for one in summary.classes)
+    labels = setting_labels((scores.function, scores.sensor) for scores in summary.classes)
     mious: dict[tuple[str, ...], list[str]] = defaultdict(list)
-    for one in summary.classes:
-        text = f"{labels[one.function, one.sensor]} {percent(one.miou_mean)} / {percent(one.miou_pooled)}"
-        mious[one.judged_by].append(text)
+    for scores in summary.classes:
+        text = f"{labels[scores.function, scores.sensor]} {percent(scores.miou_mean)} / {percent(scores.miou_pooled)}"
+        mious[scores.judged_by].append(text)
     lines += [
         f"Mean IoU of {classes_text(judged_by)}, frame mean / pooled: {', '.join(texts)}."
         for judged_by, texts in mious.items()

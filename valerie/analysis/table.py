@@ -1,6 +1,6 @@
-"""The long table of a run: one row per (frame, sensor setting, function, person instance), typed, with honest gaps.
+"""The long table of a run: one row per (frame, sensor setting, function, person instance).
 
-A pyarrow table inside, numpy columns outside. Every analysis starts here. `valerie.measures` says what the columns mean.
+Rows are stored as a pyarrow table and read as numpy columns. `valerie.measures` defines the columns.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _BATCH: Final = 65_536
 
 @dataclass(frozen=True, slots=True)
 class Codes:
-    """A column of names as numbers.
+    """A column of names, as positions in the list of names.
 
     Attributes:
         index: (N,) int64, position in ``names``; −1 where the row is empty.
@@ -49,22 +49,22 @@ class Codes:
     names: tuple[str, ...]
 
     def where(self, name: str) -> NDArray[np.bool_]:
-        """(N,) bool: the rows that carry ``name``; none if it does not occur."""
+        """Return (N,) bool: the rows with ``name``."""
         if name not in self.names:
             return np.zeros(len(self.index), np.bool_)
-        found: NDArray[np.bool_] = self.index == self.names.index(name)
-        return found
+        rows: NDArray[np.bool_] = self.index == self.names.index(name)
+        return rows
 
 
 class EvaluationTable:
     """One row per (frame, sensor setting, function, person instance); immutable.
 
-    Besides the measures there is one typed column per varied parameter, named by its path. A frame without any person
-    keeps one row per (sensor, function) with ``undefined_reason`` "absent", so that its false positives are counted.
+    Columns are the measures, then one column per varied parameter, named by its path. A frame without any person has one
+    row per (sensor, function) with ``undefined_reason`` "absent", so that its false positives are counted.
 
     Attributes:
-        arrow: the table, columns in the order of `MEASURES`, then the parameters.
-        parameters: path → parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
+        arrow: the table.
+        parameters: path to parameter type (``FLOAT``, ``INT``, ``BOOL``, ``CATEGORICAL``, ``ANGLE``).
     """
 
     def __init__(self, arrow: pa.Table, parameters: Mapping[str, str]) -> None:
@@ -74,10 +74,10 @@ class EvaluationTable:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, ArrayLike | pa.Array], parameters: Mapping[str, str]) -> Self:
-        """Build from whole columns (numpy arrays, lists or Arrow arrays of equal length); NaN and None are empty.
+        """Build the table from columns: numpy arrays, lists or Arrow arrays of equal length; NaN and None are empty.
 
         Raises:
-            UnknownName: a column that is neither fixed nor a parameter.
+            UnknownName: a column is neither a measure nor a parameter.
             InvalidInput: a column is missing, has the wrong type or breaks a rule of its measure.
         """
         schema = schema_of(parameters)
@@ -92,11 +92,11 @@ class EvaluationTable:
 
     @classmethod
     def from_rows(cls, rows: Iterable[Mapping[str, object]], parameters: Mapping[str, str]) -> Self:
-        """Build from row mappings, read once in batches; a key that a row lacks is empty.
+        """Build the table from rows, read once in batches; a missing key is an empty value.
 
         Raises:
-            UnknownName: a key that is neither fixed nor a parameter.
-            InvalidInput: as `from_columns`.
+            UnknownName: a key is neither a measure nor a parameter.
+            InvalidInput: as for `from_columns`.
         """
         schema = schema_of(parameters)
         names = frozenset(schema.names)
@@ -114,7 +114,7 @@ class EvaluationTable:
 
     @classmethod
     def from_parquet(cls, source: Path | BinaryIO | pa.BufferReader) -> Self:
-        """Read what `to_parquet` wrote.
+        """Read a file that `to_parquet` wrote.
 
         Raises:
             CorruptArtifact: not a Parquet file, or not an evaluation table.
@@ -125,15 +125,15 @@ class EvaluationTable:
             raise CorruptArtifact(f"not a Parquet evaluation table: {error}") from error
         metadata = arrow.schema.metadata or {}
         if _METADATA_KEY not in metadata:
-            raise CorruptArtifact("the Parquet file states no parameter types: it is not an evaluation table")
+            raise CorruptArtifact("the Parquet file has no parameter types, so it is not an evaluation table")
         return cls(arrow, orjson.loads(metadata[_METADATA_KEY]))
 
     @classmethod
     def from_csv(cls, source: Path | BinaryIO, parameters: Mapping[str, str]) -> Self:
-        """Read what `to_csv` wrote; CSV knows no types, so the parameters' types are given.
+        """Read a file that `to_csv` wrote; CSV has no types, so the caller passes those of the parameters.
 
         Raises:
-            CorruptArtifact: not CSV, or values that do not fit their column.
+            CorruptArtifact: not CSV, or a value does not fit its column.
         """
         types = {field.name: _plain(field.type) for field in schema_of(parameters)}
         options = pa.csv.ConvertOptions(
@@ -146,12 +146,12 @@ class EvaluationTable:
         return cls(arrow, parameters)
 
     def to_parquet(self, sink: Path | BinaryIO) -> None:
-        """Write with zstd; the parameters' types travel in the file's metadata."""
+        """Write a Parquet file with zstd; its metadata holds the types of the parameters."""
         metadata = {_METADATA_KEY: orjson.dumps(dict(self.parameters))}
         pa.parquet.write_table(self.arrow.replace_schema_metadata(metadata), sink, compression="zstd")
 
     def to_csv(self, sink: Path | BinaryIO) -> None:
-        """Write with a header; an empty field is a missing value, names are quoted."""
+        """Write a CSV file with a header; an empty field is a missing value, names are quoted."""
         plain = self.arrow.cast(pa.schema([pa.field(f.name, _plain(f.type)) for f in self.arrow.schema]))
         pa.csv.write_csv(plain, sink)
 
@@ -159,11 +159,11 @@ class EvaluationTable:
         return int(self.arrow.num_rows)
 
     def numbers(self, name: str) -> NDArray[np.float64]:
-        """(N,) float64 of a numeric or bool column, NaN where empty; read-only.
+        """Return a numeric or bool column: (N,) float64, NaN where empty; read-only.
 
         Raises:
             UnknownName: no such column.
-            InvalidInput: a column of names.
+            InvalidInput: the column holds names.
         """
         if name not in self._numbers:
             column = self._column(name)
@@ -175,7 +175,7 @@ class EvaluationTable:
         return self._numbers[name]
 
     def codes(self, name: str) -> Codes:
-        """A column of any type as `Codes` (numbers are spelled as text).
+        """Return a column of any type as `Codes`; numbers become text.
 
         Raises:
             UnknownName: no such column.
@@ -186,18 +186,18 @@ class EvaluationTable:
                 column = column.cast(pa.string()).dictionary_encode()
             array = pa.concat_arrays(column.unify_dictionaries().chunks or [pa.array([], _NAME)])
             raw = np.asarray(array.indices.fill_null(-1), np.int64)
-            words = np.array(array.dictionary.to_pylist(), dtype=object)
+            names = np.array(array.dictionary.to_pylist(), dtype=object)
             used = np.unique(raw[raw >= 0])
-            used = used[np.argsort(words[used])]
-            rank = np.full(len(words) + 1, -1, np.int64)  # the last place answers −1
+            used = used[np.argsort(names[used])]
+            rank = np.full(len(names) + 1, -1, np.int64)  # the last entry maps −1 to −1
             rank[used] = np.arange(len(used))
             index = rank[raw]
             index.flags.writeable = False
-            self._codes[name] = Codes(index, tuple(words[used]))
+            self._codes[name] = Codes(index, tuple(names[used]))
         return self._codes[name]
 
     def select(self, mask: NDArray[np.bool_]) -> Self:
-        """The rows where ``mask`` ((N,) bool) holds."""
+        """Return the table of the rows where ``mask`` ((N,) bool) is true."""
         return type(self)(self.arrow.filter(pa.array(mask)), self.parameters)
 
     @cached_property
@@ -209,9 +209,9 @@ class EvaluationTable:
     def situations(self) -> NDArray[np.int64]:
         """(N,) int64: rows whose varied parameters agree in all but the character share a number.
 
-        Such rows are one situation seen by several cameras, sensors and functions, with one pedestrian or another.
-        They are no independent observations, so intervals resample whole situations, and characters are compared
-        within a situation. Without varied parameters other than the character, a variant is a situation.
+        Such rows show one situation through several cameras, sensors and functions, with one pedestrian or another. They
+        are not independent, so intervals resample whole situations, and characters are compared within a situation.
+        Where nothing but the character is varied, each variant is a situation.
         """
         paths = [path for path in self.parameters if path.rpartition(".")[2] != "character"]
         if not paths:
@@ -236,17 +236,17 @@ class EvaluationTable:
 
 
 def schema_of(parameters: Mapping[str, str]) -> pa.Schema:
-    """The Arrow schema: the fixed columns, then one per parameter.
+    """Return the Arrow schema: the measures, then one column per parameter.
 
     Raises:
-        UnknownName: a parameter type that does not exist.
-        InvalidInput: a parameter's path collides with a fixed column.
+        UnknownName: a parameter has an unknown type.
+        InvalidInput: a parameter has the name of a measure.
     """
     fields = [pa.field(measure.name, arrow_type(measure)) for measure in MEASURES]
     fixed = {measure.name for measure in MEASURES}
     for path, kind in parameters.items():
         if path in fixed:
-            raise InvalidInput("a parameter may not have the name of a fixed column", field="parameters", value=path)
+            raise InvalidInput("a parameter may not have the name of a measure", field="parameters", value=path)
         if str(kind) not in PARAMETER_COLUMNS:
             raise UnknownName("parameter type", str(kind), PARAMETER_COLUMNS, field=path)
         fields.append(pa.field(path, PARAMETER_COLUMNS[str(kind)]))
@@ -259,7 +259,7 @@ def arrow_type(measure: Measure) -> pa.DataType:
 
 
 def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
-    """Number the distinct combinations of equally long columns: (N,) int64, 0…K−1; NaN equals NaN."""
+    """Number the distinct combinations of columns of equal length: (N,) int64, 0…K−1; NaN equals NaN."""
     combined: NDArray[np.int64] | None = None
     for key in keys:
         values, index = np.unique(key, return_inverse=True, equal_nan=True)
@@ -268,7 +268,7 @@ def combine(keys: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
         else:
             combined = np.unique(combined * len(values) + index, return_inverse=True)[1].astype(np.int64)
     if combined is None:
-        raise InvalidInput("nothing to combine", field="keys", limit="at least one column")
+        raise InvalidInput("no columns to combine", field="keys", limit="at least one column")
     return combined
 
 
@@ -283,9 +283,9 @@ def _batches(rows: Iterable[Mapping[str, object]]) -> Iterator[list[Mapping[str,
 
 
 def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
-    """One column as Arrow; NaN becomes empty, whole numbers may arrive as float, identifiers as int."""
+    """Return one column as Arrow: NaN becomes empty, floats become integers and integers text where the type asks for it."""
     if values is None:
-        raise InvalidInput("the column is missing (give empty values where there are none)", field=name)
+        raise InvalidInput("the column is missing; it may hold empty values", field=name)
     try:
         array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values, from_pandas=True)
         if pa.types.is_dictionary(dtype) and not pa.types.is_dictionary(array.type):
@@ -298,7 +298,7 @@ def _array(name: str, values: object, dtype: pa.DataType) -> pa.Array:
 
 
 def _conform(arrow: pa.Table, schema: pa.Schema) -> pa.Table:
-    """The table with exactly the schema's columns, order and types."""
+    """Return the table with the columns, order and types of the schema."""
     for name in arrow.column_names:
         if name not in schema.names:
             raise UnknownName("column", name, schema.names)

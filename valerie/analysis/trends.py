@@ -1,6 +1,6 @@
-"""How pACC depends on distance, pixel area, occlusion, light and time: curves with bands, binned means (the paper's figures 4–7).
+"""Trends of pACC over distance, pixel area, occlusion, light and time: curves with bands and binned means.
 
-Numbers only; `valerie.analysis.plots` draws them.
+They are the numbers of the paper's figures 4 to 7; `valerie.analysis.plots` draws them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from valerie.analysis.regression import Curve, fit_curve
 from valerie.analysis.table import EvaluationTable
 from valerie.measures import MEASURES, Measure
 
-#: What the report draws pACC over.
+#: Measures that the report plots pACC over.
 AXES: Final = tuple(measure for measure in MEASURES if measure.bin_width is not None)
 
 
@@ -27,10 +27,10 @@ class Trend:
     """pACC over one column, for one group.
 
     Attributes:
-        column: the x column; x values are in its unit.
-        function, sensor, character: the group (`all` = characters combined).
-        curve: the regression; None where there are too few situations or one x only.
-        bins: binned means, empty bins left out; the same edges for every group.
+        column: of the x values, which are in the column's unit.
+        function, sensor, character: the group; the character `ALL` stands for all together.
+        curve: the regression; None with too few situations or a single x.
+        bins: binned means without empty bins; every group has the same edges.
     """
 
     column: str
@@ -48,7 +48,7 @@ class Trends:
     Attributes:
         threshold: of the bins' detection counts.
         seed: of the cross-validation folds.
-        items: per column, function, sensor and character.
+        items: one per column, function, sensor and character.
     """
 
     threshold: float
@@ -56,26 +56,26 @@ class Trends:
     items: tuple[Trend, ...]
 
     def of(self, column: str, function: str, sensor: str) -> tuple[Trend, ...]:
-        """The trends of one panel: each character, then all combined."""
-        wanted = (column, function, sensor)
-        return tuple(item for item in self.items if (item.column, item.function, item.sensor) == wanted)
+        """Return the trends of one panel: of each character, then of all together."""
+        panel = (column, function, sensor)
+        return tuple(item for item in self.items if (item.column, item.function, item.sensor) == panel)
 
     def to_json(self) -> dict[str, object]:
-        """Plain dicts, lists, numbers and None."""
+        """Return the trends as JSON values."""
         return asdict(self)
 
 
 def find_trends(
     table: EvaluationTable, *, resampler: Resampler, seed: int, threshold: float = 0.5, axes: Sequence[Measure] = AXES
 ) -> Trends:
-    """Regress and bin pACC over each axis on which several values occur, per function, sensor and character and combined.
+    """Return the trends of each group over each axis on which several values occur.
 
     Args:
         table: the run's evaluations.
-        resampler: the run's bootstrap draws (made of ``table.situations``).
+        resampler: bootstrap draws of ``table.situations``.
         seed: of the cross-validation folds.
         threshold: of the bins' detection counts.
-        axes: columns to look at; each has a ``bin_width``.
+        axes: measures with a ``bin_width``.
     """
     pacc = table.numbers("pacc")
     items = []

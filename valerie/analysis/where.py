@@ -1,7 +1,7 @@
-"""Selecting rows of results by an expression: ``pacc < 0.5 and distance_m > 25 and camera == 'camera-1'``.
+"""Selections of rows by an expression: ``pacc < 0.5 and distance_m > 25 and camera == 'camera-1'``.
 
 The grammar is that of constraints (`valerie.parameters.constraints`). Names are the columns of the long table and the
-asset's parameters, by name or path. A row that lacks a value that decides is not selected, as in SQL.
+asset's parameters, by name or path. As in SQL, a row is not selected if a value is missing that the result depends on.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from valerie.measures import MEASURES, OF_FUNCTION, names_from
 from valerie.parameters.constraints import Constraint, Operand, compile_constraint
 from valerie.parameters.definitions import ParameterDefinition, ParameterType, Value
 
-#: Columns that no function is needed for: they are known as soon as the truth is.
+#: Columns that are known as soon as the truth is made, without any function.
 METADATA: Final = tuple(measure.name for measure in MEASURES if measure.source not in OF_FUNCTION)
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the long table as something that an expression speaks of; without a value it is missing."""
+    """A column of the long table as an operand of an expression; it has no default."""
 
     name: str
     type: ParameterType
@@ -29,7 +29,7 @@ class Column:
 
     @property
     def path(self) -> str:
-        """The key of its value in a row."""
+        """Key of the value in a row."""
         return self.name
 
 
@@ -38,8 +38,8 @@ class Where:
     """A compiled selection.
 
     Attributes:
-        text: as it was written.
-        names: columns and parameter paths that it speaks of.
+        text: source text.
+        names: columns and parameter paths that occur in it.
     """
 
     text: str
@@ -48,11 +48,15 @@ class Where:
 
     @property
     def scored(self) -> bool:
-        """Whether it speaks of what a function made of the frames."""
+        """True if the expression depends on a function under test."""
         return not self.names.isdisjoint(names_from(*OF_FUNCTION))
 
     def holds(self, row: Mapping[str, Any]) -> bool:
-        """Whether a row (column or parameter path to value; parameters it lacks have their defaults) is selected."""
+        """Return whether a row is selected.
+
+        Args:
+            row: column or parameter path to value; missing parameters have their defaults.
+        """
         return self._constraint.holds(row)
 
 
@@ -66,14 +70,14 @@ def compile_where(
     """Parse and type-check a selection.
 
     Args:
-        text: see the module.
+        text: the expression.
         definitions: the run's parameters.
-        choices: of columns of names, e.g. the run's cameras, so that a misspelt one is told.
-        field: where the text stands, for errors.
+        choices: column to its possible names, for example of the run's cameras.
+        field: name of the field for error messages.
 
     Raises:
-        InvalidInput: it does not follow the grammar or compares different kinds.
-        UnknownName: neither a column nor a parameter; or text that is no choice.
+        InvalidInput: the text does not follow the grammar, or compares values of different types.
+        UnknownName: a name is neither a column nor a parameter, or a text is none of the choices.
     """
     names: dict[str, Operand] = {}
     for definition in definitions:

@@ -1,4 +1,4 @@
-"""Commands about functions under test: bring one's own, list them, take them along."""
+"""Commands about functions under test: import, list, show, export and remove them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.cli.registry import open_registry, register_file
 from valerie.cli.shell import DataDir, Json, Url, command_name, console, say, settings_of
 from valerie.errors import InvalidInput
 
-#: Characters of a digest that are enough behind a name's @; `valerie.pipeline.functions.registry` shows as many.
+#: Characters of a digest that identify a version, as in `valerie.pipeline.functions.registry`.
 _SHORT: Final = 12
 
 app = typer.Typer(no_args_is_help=True, help="Register, list, show and remove functions under test.")
@@ -31,13 +31,13 @@ def import_(
             metavar="[FILE]", help="Checkpoint (.pth, .pkl, .safetensors), .onnx, or a Hugging Face folder."
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="How specs shall call it.")] = None,
+    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Name of the function in specs.")] = None,
     document: Annotated[
         Path | None,
         typer.Option(
             "--document",
             metavar="SIDE.yaml",
-            help="What the file does not say: classes, input, class map; else FILE's name with .yaml.",
+            help="Facts that the file does not state: classes, input, class map; by default FILE's name with .yaml.",
         ),
     ] = None,
     engine: Annotated[
@@ -52,7 +52,7 @@ def import_(
 ) -> None:
     """Convert, check and register a function under test.
 
-    Nothing in the file is run. Works here, or in the server that runs on the data
+    Nothing in the file is run. This works here, or in the server that runs on the data
     folder. Functions behind HTTP and uploaded predictions need only a document.
     """
     if file is None and document is None:
@@ -87,7 +87,7 @@ def list_(as_json: Json = False, url: Url = None, data_dir: DataDir = None) -> N
     for one in found:
         offered = one["problem"] or ("yes" if one["numeric_classes"] else "no living worker")
         if one["kind"] == "predictions":
-            offered = "by whoever uploads them"
+            offered = "by their uploader"
         version = "installed" if one["version"] is None else str(one["version"])
         engine = "" if one["engine"] in ("", "none") else f"{one['engine']} {one['precision']}"
         digest = one["digest"][:_SHORT]
@@ -109,7 +109,7 @@ def show(reference: Reference, as_json: Json = False, url: Url = None, data_dir:
 @app.command()
 def export(
     reference: Reference,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write into; made if need be.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write into; created if missing.")],
     url: Url = None,
     data_dir: DataDir = None,
 ) -> None:
@@ -120,7 +120,7 @@ def export(
         found = registry.function(reference)
         document = found.get("document")
         if document is None:
-            raise InvalidInput("an installed function is no document of the registry", field="NAME", value=reference)
+            raise InvalidInput("an installed function has no document in the registry", field="NAME", value=reference)
         payload = document["payload"]
         data = None if payload is None else registry.function_payload(found["reference"])
     name = document["name"]
@@ -150,7 +150,7 @@ def remove(
     """Remove one version of a registered function that no unfinished run needs."""
     with open_registry(settings_of(data_dir), url) as registry:
         registry.remove_function(reference)
-    say(f"{reference} is removed; results that were made with it stay")
+    say(f"{reference} is removed; its results stay")
 
 
 def _card(found: dict[str, Any]) -> None:

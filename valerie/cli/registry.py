@@ -1,4 +1,4 @@
-"""Where functions are registered: in a server, or in the data folder while none runs on it; and how a file gets there."""
+"""The registry of functions, of a server or of the data folder while no server runs on it, and the way of a file into it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from valerie.pipeline.functions.catalog import FunctionEntry
     from valerie.settings import Settings
 
-#: Of the document that lies beside a file and has its name.
+#: Suffixes of the document that lies beside a file and has its name.
 _SIDECARS: Final = (".yaml", ".yml", ".json")
 
-#: Opens a registry when it is needed.
+#: Opens a registry when it is called.
 Opening = Callable[[], AbstractContextManager["Registry"]]
 
 
 class Registry(Protocol):
-    """What commands need of a registry, here or in a server."""
+    """A registry, here or in a server."""
 
     def functions(self) -> list[dict[str, Any]]: ...
     def function(self, reference: str) -> dict[str, Any]: ...
@@ -112,12 +112,13 @@ def _as_server_shows(entry: FunctionEntry) -> dict[str, Any]:
 
 @contextmanager
 def open_registry(settings: Settings, url: str | None = None, *, create: bool = False) -> Iterator[Registry]:
-    """The named server's, else that of the server on the data folder, else the data folder's own.
+    """Open the registry of the named server, else of the server on the data folder, else of the data folder itself.
 
     Args:
         settings: of this process.
         url: of a server.
-        create: make the data folder's, if there is none; else an empty one stands for it, which leaves nothing behind.
+        create: create the data folder's registry if it is missing; if False, an empty one that leaves nothing behind
+            replaces it.
     """
     from valerie.cli.connecting import client_of
     from valerie.embedded import running
@@ -146,20 +147,20 @@ def open_registry(settings: Settings, url: str | None = None, *, create: bool = 
 def register_file(
     opening: Opening, file: Path | None, *, document: Path | None = None, **texts: str
 ) -> tuple[dict[str, Any], bool]:
-    """Read what was brought, let it be converted, checked and registered.
+    """Read a function's files and let the registry convert, check and register it.
 
     Args:
-        opening: of where it is registered; called once all files could be read.
+        opening: of the registry; called when all files were read.
         file: checkpoint, ONNX file or Hugging Face folder; None for kinds without one.
-        document: what the file does not say; None: what lies beside a file under its name, with an ending of `_SIDECARS`.
-        texts: name, engine and precision, which win over the document.
+        document: facts that the file does not state; None: the file of the same name with a suffix in `_SIDECARS`.
+        texts: name, engine and precision, which override the document.
 
     Returns:
-        The card, with what trying it out said; and whether this version is new.
+        The catalog's entry with the trial, and whether this version is new.
 
     Raises:
         NotFound: there is no such file.
-        ValerieError: what is wrong with it, or with the document.
+        ValerieError: the file or the document is refused.
     """
     if file is not None and not (file.is_file() or file.is_dir()):
         raise NotFound("file", file)
@@ -178,17 +179,17 @@ def register_file(
 
 
 def functions_named(given: str, opening: Opening) -> list[str]:
-    """What people write behind ``--functions``: names of functions and files, with commas between them.
+    """Resolve the value of ``--functions``: names of functions and files, with commas between them.
 
-    A file is registered as `register_file` does, unless it is already, and stands for exactly that version. What has the ending
-    of a function's file is one if it exists; what has a slash is no name and must exist.
+    A file is registered, unless it is already, and stands for exactly that version. An item with the suffix of a function's file
+    is a file if that exists; an item with a slash is never a name and must exist.
 
     Returns:
-        What a spec may name.
+        References for a spec.
 
     Raises:
         NotFound: no such file.
-        ValerieError: what is wrong with a file.
+        ValerieError: a file is refused.
     """
     from valerie.pipeline.functions.guarded_import import SUFFIXES
 
@@ -206,7 +207,7 @@ def functions_named(given: str, opening: Opening) -> list[str]:
 
 
 def _huggingface(folder: Path, texts: dict[str, str]) -> tuple[dict[str, str], Path]:
-    """A folder as document and file: the configuration is read here, the weights are opened where they are registered."""
+    """Return document and weights of a folder: the configuration is read here, the registry opens the weights."""
     from valerie.loading import load_document
     from valerie.perception.importing.huggingface import read_huggingface
 

@@ -12,7 +12,7 @@ from valerie.cli.datasets import Where
 from valerie.cli.deployment import context_of
 from valerie.cli.runs import RunId
 from valerie.cli.shell import DataDir, Json, console, say
-from valerie.errors import Conflict, InvalidInput
+from valerie.errors import InvalidInput
 
 
 def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
@@ -20,17 +20,15 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable
-    from valerie.db import runs
-    from valerie.db.engine import reading
+    from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
-    with context_of(data_dir) as context, reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-    if run.summary is None:
-        raise Conflict(f"run {run_id} is {run.state}; it has findings when it has ended")
+    with context_of(data_dir) as context:
+        text = context.store.get(artifact_key(context, run_id, SUMMARY)).decode()
     if as_json:
-        typer.echo(json.dumps(run.summary, ensure_ascii=False))
+        typer.echo(text)
         return
-    summary, findings = Summary.from_json(run.summary["summary"]), Findings.from_json(run.summary["findings"])
+    document = json.loads(text)
+    summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out = console()
     out.print(summary_renderable(summary, findings, most=None))
     if not findings.items:
@@ -55,7 +53,7 @@ def rows(
     import numpy as np
 
     from valerie.db.engine import reading
-    from valerie.pipeline.reading.run_cache import read_run
+    from valerie.pipeline.base.resolved_runs import read_run
     from valerie.pipeline.reading.selection import evaluated_rows, run_where
     from valerie.pipeline.reading.tables import read_table
 

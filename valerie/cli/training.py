@@ -1,4 +1,4 @@
-"""`valerie train`: frames, fitting, and the loop from a run's weak region back to a new version of a function."""
+"""`valerie train`: training sets, training, and the loop from a run's weak region to a new version of a function."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valerie.pipeline.retraining.loop import Retrained
     from valerie.pipeline.retraining.weakness import Weakness
 
-app = typer.Typer(help="Train functions under test: on frames drawn anywhere, or where a run found them weak.")
+app = typer.Typer(help="Train functions under test, on random frames or where a run found them weak.")
 app.command()(training_sets.frames)
 app.command()(training_sets.fit)
 
@@ -34,10 +34,11 @@ def train(
     run: Annotated[str | None, typer.Option("--from", metavar="RUN", help="Run that found the weakness.")] = None,
     where: Annotated[
         str | None,
-        typer.Option("--where", metavar="EXPRESSION", help='Its rows that are weak: "pacc < 0.5 and distance_m > 25".'),
+        typer.Option("--where", metavar="EXPRESSION", help='Selects its weak rows: "pacc < 0.5 and distance_m > 25".'),
     ] = None,
     function: Annotated[
-        str | None, typer.Option("--function", metavar="NAME", help="Which of the run's; may be left out for one.")
+        str | None,
+        typer.Option("--function", metavar="NAME", help="One of the run's functions; optional if it has one."),
     ] = None,
     name: Annotated[
         str | None, typer.Option("--name", metavar="NAME", help="Register under this name instead of the function's.")
@@ -48,42 +49,44 @@ def train(
     frames: Annotated[int, typer.Option("--frames", min=1, help="Frames to render.")] = 120,
     streets: Annotated[int, typer.Option("--streets", min=1, help="Streets to spread them over.")] = 8,
     broad_share: Annotated[
-        float, typer.Option("--broad-share", min=0.0, max=0.99, help="Of the frames, drawn anywhere.")
+        float, typer.Option("--broad-share", min=0.0, max=0.99, help="Share of the frames that are drawn anywhere.")
     ] = 0.5,
-    anywhere: Annotated[
-        bool, typer.Option("--anywhere", help="Draw all frames anywhere: the control to compare with.")
-    ] = False,
+    anywhere: Annotated[bool, typer.Option("--anywhere", help="Draw all frames anywhere, as a control.")] = False,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Training steps.")] = 300,
     learning_rate: Annotated[float, typer.Option("--learning-rate", help="Highest of the schedule.")] = 3e-4,
     batch: Annotated[int, typer.Option("--batch", min=2, help="Samples per step.")] = 8,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the training.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training.")] = 0,
     held_out_frames: Annotated[
-        int, typer.Option("--held-out-frames", min=0, help="For the figures on the card; 0 for none.")
+        int, typer.Option("--held-out-frames", min=0, help="Frames for the figures on the card; 0 for none.")
     ] = 20,
-    processes: Annotated[int, typer.Option("--processes", min=1, help="That render.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", min=1, help="Processes that render.")] = 1,
     threads: Threads = 1,
     as_json: Json = False,
     data_dir: DataDir = None,
 ) -> None:
     """Train a new version of a function where a run found it weak, register and compare it.
 
-    The frames are fresh: on streets that neither saw. `train frames` and `train fit`
-    train from scratch; `train compare` compares versions on a run's frames.
+    The frames are new, on streets that neither run nor function saw. `train frames` and
+    `train fit` train from scratch; `train compare` compares versions on a run's frames.
     """
     if context.invoked_subcommand is not None:
         return
     if run is None:
         sources = [context.get_parameter_source(option) for option in context.params]
         if any(source is not None and source.name != "DEFAULT" for source in sources):
-            raise InvalidInput("this is needed too", field="--from", limit="the id of the run that found the weakness")
+            raise InvalidInput(
+                "this option is missing", field="--from", limit="the id of the run that found the weakness"
+            )
         typer.echo(context.get_help())
         raise typer.Exit
     if where is None:
-        raise InvalidInput("this is needed too", field="--where", limit="an expression that selects rows of the run")
+        raise InvalidInput(
+            "this option is missing", field="--where", limit="an expression that selects rows of the run"
+        )
     if out is not None and out.suffix != ".safetensors":
         raise InvalidInput("not the name of a function file", field="--out", value=str(out), limit="….safetensors")
     if out is not None and out.exists():
-        raise InvalidInput("is there already; a version is never written over", field="--out", value=str(out))
+        raise InvalidInput("the file exists; a version is never overwritten", field="--out", value=str(out))
     from valerie.pipeline.functions.registry import require_free
     from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
     from valerie.pipeline.retraining.weakness import find_weakness, functions_of
@@ -101,14 +104,14 @@ def train(
     )
     with context_of(data_dir) as deployment:
         if function is None and len(choices := functions_of(deployment, run)) > 1:
-            raise InvalidInput(_one_of(context, choices), field="--function")
+            raise InvalidInput(_choose_one(context, choices), field="--function")
         weakness = find_weakness(deployment, run, where, function)
         called = name or weakness.next_name
         require_free(called)
         _say_weakness(weakness)
         trainings = settings_of(data_dir).data_dir.parent / "training"
         folder = trainings / training_folder(weakness, settings, called)
-        made = retrain(
+        retrained = retrain(
             weakness,
             folder / f"{called}.safetensors" if out is None else out,
             settings,
@@ -118,8 +121,8 @@ def train(
             on_street=_say_street,
             on_step=_Steps(),
         )
-        registered, new = register_retrained(deployment, made, called)
-    _say_made(made, folder)
+        registered, new = register_retrained(deployment, retrained, called)
+    _say_retrained(retrained, folder)
     say(f"{'registered' if new else 'registered already'} as {registered.reference}; a spec that shows both:")
     say(f"functions: [{weakness.reference}, {registered.reference}]")
     comparison = _compare(run, [weakness.function, registered.reference], where, data_dir)
@@ -128,19 +131,22 @@ def train(
 
 @app.command()
 def compare(
-    run: Annotated[str, typer.Argument(metavar="RUN", help="The validation: its frames are looked at again.")],
+    run: Annotated[str, typer.Argument(metavar="RUN", help="The run whose frames are predicted again.")],
     versions: Annotated[
         list[str],
         typer.Option(
-            "--version", metavar="FUNCTION", help="Name, NAME@DIGEST or function file; two or more, before first."
+            "--version", metavar="FUNCTION", help="NAME, NAME@DIGEST or function file; two or more, oldest first."
         ),
     ],
     where: Annotated[
-        str, typer.Option("--where", metavar="EXPRESSION", help="Show the selected persons and their region apart.")
+        str,
+        typer.Option("--where", metavar="EXPRESSION", help="Show the selected persons and their region separately."),
     ] = "",
-    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.png", help="Also draw it.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE.png", help="Also draw the comparison.")
+    ] = None,
     mixed: Annotated[
-        bool, typer.Option("--mixed", help="Also in unequal numeric classes: to see what precision or engine change.")
+        bool, typer.Option("--mixed", help="Allow different numeric classes, to compare precisions or engines.")
     ] = False,
     threads: InferenceThreads = None,
     as_json: Json = False,
@@ -148,7 +154,7 @@ def compare(
 ) -> None:
     """Compare versions of a function on a run's frames, side by side; nothing is rendered.
 
-    A name that stands in the run's spec means the version that the run saw.
+    A name in the run's spec means the version that the run used.
     """
     comparison = _compare(run, versions, where, data_dir, threads=threads, mixed=mixed)
     if picture is not None:
@@ -159,16 +165,16 @@ def compare(
     _show(comparison, as_json=as_json)
 
 
-def _one_of(context: typer.Context, functions: tuple[str, ...]) -> str:
-    """Says that one function is to be chosen, with a command line for each: this one, as it was given, and the function."""
-    given = [command_name(), "train"]
+def _choose_one(context: typer.Context, functions: tuple[str, ...]) -> str:
+    """Return a message with one command line per function: this one with the function added."""
+    arguments = [command_name(), "train"]
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")
         if source is None or source.name != "COMMANDLINE":
             continue
         value = context.params[parameter.name or ""]
-        given += [parameter.opts[0]] if value is True else [parameter.opts[0], str(value)]
-    lines = (f"  {shlex.join([*given, '--function', name])}" for name in functions)
+        arguments += [parameter.opts[0]] if value is True else [parameter.opts[0], str(value)]
+    lines = (f"  {shlex.join([*arguments, '--function', name])}" for name in functions)
     return "the run has several functions, and one is trained at a time; choose:\n" + "\n".join(lines)
 
 
@@ -219,14 +225,16 @@ def _say_street(shard: Shard) -> None:
     say(f"street {shard.street_seed}: {len(shard.sizes)} frames{drawn}")
 
 
-def _say_made(made: Retrained, folder: Path) -> None:
-    first, last = made.street_seeds
-    say(f"{made.frames:,} frames kept of {made.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
-    say(f"wrote {made.file}, digest {made.digest[:12]}, after {made.steps} steps; how it went: {made.curve}")
+def _say_retrained(retrained: Retrained, folder: Path) -> None:
+    first, last = retrained.street_seeds
+    say(f"{retrained.frames:,} frames kept of {retrained.drawn:,} scenes drawn on streets {first}–{last} (in {folder})")
+    say(
+        f"wrote {retrained.file}, digest {retrained.digest[:12]}, after {retrained.steps} steps; curve: {retrained.curve}"
+    )
 
 
 class _Steps:
-    """Progress of the training, one line now and then."""
+    """Progress of the training, one line every few seconds."""
 
     def __init__(self) -> None:
         from valerie.cli.datasets import Lines

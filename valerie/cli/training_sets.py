@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
     from valerie.perception.training.frame_folder import Shard
 
-#: Settings that are set by a parameter of another name.
+#: Settings to the parameters that set them, where the names differ.
 _PARAMETERS: Final = {"time_budget_s": "time_budget", "crops": "scales", "width": "size", "height": "size"}
 #: Steps between two lines of progress.
 _STEPS_PER_LINE: Final = 50
@@ -60,10 +59,10 @@ def frames(
             nonlocal done
             done += 1
             rate = done * settings.per_street / (time.monotonic() - started)
-            _print(f"street {shard.street_seed}: {done}/{settings.streets} streets, {rate:.1f} frames/s")
+            typer.echo(f"street {shard.street_seed}: {done}/{settings.streets} streets, {rate:.1f} frames/s")
 
         rendered = render_frames(folder, settings, processes=processes, progress=tell)
-    _print(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
+    typer.echo(f"{len(rendered)} frames in {folder}, digest {rendered.digest}")
 
 
 def fit(
@@ -163,9 +162,9 @@ def fit(
         def tell(now: TrainingProgress) -> None:
             curve(now)
             if now.step % _STEPS_PER_LINE == 0 or now.figures is not None:
-                _print(f"step {now.step} ({now.fraction:.1%}), loss {now.loss:.4f}, {now.elapsed_s:.0f} s")
+                typer.echo(f"step {now.step} ({now.fraction:.1%}), loss {now.loss:.4f}, {now.elapsed_s:.0f} s")
             if now.figures is not None:
-                _print(f"  held out: {now.figures.as_text()}")
+                typer.echo(f"  held out: {now.figures.as_text()}")
 
         model = train(
             settings,
@@ -183,10 +182,10 @@ def fit(
     data = model.to_bytes(provenance)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(data)
-    _print(f"{out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
+    typer.echo(f"{out}: {len(data) / 1e6:.2f} MB after {model.steps} steps")
     if model.figures is not None:
-        _print(f"held out: {model.figures.as_text()}")
-    _print(f"curve: {curve.finish(model.steps, model.figures, title=f'{out.stem}, {len(training_set)} frames')}")
+        typer.echo(f"held out: {model.figures.as_text()}")
+    typer.echo(f"curve: {curve.finish(model.steps, model.figures, title=f'{out.stem}, {len(training_set)} frames')}")
 
 
 @contextmanager
@@ -226,8 +225,3 @@ def _size(text: str) -> tuple[int, int]:
         return int(width), int(height)
     except ValueError:
         raise InvalidInput("not a size", field="--size", value=text, limit="WIDTHxHEIGHT") from None
-
-
-def _print(line: str) -> None:
-    typer.echo(line)
-    sys.stdout.flush()

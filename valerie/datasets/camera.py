@@ -1,8 +1,8 @@
-"""A camera in the words of Cityscapes' ``camera`` files.
+"""Cameras as Cityscapes' ``camera`` files describe them.
 
 Extrinsics lead from the camera to the vehicle's axes as in ISO 8855: x forward, y left, z up, with
 R = Rz(yaw) · Ry(pitch) · Rx(roll), radians; a positive pitch looks *down* (Cityscapes' csCalibration.pdf). A scene has no
-vehicle: its place is taken by the world's origin, looking along the street (+y). Image coordinates count pixel centres
+vehicle: the world's origin takes its place, looking along the street (+y). Image coordinates count pixel centres
 from 0, so the principal point of a centred camera is ((W − 1) / 2, (H − 1) / 2).
 """
 
@@ -16,7 +16,7 @@ from valerie.scene.graph.transforms import camera_angles
 
 
 class Extrinsic(TypedDict):
-    """Where a camera stands and looks: baseline, x, y, z in metres; yaw, pitch, roll in radians."""
+    """Place and direction of a camera: baseline, x, y, z in metres; yaw, pitch, roll in radians."""
 
     baseline: float
     x: float

@@ -8,7 +8,7 @@
     gtFine/<split>/<city>/<name>_gtFine_color.png                 for people
     gtFine/<split>/<city>/<name>_gtFine_polygons.json             optional
     camera/<split>/<city>/<name>_camera.json                      `valerie.datasets.camera`
-    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png   what a function made of it, as label ids
+    predictions/<function>/<split>/<city>/<name>_pred_labelIds.png   a prediction, as label ids
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ _LABELS: Final = "gtFine"
 
 
 def picture_path(split: str, name: FrameName) -> Path:
-    """Of the picture, below the data set's folder."""
+    """Return the path of a picture below the data set's folder."""
     return Path(_PICTURE, split, name.city, f"{name}_{_PICTURE}.png")
 
 
 def labels_path(split: str, name: FrameName, kind: str) -> Path:
-    """Of one kind of truth: ``labelIds.png``, ``instanceIds.png``, ``color.png``, ``polygons.json``."""
+    """Return the path of one kind of truth: ``labelIds.png``, ``instanceIds.png``, ``color.png``, ``polygons.json``."""
     return Path(_LABELS, split, name.city, f"{name}_{_LABELS}_{kind}")
 
 
 def camera_path(split: str, name: FrameName) -> Path:
-    """Of the camera's document."""
+    """Return the path of a camera's document."""
     return Path("camera", split, name.city, f"{name}_camera.json")
 
 
 def prediction_path(function: str, split: str, name: FrameName) -> Path:
-    """Of a function's prediction."""
+    """Return the path of a function's prediction."""
     return Path("predictions", function, split, name.city, f"{name}_pred_labelIds.png")
 
 
 def write_picture(root: Path, split: str, frame: LabelledFrame) -> Path:
-    """Write the picture alone; returns its path below ``root``."""
+    """Write the picture alone; return its path below ``root``."""
     path = picture_path(split, frame.name)
     save_png(root / path, frame.picture)
     return path
 
 
 def write_labels(root: Path, split: str, frame: LabelledFrame, *, polygons: bool = False) -> None:
-    """Write label ids, instance ids, colours, the camera and, if asked for, polygons."""
+    """Write label ids, instance ids, colours, the camera and, with ``polygons``, polygons."""
     save_png(root / labels_path(split, frame.name, "labelIds.png"), frame.class_map)
     save_png(root / labels_path(split, frame.name, "instanceIds.png"), frame.segment_ids)
     save_png(root / labels_path(split, frame.name, "color.png"), colorize(frame.class_map))
@@ -71,7 +71,7 @@ def write_labels(root: Path, split: str, frame: LabelledFrame, *, polygons: bool
 
 
 def write_prediction(root: Path, split: str, name: FrameName, function: str, train_ids: NDArray[np.uint8]) -> Path:
-    """Write a prediction ((H, W) train ids) as label ids (void as 0, unlabeled); returns its path below ``root``."""
+    """Write a prediction ((H, W) train ids) as label ids (void as 0, unlabeled); return its path below ``root``."""
     path = prediction_path(function, split, name)
     save_png(root / path, to_label_ids(train_ids))
     return path
@@ -86,7 +86,7 @@ class _Entry:
 
 
 class CityscapesFolder(Sequence[LabelledFrame]):
-    """The frames of one split, read when they are asked for; by name, ascending.
+    """The frames of one split, by ascending name; each is read when it is needed.
 
     Args:
         root: folder that holds ``leftImg8bit`` and ``gtFine``.
@@ -105,7 +105,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
 
     @classmethod
     def splits(cls, root: Path) -> tuple[str, ...]:
-        """The splits that the folder has pictures of."""
+        """Return the splits that the folder has pictures of."""
         return tuple(sorted(path.name for path in (root / _PICTURE).glob("*") if path.is_dir()))
 
     @property
@@ -114,7 +114,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
 
     @property
     def has_instances(self) -> bool:
-        """Whether every frame tells instances apart."""
+        """True where every frame tells instances apart."""
         return all(entry.instances is not None for entry in self._entries)
 
     def __len__(self) -> int:
@@ -157,7 +157,7 @@ class CityscapesFolder(Sequence[LabelledFrame]):
 
 
 def read_prediction(root: Path, function: str, split: str, name: FrameName) -> NDArray[np.uint8]:
-    """(H, W) uint8 label ids of a prediction that `write_prediction` wrote.
+    """Read a prediction that `write_prediction` wrote: (H, W) uint8 label ids.
 
     Raises:
         NotFound, CorruptArtifact: no such file, or no picture.
@@ -166,7 +166,7 @@ def read_prediction(root: Path, function: str, split: str, name: FrameName) -> N
 
 
 class _Opened:
-    """An image file, with our errors."""
+    """An open image file, with the errors of `valerie.errors`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

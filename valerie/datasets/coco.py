@@ -1,4 +1,4 @@
-"""COCO: panoptic segmentation and instances, the latter with amodal masks.
+"""Data sets in COCO's formats: panoptic segmentation, and instances with amodal masks.
 
 Categories carry Cityscapes' label ids and names. A panoptic picture codes a segment's id as R + 256 G + 256² B; the id is
 label id × 1000 + n of an instance, else the label id; 0 is void (Kirillov et al. 2019, arXiv:1801.00868). Pixels of a
@@ -13,7 +13,7 @@ annotation; the Parquet index lists it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,21 +34,46 @@ CATEGORIES: Final = tuple(
 )
 
 
+class Segment(TypedDict):
+    """One entry of ``segments_info``; ``bbox`` is x, y, width, height."""
+
+    id: int
+    category_id: int
+    area: int
+    bbox: list[int]
+    iscrowd: int
+
+
+class RunLengths(TypedDict):
+    """A mask in COCO's compressed run-length code; ``size`` is height and width."""
+
+    size: list[int]
+    counts: str
+
+
+class Shape(TypedDict):
+    """A mask with its box (x, y, width, height) and number of pixels."""
+
+    segm: RunLengths
+    bbox: list[int]
+    area: int
+
+
 def panoptic_ids(frame: LabelledFrame) -> NDArray[np.uint32]:
-    """(H, W) segment ids; 0 is void."""
+    """Return the segment ids of a frame, (H, W); 0 is void."""
     evaluated = np.zeros(256, np.bool_)
     evaluated[[label.id for label in TRAIN_LABELS]] = True
     return np.where(evaluated[frame.class_map], frame.segment_ids, 0).astype(np.uint32)
 
 
 def panoptic_picture(ids: NDArray[np.uint32]) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 that codes segment ids by R + 256 G + 256² B."""
+    """Return the picture that codes segment ids by R + 256 G + 256² B: (H, W, 3) uint8."""
     return np.stack([ids & 255, ids >> 8 & 255, ids >> 16 & 255], axis=2).astype(np.uint8)
 
 
-def panoptic_segments(ids: NDArray[np.uint32]) -> list[dict[str, Any]]:
-    """``segments_info`` of one picture: id, category, area, box and whether it is a crowd."""
-    segments = []
+def panoptic_segments(ids: NDArray[np.uint32]) -> list[Segment]:
+    """Return the ``segments_info`` of one picture."""
+    segments: list[Segment] = []
     for number in np.unique(ids[ids > 0]).tolist():
         label = BY_ID[number // 1000 if number >= 1000 else number]
         mask = ids == number
@@ -65,7 +90,7 @@ def panoptic_segments(ids: NDArray[np.uint32]) -> list[dict[str, Any]]:
 
 
 def instance_annotations(frame: LabelledFrame) -> list[dict[str, Any]]:
-    """One entry per visible instance of an evaluated class, without ``id`` and ``image_id``."""
+    """Return one entry per visible instance of an evaluated class, without ``id`` and ``image_id``."""
     annotations: list[dict[str, Any]] = []
     for number in np.unique(frame.instance_map[frame.instance_map > 0]).tolist():
         label = BY_ID[number // 1000]
@@ -90,7 +115,7 @@ def assemble(
     key_points: Sequence[str] = (),
     limbs: Sequence[tuple[int, int]] = (),
 ) -> dict[str, Any]:
-    """A whole COCO document of images and annotations that have their ids.
+    """Return a whole COCO document of images and annotations that have their ids.
 
     ``key_points`` and ``limbs`` (pairs of their places, from 0) describe the key points of persons and riders, where an
     annotation has any.
@@ -109,11 +134,12 @@ def assemble(
     }
 
 
-def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """A mask in COCO's compressed run-length code: ``size`` [H, W] and ``counts``.
+def run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
+    """Return a mask in COCO's compressed run-length code.
 
-    Lengths of runs in column order, beginning with a run of zeros; from the fourth on the difference to the one before
-    last; each number in groups of five bits, lowest first, a sixth bit saying that more follow, as characters from "0".
+    The code holds the lengths of runs in column order, beginning with a run of zeros. From the fourth on it holds the
+    difference to the length before last. Each number is written in groups of five bits, lowest first, as characters from
+    "0"; a sixth bit says that more groups follow.
     """
     flat = np.asarray(mask, np.bool_).ravel(order="F")
     edges = np.flatnonzero(flat[1:] != flat[:-1]) + 1
@@ -133,12 +159,12 @@ def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
     return {"size": [int(mask.shape[0]), int(mask.shape[1])], "counts": "".join(code)}
 
 
-def _shape(mask: NDArray[np.bool_]) -> dict[str, Any]:
+def _shape(mask: NDArray[np.bool_]) -> Shape:
     return {"segm": run_lengths(mask), "bbox": _box(mask), "area": int(np.count_nonzero(mask))}
 
 
 def _box(mask: NDArray[np.bool_]) -> list[int]:
-    """x, y, width, height; zeros for an empty mask."""
+    """Return x, y, width, height; zeros for an empty mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return [0, 0, 0, 0]

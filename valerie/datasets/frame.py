@@ -1,4 +1,4 @@
-"""One labelled frame on its way into or out of a data set: arrays and a name, no files."""
+"""One labelled frame of a data set, as arrays and a name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]*")
 
 @dataclass(frozen=True, slots=True, order=True)
 class FrameName:
-    """A frame's name as Cityscapes spells it: ``<city>_<sequence>_<frame>``.
+    """Name of a frame as Cityscapes spells it: ``<city>_<sequence>_<frame>``.
 
     Attributes:
         city: recording place; for exported runs the run's name and the camera.
@@ -44,12 +44,12 @@ class FrameName:
 
     @classmethod
     def of(cls, city: str, sequence: int, frame: int) -> Self:
-        """A name from numbers; the city is spelled with letters, digits and hyphens."""
+        """Return a name from numbers; the city is spelled with letters, digits and hyphens."""
         return cls(plain_name(city) or "valerie", f"{sequence:06}", f"{frame:06}")
 
     @classmethod
     def parse(cls, stem: str) -> Self:
-        """The name in a file name, suffixes and all: ``aachen_000000_000019_leftImg8bit.png``.
+        """Read the name in a file name with all its suffixes: ``aachen_000000_000019_leftImg8bit.png``.
 
         Raises:
             InvalidInput: not such a name.
@@ -74,7 +74,7 @@ class LabelledFrame:
         instance_map: (H, W) uint16, label id × 1000 + n; 0 where there is no instance.
         camera: Cityscapes' camera document; None where unknown.
         amodal: instance id to (H, W) bool: all pixels that the person would cover alone, within the image.
-        persons: instance id to what is known of the person (occlusion, distance …), for formats that carry it.
+        persons: instance id to measures of the person (occlusion, distance …), for formats that carry them.
 
     Raises:
         InvalidInput: shapes or types differ from that.
@@ -90,17 +90,17 @@ class LabelledFrame:
 
     @property
     def segment_ids(self) -> NDArray[np.uint16]:
-        """(H, W) Cityscapes' instance ids: label id × 1000 + n, and the label id itself where there is no instance."""
+        """Cityscapes' instance ids, (H, W): label id × 1000 + n, and the label id itself where there is no instance."""
         return np.where(self.instance_map > 0, self.instance_map, self.class_map.astype(np.uint16))
 
     def __post_init__(self) -> None:
         shape = self.class_map.shape
         right = self.picture.dtype == self.class_map.dtype == np.uint8 and self.instance_map.dtype == np.uint16
         if not right or len(shape) != 2 or self.picture.shape != (*shape, 3) or self.instance_map.shape != shape:
-            given = f"{self.picture.dtype} {self.picture.shape}, {self.class_map.dtype} {shape}, "
-            given += f"{self.instance_map.dtype} {self.instance_map.shape}"
+            shapes = f"{self.picture.dtype} {self.picture.shape}, {self.class_map.dtype} {shape}, "
+            shapes += f"{self.instance_map.dtype} {self.instance_map.shape}"
             raise InvalidInput(
-                "picture and labels do not fit", field=str(self.name), value=given, limit="uint8, uint8 and uint16"
+                "picture and labels do not fit", field=str(self.name), value=shapes, limit="uint8, uint8 and uint16"
             )
         for number, mask in self.amodal.items():
             if mask.shape != shape:

@@ -1,4 +1,4 @@
-"""The plain index of a data set: one Parquet row per person of a frame, with where its files are and what is known."""
+"""The plain index of a data set: one Parquet row per person of a frame, with its measures and the paths of its files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ COLUMNS: Final[tuple[tuple[str, pa.DataType, str], ...]] = (
 
 
 def write_index(path: Path, rows: Iterable[Mapping[str, Any]], parameters: Mapping[str, pa.DataType]) -> int:
-    """Write the index; returns its number of rows.
+    """Write the index; return its number of rows.
 
     Args:
         path: of the file.

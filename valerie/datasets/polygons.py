@@ -6,7 +6,7 @@ ones first, so that what lies in a hole is painted over it.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,23 @@ from valerie.errors import MissingDependency
 from valerie.labels import BY_ID
 
 
-def polygons_document(segment_ids: NDArray[np.uint16]) -> dict[str, Any]:
-    """Cityscapes' ``imgHeight``, ``imgWidth`` and ``objects`` (``label``, ``polygon``), in the order of painting.
+class Polygon(TypedDict):
+    """The class of a region, and the x and y of the corners of its outline."""
+
+    label: str
+    polygon: list[list[int]]
+
+
+class PolygonsDocument(TypedDict):
+    """One ``polygons`` file: height and width of the image, and polygons in the order of painting."""
+
+    imgHeight: int
+    imgWidth: int
+    objects: list[Polygon]
+
+
+def polygons_document(segment_ids: NDArray[np.uint16]) -> PolygonsDocument:
+    """Return the polygons of a label map.
 
     Args:
         segment_ids: (H, W) as `LabelledFrame.segment_ids`; each instance gives polygons of its own, 0 (unlabeled) none.
@@ -30,7 +45,7 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> dict[str, Any]:
         raise MissingDependency("polygons need OpenCV; install it with: pip install 'valerie[eval]'") from error
 
     height, width = segment_ids.shape
-    found: list[tuple[float, str, list[list[int]]]] = []
+    polygons: list[tuple[float, Polygon]] = []
     for number in np.unique(segment_ids).tolist():
         label = BY_ID.get(number // 1000 if number >= 1000 else number)
         if label is None or label.id == 0:
@@ -42,15 +57,11 @@ def polygons_document(segment_ids: NDArray[np.uint16]) -> dict[str, Any]:
             if level[3] < 0:
                 points = outline.reshape(-1, 2)
                 area = float(cv2.contourArea(outline)) + cv2.arcLength(outline, closed=True) / 2
-                found.append((area, label.name, points.tolist()))
-    found.sort(key=lambda item: -item[0])
-    return {
-        "imgHeight": height,
-        "imgWidth": width,
-        "objects": [{"label": name, "polygon": _at_least_three(points)} for _, name, points in found],
-    }
+                polygons.append((area, Polygon(label=label.name, polygon=_at_least_three(points.tolist()))))
+    polygons.sort(key=lambda item: -item[0])
+    return PolygonsDocument(imgHeight=height, imgWidth=width, objects=[polygon for _, polygon in polygons])
 
 
 def _at_least_three(points: list[list[int]]) -> list[list[int]]:
-    """A single pixel or a line as a polygon: what draws polygons wants three points."""
+    """Return a polygon of at least three points, also for a single pixel or a line: tools that draw polygons need them."""
     return points if len(points) >= 3 else (points * 3)[:3]

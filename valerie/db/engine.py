@@ -1,4 +1,4 @@
-"""Opening the database: SQLite in WAL mode with BEGIN IMMEDIATE, or Postgres through psycopg 3; one URL decides."""
+"""Open the database: SQLite in WAL mode with BEGIN IMMEDIATE, or Postgres through psycopg 3, as its URL says."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import orjson
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from valerie.errors import InvalidInput, StorageFull, StorageUnavailable, TransientError
 
-#: A writer waits this long for its turn; with eight writing processes SQLite starves one for seconds.
+#: How long a writer waits for its turn: with eight writing processes SQLite starves one for seconds.
 _BUSY_TIMEOUT_MS = 30_000
-#: Digests are spread over their tables: with the usual 2 MiB of pages, feeding a large run reads most of them again.
+#: Digests are spread over their tables: with the default of 2 MiB, feeding a large run reads most pages again.
 _CACHE_KIB = 32 * 1024
-#: Pages in the log before they are copied into the database (40 MB): the same pages change from block to block.
+#: Pages in the log before they are copied into the database (40 MB), since the same pages change from block to block.
 _CHECKPOINT_PAGES = 10_000
-#: Documents are written by the thousand; orjson is several times faster than the standard library.
 _OPTIONS: dict[str, Any] = {
-    "hide_parameters": True,  # thousands of rows do not belong into a log
-    "json_serializer": lambda value: orjson.dumps(value).decode(),
-    "json_deserializer": orjson.loads,
+    "hide_parameters": True,  # thousands of rows do not belong in a log
+    # `valerie.db.documents` reads and writes JSON text itself.
+    "json_serializer": lambda text: text,
+    "json_deserializer": lambda text: text,
 }
 #: Held by `unforked`, and by every fork while it happens.
 _FORK = threading.Lock()
@@ -33,10 +32,10 @@ os.register_at_fork(before=_FORK.acquire, after_in_parent=_FORK.release, after_i
 
 
 def open_engine(url: str) -> Engine:
-    """An engine for ``sqlite:///path`` or ``postgresql://…``.
+    """Return an engine for ``sqlite:///path`` or ``postgresql://…``.
 
-    SQLite: every transaction begins with BEGIN IMMEDIATE, since a deferred one that reads and then writes fails with
-    "database is locked" at once whatever the busy timeout (a snapshot cannot be upgraded).
+    On SQLite every writing transaction begins with BEGIN IMMEDIATE. A deferred transaction that reads and then writes fails
+    with "database is locked" at once, whatever the busy timeout, since its snapshot cannot be upgraded.
 
     Raises:
         InvalidInput: another kind of database.
@@ -73,11 +72,12 @@ def _begin_immediate(connection: Connection) -> None:
 
 @contextmanager
 def writing(engine: Engine) -> Iterator[Connection]:
-    """One transaction that writes; commits at the end, rolls back on any error.
+    """Open a transaction that writes; it is committed at the end and rolled back on any error.
 
     Raises:
         StorageFull: no space left for the database.
-        TransientError: the database is locked or cannot be reached: worth another try.
+        StorageUnavailable: the database cannot be written.
+        TransientError: the database is locked or does not answer: worth another try.
     """
     with translated(), engine.begin() as connection:
         yield connection
@@ -85,10 +85,10 @@ def writing(engine: Engine) -> Iterator[Connection]:
 
 @contextmanager
 def unforked() -> Iterator[None]:
-    """No child is forked within: for threads of a process that forks, around their transactions.
+    """Hold off forks: for threads of a process that forks, around their transactions.
 
-    SQLite keeps its own process's locks in memory too. A child forked in the middle of a transaction inherits that memory, and
-    finds the database locked for as long as it lives, by a connection that nobody will ever end.
+    SQLite also keeps the locks of its own process in memory. A child forked in the middle of a transaction inherits that
+    memory and finds the database locked for as long as it lives, by a connection that nobody will ever close.
     """
     with _FORK:
         yield
@@ -96,14 +96,14 @@ def unforked() -> Iterator[None]:
 
 @contextmanager
 def reading(engine: Engine) -> Iterator[Connection]:
-    """One consistent view that does not write, and on SQLite takes no write lock."""
+    """Open a transaction that sees one consistent state; it must not write, and on SQLite it takes no write lock."""
     with translated(), engine.connect() as connection:
         yield connection.execution_options(valerie_read_only=True)
 
 
 @contextmanager
 def translated() -> Iterator[None]:
-    """Turn the driver's errors into ours, so that nobody above needs to know the driver."""
+    """Turn the errors of the driver into ours."""
     try:
         yield
     except OperationalError as error:

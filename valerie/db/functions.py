@@ -1,81 +1,102 @@
-"""Every query about registered functions under test: names, their versions by digest, who needs them."""
+"""Queries about registered functions under test: names, versions by digest, runs that may need them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
-from sqlalchemy import Connection, Row, delete, func, select
+from sqlalchemy import Connection, delete, func, select
 
 from valerie.db.models import Function, Run
-from valerie.db.products import insert_ignoring
+from valerie.db.rows import columns_of, read_all, read_first
 from valerie.db.runs import ACTIVE
+from valerie.db.statements import insert_ignoring
 from valerie.errors import Conflict
+from valerie.perception.documents.function import FunctionDocument
+from valerie.runs.pins import Pins
+from valerie.runs.spec import RunSpec
 
-_COLUMNS = tuple(Function.__table__.columns)
+
+@dataclass(frozen=True, slots=True)
+class FunctionRow:
+    """A version of a registered function; see `valerie.db.models.Function`."""
+
+    name: str
+    digest: str
+    version: int
+    document: FunctionDocument
+    created_at: datetime
 
 
-def register(
-    connection: Connection,
-    *,
-    name: str,
-    digest: str,
-    document: Mapping[str, Any],
-    payload: str | None,
-    now: datetime,
-) -> bool:
-    """Write the next version of a name; False when this name has this digest already.
+@dataclass(frozen=True, slots=True)
+class UnfinishedRun:
+    """The functions that a run names, and pinned if it has started."""
+
+    id: str
+    spec: RunSpec
+    pins: Pins | None
+
+
+_FUNCTION = select(*columns_of(FunctionRow, Function))
+
+
+def register(connection: Connection, document: FunctionDocument, now: datetime) -> bool:
+    """Write the next version of a name; return False when this name has this document already.
 
     Raises:
         Conflict: others registered versions of this name at the same time, again and again.
     """
     for _ in range(5):
-        if get(connection, name, digest) is not None:
+        if get(connection, document.name, document.digest) is not None:
             return False
-        newest = connection.scalar(select(func.max(Function.version)).where(Function.name == name)) or 0
-        row = {"name": name, "digest": digest, "version": newest + 1}
-        row |= {"document": dict(document), "payload": payload, "created_at": now}
+        newest = connection.scalar(select(func.max(Function.version)).where(Function.name == document.name)) or 0
+        row = {
+            "name": document.name,
+            "digest": document.digest,
+            "version": newest + 1,
+            "document": document,
+            "payload": None if document.payload is None else document.payload.sha256,
+            "created_at": now,
+        }
         if insert_ignoring(connection, Function, [row]):
             return True
-        # On Postgres somebody else took the number, or wrote this very version, between the question and the insert.
-    raise Conflict(f"the function {name} could not be registered: others register it at the same time")
+        # On Postgres another process took the number, or wrote this very version, between the question and the insert.
+    raise Conflict(f"the function {document.name} could not be registered: others register it at the same time")
 
 
-def get(connection: Connection, name: str, digest: str) -> Row[Any] | None:
-    """One version by its whole digest."""
-    return connection.execute(select(*_COLUMNS).where(Function.name == name, Function.digest == digest)).first()
+def get(connection: Connection, name: str, digest: str) -> FunctionRow | None:
+    """Return a version of a name by its whole digest."""
+    return read_first(connection, _FUNCTION.where(Function.name == name, Function.digest == digest), FunctionRow)
 
 
-def of_digest(connection: Connection, digest: str) -> Row[Any] | None:
-    """A version with this digest, whatever its name."""
-    return connection.execute(select(*_COLUMNS).where(Function.digest == digest).limit(1)).first()
+def of_digest(connection: Connection, digest: str) -> FunctionRow | None:
+    """Return a version with this digest, whatever its name."""
+    return read_first(connection, _FUNCTION.where(Function.digest == digest).limit(1), FunctionRow)
 
 
-def versions(connection: Connection, name: str, *, prefix: str = "") -> list[Row[Any]]:
-    """Versions of a name whose digest begins with ``prefix``, newest first."""
-    condition = [Function.name == name]
-    if prefix:
-        condition.append(Function.digest.startswith(prefix, autoescape=True))
-    return list(connection.execute(select(*_COLUMNS).where(*condition).order_by(Function.version.desc())))
+def versions(connection: Connection, name: str) -> list[FunctionRow]:
+    """Return all versions of a name, newest first."""
+    return read_all(connection, _FUNCTION.where(Function.name == name).order_by(Function.version.desc()), FunctionRow)
 
 
-def every(connection: Connection) -> list[Row[Any]]:
-    """All versions of all names, by name, newest first."""
-    return list(connection.execute(select(*_COLUMNS).order_by(Function.name, Function.version.desc())))
+def every(connection: Connection) -> list[FunctionRow]:
+    """Return all versions of all names: by name, newest first."""
+    return read_all(connection, _FUNCTION.order_by(Function.name, Function.version.desc()), FunctionRow)
 
 
 def remove(connection: Connection, name: str, digest: str) -> None:
-    """Delete one version."""
+    """Delete a version."""
     connection.execute(delete(Function).where(Function.name == name, Function.digest == digest))
 
 
-def known_payloads(connection: Connection, digests: Iterable[str]) -> set[str]:
-    """Those SHA-256 that a version needs."""
-    found = connection.scalars(select(Function.payload).where(Function.payload.in_(list(digests))))
-    return {payload for payload in found if payload is not None}
+def known_payloads(connection: Connection, digests: Collection[str]) -> set[str]:
+    """Return those SHA-256 that belong to the payload of a version."""
+    payloads = connection.scalars(select(Function.payload).where(Function.payload.in_(digests)))
+    return {payload for payload in payloads if payload is not None}
 
 
-def unfinished_runs(connection: Connection) -> list[Row[Any]]:
-    """(id, spec, pins) of every run that has not ended."""
-    return list(connection.execute(select(Run.id, Run.spec, Run.pins).where(Run.state.in_(ACTIVE)).order_by(Run.id)))
+def unfinished_runs(connection: Connection) -> list[UnfinishedRun]:
+    """Return every run that has not ended."""
+    query = select(*columns_of(UnfinishedRun, Run)).where(Run.state.in_(ACTIVE)).order_by(Run.id)
+    return read_all(connection, query, UnfinishedRun)

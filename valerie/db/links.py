@@ -1,4 +1,4 @@
-"""Expressions about frames and what links to them, for the conditions, joins and columns of queries."""
+"""Expressions about frames and their links, for the conditions, joins and columns of queries."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, and_, select
 
-from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
+from valerie.db.models import Assignment, Evaluation, Frame, FrameAnnotation, Variant
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey, FrameProducts
 
@@ -83,7 +83,7 @@ class StoredFrame:
 
     key: FrameKey
     products: FrameProducts
-    assignment: dict[str, Any]
+    assignment: Assignment
 
     @classmethod
     def of(cls, row: Any) -> StoredFrame:

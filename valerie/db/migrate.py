@@ -1,9 +1,10 @@
-"""Bringing a database to this version's tables; entry points call it before anything else touches the database."""
+"""Bring a database to this version's tables; entry points call it before anything else touches the database."""
 
 from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from typing import Final
 
 from alembic import command
 from alembic.config import Config
@@ -14,19 +15,21 @@ from sqlalchemy import Engine, text
 from valerie.db.engine import reading, translated
 from valerie.errors import Conflict
 
-#: Any number: taken on Postgres so that of several processes that start at once one migrates and the others wait.
-_ADVISORY_LOCK = 728_416_095
+#: Any number: of several processes that start at once on Postgres, the one that holds it migrates and the others wait.
+_ADVISORY_LOCK: Final = 728_416_095
+#: Revisions of databases from before 0.1.0, the first release.
+_UNRELEASED: Final = frozenset({"0001", "0002", "0003", "0004", "0005", "0006"})
 
 
 def migrate(engine: Engine) -> None:
     """Upgrade to the newest revision.
 
     Raises:
-        Conflict: the database was written by a newer version of VALERIE.
+        Conflict: the database was written by a newer version of VALERIE, or before its first release; it is left unchanged.
         StorageUnavailable, TransientError: it cannot be written or does not answer.
     """
     config = _config()
-    _refuse_newer(engine, config)
+    _refuse_unknown(engine, config)
     with translated(), engine.begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
@@ -35,21 +38,26 @@ def migrate(engine: Engine) -> None:
 
 
 def require_current(engine: Engine) -> None:
-    """For workers: the tables must be there already.
+    """Refuse a database without this version's tables; workers do not migrate.
 
     Raises:
-        Conflict: the database is older or newer than this version, and what to do.
+        Conflict: the database is older or newer than this version; says what to do.
     """
     config = _config()
-    _refuse_newer(engine, config)
+    _refuse_unknown(engine, config)
     head = ScriptDirectory.from_config(config).get_current_head()
     current = _current(engine)
     if current != head:
         raise Conflict(f"the database is at revision {current}, this version needs {head}: run `valerie migrate`")
 
 
-def _refuse_newer(engine: Engine, config: Config) -> None:
+def _refuse_unknown(engine: Engine, config: Config) -> None:
     current = _current(engine)
+    if current in _UNRELEASED:
+        raise Conflict(
+            f"the database is from before VALERIE 0.1.0 (revision {current}), which no released version reads; nothing in it "
+            "was changed. Move it away or name another one (VALERIE_DATABASE_URL), and submit its specs again"
+        )
     known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
     if current is not None and current not in known:
         raise Conflict(

@@ -1,8 +1,8 @@
-"""The tables. Documents are JSON columns; whatever one filters, joins or plots by has a column of its own.
+"""The tables. Documents are JSON columns; whatever is filtered, joined or plotted by has a column of its own.
 
-Products belong to no run. A *frame* links a variant to its background, layer and truth; an *evaluation* links a frame, one
-sensor setting and one function to its prediction and scores. What nobody links is not computed, and `gc` frees it.
-Product digests (32 hexadecimal characters) are primary keys: rows can be written without asking which are there.
+Products belong to no run. A *frame* links a variant to its background, layer and truth; an *evaluation* links a frame, a
+sensor setting and a function to its prediction and scores. A product without a link is not computed, and `gc` frees it.
+Product digests (32 hexadecimal characters) are primary keys: rows can be written without asking which exist.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from datetime import datetime
 from typing import Any, Final, TypeVar
 
 from sqlalchemy import (
-    JSON,
     BigInteger,
     DateTime,
     Float,
@@ -27,13 +26,21 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
-from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeEngine
 
+from valerie.db.documents import JsonDocument, words
 from valerie.measures import ColumnType, Source, measures_from
+from valerie.parameters.definitions import Value
+from valerie.perception.documents.function import FunctionDocument
+from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.runs.pins import AnyOffer, Pins
+from valerie.runs.products import ProductError
+from valerie.runs.progress import BlockCounts, Progress
+from valerie.runs.spec import RunSpec
+from valerie.runs.states import ProductKind, ProductState, RunState, Stage
 
-#: Every constraint has a name that follows from what it constrains, so that migrations can name it on both databases.
+#: The name of a constraint follows from its columns, so that migrations can name it on both databases.
 NAMING = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
@@ -41,10 +48,9 @@ NAMING = {
     "fk": "fk_%(table_name)s_%(column_0_N_name)s",
     "pk": "pk_%(table_name)s",
 }
-Document = JSON().with_variant(JSONB(), "postgresql")
 Digest = String(32)
-
-
+#: Path to value; angles in degrees.
+Assignment = dict[str, Value]
 _INPUT_COLUMNS = ("input_a", "input_b", "input_c")
 
 
@@ -63,7 +69,14 @@ _Table = TypeVar("_Table", bound="Base")
 
 class Base(DeclarativeBase):
     metadata = MetaData(naming_convention=NAMING)
-    type_annotation_map = {dict[str, Any]: Document, datetime: DateTime(timezone=True)}  # noqa: RUF012
+    type_annotation_map = {  # noqa: RUF012
+        datetime: DateTime(timezone=True),
+        RunState: words(RunState, 32),
+        ProductState: words(ProductState, 16),
+        ProductKind: words(ProductKind, 16),
+        AnnotationKind: words(AnnotationKind, 16),
+        Stage: words(Stage, 16),
+    }
 
 
 def _measured(*sources: Source) -> Callable[[type[_Table]], type[_Table]]:
@@ -78,29 +91,28 @@ def _measured(*sources: Source) -> Callable[[type[_Table]], type[_Table]]:
 
 
 class Run(Base):
-    """One validation run: its spec, what it pinned at submission, how far it was fed, what came of it."""
+    """A validation run: its spec, its pins, how much of it has rows, how far it is."""
 
     __tablename__ = "runs"
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     name: Mapped[str] = mapped_column(String(200))
-    state: Mapped[str] = mapped_column(String(32))
+    state: Mapped[RunState]
     #: Why it is paused, waits or failed; shown to people as it is.
     reason: Mapped[str | None] = mapped_column(Text)
-    spec: Mapped[dict[str, Any]]
+    spec: Mapped[RunSpec] = mapped_column(JsonDocument(RunSpec))
     spec_digest: Mapped[str] = mapped_column(Digest)
     asset_digest: Mapped[str] = mapped_column(Digest)
-    #: {"engine": …, "truth": …, "functions": {name: {"digest": …, "numeric_class": …}}}; None until workers offer them.
-    pins: Mapped[dict[str, Any] | None]
+    #: None until workers offer everything that the spec needs.
+    pins: Mapped[Pins | None] = mapped_column(JsonDocument(Pins))
     parent_run: Mapped[str | None] = mapped_column(ForeignKey("runs.id", ondelete="SET NULL"))
     iteration: Mapped[int] = mapped_column(default=0)
     variant_count: Mapped[int] = mapped_column(BigInteger)
     #: Variants 0 … next_index−1 have rows.
     next_index: Mapped[int] = mapped_column(BigInteger, default=0)
     rejected_count: Mapped[int] = mapped_column(BigInteger, default=0)
-    #: Latest progress document, written by the control loop.
-    progress: Mapped[dict[str, Any] | None]
-    summary: Mapped[dict[str, Any] | None]
+    #: At the latest count of the control loop; None before the first.
+    progress: Mapped[Progress | None] = mapped_column(JsonDocument(Progress))
     idempotency_key: Mapped[str | None] = mapped_column(String(200), unique=True)
     created_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
@@ -110,7 +122,7 @@ class Run(Base):
 
 
 class Block(Base):
-    """A stretch of consecutive variants; a closed block is never counted again, which keeps progress cheap."""
+    """A stretch of consecutive variants. A finished block is never counted again, which keeps progress cheap."""
 
     __tablename__ = "blocks"
 
@@ -118,58 +130,58 @@ class Block(Base):
     number: Mapped[int] = mapped_column(primary_key=True)
     first: Mapped[int] = mapped_column(BigInteger)
     last: Mapped[int] = mapped_column(BigInteger)
-    closed: Mapped[bool] = mapped_column(default=False)
-    counts: Mapped[dict[str, Any]]
+    #: Final counts; None while something is left to do.
+    counts: Mapped[BlockCounts | None] = mapped_column(JsonDocument(BlockCounts))
 
 
 class Variant(Base):
-    """One point of the parameter space; ``assignment`` maps paths to values (angles in degrees)."""
+    """A point of the parameter space."""
 
     __tablename__ = "variants"
 
     run_id: Mapped[str] = mapped_column(ForeignKey("runs.id", ondelete="CASCADE"), primary_key=True)
     index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
     block: Mapped[int]
-    assignment: Mapped[dict[str, Any]]
-    #: Why no frame was made of it, in words; None for an accepted variant.
+    assignment: Mapped[Assignment] = mapped_column(JsonDocument(Assignment))
+    #: Why no frame is made of it, in words; None for an accepted variant.
     rejection: Mapped[str | None] = mapped_column(Text)
 
 
 class Product(Base):
-    """One computed thing, addressed by the digest of its true inputs."""
+    """A computed thing, addressed by the digest of its true inputs."""
 
     __tablename__ = "products"
 
     digest: Mapped[str] = mapped_column(Digest, primary_key=True)
-    kind: Mapped[str] = mapped_column(String(16))
-    state: Mapped[str] = mapped_column(String(16))
+    kind: Mapped[ProductKind]
+    state: Mapped[ProductState]
     #: Queue of the workers that can make it: stage and numeric class.
     route: Mapped[str] = mapped_column(String(120))
     #: Products with one group share a warm cache (same asset, camera and light; same network).
     cache_group: Mapped[str] = mapped_column(Digest)
-    #: What must be done first.
+    #: Products that must be done first.
     input_a: Mapped[str | None] = mapped_column(Digest)
     input_b: Mapped[str | None] = mapped_column(Digest)
     input_c: Mapped[str | None] = mapped_column(Digest)
     attempts: Mapped[int] = mapped_column(default=0)
     lease_owner: Mapped[str | None] = mapped_column(String(64))
-    #: Unix seconds; a lease that ended belongs to nobody.
+    #: Unix seconds; whoever holds the product loses it then.
     lease_until: Mapped[float | None] = mapped_column(Float)
     #: Unix seconds of the last message, or the earliest time of the next after a transient failure.
     sent_at: Mapped[float | None] = mapped_column(Float)
-    #: {"stage", "type", "message", "attempts"} of what failed for good, {"cause": digest} where an input did.
-    error: Mapped[dict[str, Any] | None]
+    #: Why it failed for good.
+    error: Mapped[ProductError | None] = mapped_column(JsonDocument(ProductError))
     bytes: Mapped[int | None] = mapped_column(BigInteger)
     pixels: Mapped[int | None] = mapped_column(BigInteger)
     cpu_seconds: Mapped[float | None] = mapped_column(Float)
     finished_at: Mapped[float | None] = mapped_column(Float)
 
     __table_args__ = (
-        # Only what waits is looked for by its inputs: indexes as small as the feeding window.
+        # Only waiting products are looked for by their inputs: indexes as small as the feeding window.
         *(_partial(f"ix_products_{column}", column, where="state = 'waiting'") for column in _INPUT_COLUMNS),
-        # The sweeper and the window look only at what is unfinished: a small index however large the table.
+        # The sweeper and the window look only at unfinished products: a small index however large the table.
         _partial("ix_products_unfinished", "state", "route", where="state IN ('waiting','ready','running')"),
-        # Sums over all that ended, and the newest of each kind, without reading the rows.
+        # Sums over all ended products, and the newest of each kind, without reading the rows.
         _partial(
             "ix_products_ended", "kind", "state", "finished_at", "cpu_seconds", where="state IN ('done','failed')"
         ),
@@ -177,7 +189,7 @@ class Product(Base):
 
 
 class Frame(Base):
-    """(variant, camera, time index) and the products that it links to."""
+    """A frame (variant, camera, time index) and the products that it links to."""
 
     __tablename__ = "frames"
 
@@ -203,7 +215,7 @@ class Frame(Base):
 
 
 class Evaluation(Base):
-    """(frame, sensor setting, function) and the products that it links to."""
+    """An evaluation (frame, sensor setting, function) and the products that it links to."""
 
     __tablename__ = "evaluations"
 
@@ -215,7 +227,7 @@ class Evaluation(Base):
     function_index: Mapped[int] = mapped_column(primary_key=True)
     prediction: Mapped[str] = mapped_column(Digest)
     scores: Mapped[str] = mapped_column(Digest)
-    #: The sensor distorts: visibility in its pictures hangs on ``scores`` instead of on the frame's truth.
+    #: The sensor distorts: the rows of `PersonView` for its pictures name ``scores`` instead of the frame's truth.
     distorted: Mapped[bool] = mapped_column(default=False)
 
     __table_args__ = (
@@ -231,7 +243,7 @@ class Evaluation(Base):
 
 
 class FrameAnnotation(Base):
-    """An annotation of a frame: what kind, and the product that it links to."""
+    """An annotation of a frame, and the product that it links to."""
 
     __tablename__ = "frame_annotations"
 
@@ -239,7 +251,7 @@ class FrameAnnotation(Base):
     variant_index: Mapped[int] = mapped_column(BigInteger, primary_key=True)
     camera_index: Mapped[int] = mapped_column(primary_key=True)
     time_index: Mapped[int] = mapped_column(primary_key=True, default=0)
-    kind: Mapped[str] = mapped_column(String(16), primary_key=True)
+    kind: Mapped[AnnotationKind] = mapped_column(primary_key=True)
     product: Mapped[str] = mapped_column(Digest)
 
     __table_args__ = (
@@ -265,8 +277,8 @@ class PersonView(Base):
     truth: Mapped[str] = mapped_column(ForeignKey("products.digest", ondelete="CASCADE"), primary_key=True)
     instance_id: Mapped[int] = mapped_column(primary_key=True)
     #: x0, y0, x1, y1 in pixels, end exclusive; None when nothing is seen.
-    box: Mapped[list[int] | None] = mapped_column(Document)
-    amodal_box: Mapped[list[int] | None] = mapped_column(Document)
+    box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
+    amodal_box: Mapped[list[int] | None] = mapped_column(JsonDocument(list[int]))
 
 
 @_measured(Source.LIGHT)
@@ -305,7 +317,7 @@ class PersonScore(Base):
 
 
 class Function(Base):
-    """A registered function under test: one version of a name. Rows are written once and never changed."""
+    """A version of a registered function under test. Rows are written once and never changed."""
 
     __tablename__ = "functions"
 
@@ -314,7 +326,7 @@ class Function(Base):
     digest: Mapped[str] = mapped_column(Digest, primary_key=True)
     #: Counts the versions of a name; the highest is the newest.
     version: Mapped[int]
-    document: Mapped[dict[str, Any]]
+    document: Mapped[FunctionDocument] = mapped_column(JsonDocument(FunctionDocument))
     #: SHA-256 of the payload in the artifact store; None for kinds without one.
     payload: Mapped[str | None] = mapped_column(String(64))
     created_at: Mapped[datetime]
@@ -327,17 +339,17 @@ class Function(Base):
 
 
 class Worker(Base):
-    """A worker process that said it is alive, and what it can make."""
+    """A worker process, and what it offers."""
 
     __tablename__ = "workers"
 
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
-    stage: Mapped[str] = mapped_column(String(16))
+    stage: Mapped[Stage]
     host: Mapped[str] = mapped_column(String(200))
     pid: Mapped[int]
-    #: [{"stage", "name", "numeric_class", "route", …}]: engines or functions.
-    offers: Mapped[list[dict[str, Any]]] = mapped_column(Document)
+    offers: Mapped[tuple[AnyOffer, ...]] = mapped_column(JsonDocument(tuple[AnyOffer, ...]))
     started_at: Mapped[float] = mapped_column(Float)
+    #: Unix seconds of the last sign of life.
     seen_at: Mapped[float] = mapped_column(Float)
 
 

@@ -1,54 +1,71 @@
-"""Every query about processes: the workers that are alive, what they offer, and who holds a role."""
+"""Queries about processes: living workers, their offers, and who holds a role."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Final
 
-from sqlalchemy import Connection, Row, delete, select, update
+from sqlalchemy import Connection, delete, select, update
 
 from valerie.db.models import Lease, Worker
-from valerie.db.products import insert_ignoring
+from valerie.db.rows import columns_of, read_all
+from valerie.db.statements import insert_ignoring
+from valerie.runs.pins import AnyOffer
+from valerie.runs.states import Stage
 
-#: A worker that was not seen for this long is taken for dead.
-ALIVE_SECONDS = 20.0
+#: A worker that was not seen for this long counts as dead.
+ALIVE_SECONDS: Final = 20.0
+#: The row of a worker that was not seen for this long is deleted.
+_FORGOTTEN_SECONDS: Final = 3600.0
 
 
-def register_worker(connection: Connection, values: dict[str, Any]) -> None:
-    """Write a worker's row, replacing one of the same id; rows of the long dead go."""
-    connection.execute(delete(Worker).where((Worker.id == values["id"]) | (Worker.seen_at < values["seen_at"] - 3600)))
-    insert_ignoring(connection, Worker, [values])
+@dataclass(frozen=True)
+class WorkerRow:
+    """A worker process; see `valerie.db.models.Worker`."""
+
+    id: str
+    stage: Stage
+    host: str
+    pid: int
+    offers: tuple[AnyOffer, ...]
+    started_at: float
+    seen_at: float
+
+
+def register_worker(connection: Connection, worker: WorkerRow) -> None:
+    """Write a worker's row, replacing one of the same id; delete the rows of workers dead for long."""
+    forgotten = worker.seen_at - _FORGOTTEN_SECONDS
+    connection.execute(delete(Worker).where((Worker.id == worker.id) | (Worker.seen_at < forgotten)))
+    insert_ignoring(connection, Worker, [vars(worker)])
 
 
 def worker_seen(connection: Connection, worker_id: str, now: float) -> bool:
-    """Heartbeat; False when the row is gone and has to be registered again."""
+    """Note a sign of life; return False when the worker has no row any more and must register again."""
     return connection.execute(update(Worker).where(Worker.id == worker_id).values(seen_at=now)).rowcount == 1
 
 
 def remove_worker(connection: Connection, worker_id: str) -> None:
-    """A worker says goodbye."""
+    """Delete the row of a worker that ends."""
     connection.execute(delete(Worker).where(Worker.id == worker_id))
 
 
-def workers(connection: Connection, *, now: float) -> list[Row[Any]]:
-    """Workers that are alive, longest-serving first."""
-    return list(
-        connection.execute(
-            select(*Worker.__table__.columns).where(Worker.seen_at > now - ALIVE_SECONDS).order_by(Worker.started_at)
-        )
-    )
+def workers(connection: Connection, *, now: float) -> list[WorkerRow]:
+    """Return the living workers, longest-serving first."""
+    query = select(*columns_of(WorkerRow, Worker)).where(Worker.seen_at > now - ALIVE_SECONDS)
+    return read_all(connection, query.order_by(Worker.started_at), WorkerRow)
 
 
-def offers(connection: Connection, *, now: float) -> list[dict[str, Any]]:
-    """What the living workers can make, without repetition."""
-    unique: dict[str, dict[str, Any]] = {}
+def offers(connection: Connection, *, now: float) -> list[AnyOffer]:
+    """Return what the living workers offer, each route and name once, in the order of `workers`."""
+    unique: dict[tuple[str, str], AnyOffer] = {}
     for worker in workers(connection, now=now):
         for offer in worker.offers:
-            unique.setdefault(f"{offer['route']}/{offer['name']}", dict(offer))
+            unique.setdefault((offer.route, offer.name), offer)
     return list(unique.values())
 
 
 def hold_lease(connection: Connection, name: str, *, owner: str, now: float, seconds: float) -> bool:
-    """Take or prolong a role; False when another process holds it."""
+    """Take or prolong a role; return False when another process holds it."""
     insert_ignoring(connection, Lease, [{"name": name, "owner": owner, "until": 0.0}])
     changed = connection.execute(
         update(Lease)

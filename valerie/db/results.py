@@ -1,4 +1,7 @@
-"""Every query about results: the long table (one row per person in an evaluation), frames, failures."""
+"""Queries about results: the long table (one row per person in an evaluation), frames, failures.
+
+A row that holds measures has one column for each measure of `valerie.measures`; the other rows are dataclasses.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import (
     BigInteger,
@@ -36,6 +39,7 @@ from valerie.db.links import (
     same_frame,
 )
 from valerie.db.models import (
+    Assignment,
     Base,
     Evaluation,
     Frame,
@@ -47,10 +51,13 @@ from valerie.db.models import (
     Score,
     Variant,
 )
+from valerie.db.rows import read_all
 from valerie.errors import InvalidInput, NotFound, UnknownName
 from valerie.measures import Source, measures_from, names_from
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameKey
+from valerie.runs.products import ProductError
+from valerie.runs.states import ProductKind, ProductState
 
 #: The light of a frame, where its run asked for it.
 _LIGHT_OF_FRAME = and_(same_frame(FrameAnnotation), FrameAnnotation.kind == AnnotationKind.LIGHT.value)
@@ -103,7 +110,7 @@ class Filter:
 
 
 def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
-    """SELECT of the evaluated part of a run: one row per (frame, sensor, function, person), with the assignment.
+    """Return the SELECT of the evaluated part of a run: one row per (frame, sensor, function, person), with the assignment.
 
     Raises:
         UnknownName: a filter names no column or comparison.
@@ -129,7 +136,7 @@ def long_table(run_id: str, *, filters: Sequence[Filter] = ()) -> Select[Any]:
 
 
 def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ()) -> Iterator[Row[Any]]:
-    """The long table, streamed, in the order of the variants.
+    """Read the long table as a stream, in the order of the variants.
 
     Raises:
         UnknownName: a filter names no column or comparison.
@@ -148,7 +155,7 @@ def page(
     limit: int,
     after: Sequence[Any] | None = None,
 ) -> list[Row[Any]]:
-    """Rows of the long table in the order of a column, then of the key; rows without a value come last.
+    """Read rows of the long table in the order of a column, then of the key; rows without a value come last.
 
     Args:
         connection: to read with.
@@ -157,7 +164,7 @@ def page(
         sort: a column of `COLUMNS`.
         descending: turns the order of the column, not of the key.
         limit: most rows.
-        after: `position` of the last row seen; rows that a running run adds meanwhile move nothing.
+        after: `position` of the last row seen; rows that a running run adds later move nothing.
 
     Raises:
         UnknownName: ``sort`` or a filter names no column.
@@ -181,13 +188,13 @@ def page(
 
 
 def position(row: Row[Any], sort: str) -> tuple[Any, ...]:
-    """Where a row of `page` stands in its order."""
+    """Return the place of a row of `page` in its order."""
     values = row._mapping  # noqa: SLF001  # public in SQLAlchemy
     return (values[sort], *(values[name] for name in KEY))
 
 
 def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> int:
-    """Rows of the long table.
+    """Return the number of rows of the long table.
 
     Raises:
         UnknownName: a filter names no column.
@@ -196,8 +203,23 @@ def count(connection: Connection, run_id: str, *, filters: Sequence[Filter]) -> 
     return int(connection.scalar(query) or 0)
 
 
-def points(connection: Connection, run_id: str, column: str | None, *, share: float = 1.0) -> list[Row[Any]]:
-    """What a scatter plot needs: the key, ``x`` (the column), ``pacc``, ``undefined_reason``.
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A row of the long table as a scatter plot needs it; ``x`` is None where no column was asked for."""
+
+    variant_index: int
+    camera_index: int
+    time_index: int
+    sensor_index: int
+    function_index: int
+    instance_id: int
+    pacc: float | None
+    undefined_reason: str | None
+    x: float | None = None
+
+
+def points(connection: Connection, run_id: str, column: str | None, *, share: float = 1.0) -> list[Point]:
+    """Read the points of a scatter plot, in the order of the variants.
 
     Args:
         connection: to read with.
@@ -210,14 +232,12 @@ def points(connection: Connection, run_id: str, column: str | None, *, share: fl
     """
     if column is not None and column not in COLUMNS:
         raise UnknownName("column", column, COLUMNS, field="column")
-    wanted = [COLUMNS[name].label(name) for name in (*KEY, "pacc", "undefined_reason")]
-    if column is not None:
-        wanted.append(COLUMNS[column].label("x"))
+    wanted = [COLUMNS[name] for name in (*KEY, "pacc", "undefined_reason", *(() if column is None else (column,)))]
     query = long_table(run_id).with_only_columns(*wanted, maintain_column_froms=True)
     if share < 1.0:
         spread = Frame.variant_index * literal(2_654_435_761, BigInteger) % literal(2**32, BigInteger)
         query = query.where(spread < literal(int(share * 2**32), BigInteger))
-    return list(connection.execute(query.order_by(*(COLUMNS[name] for name in KEY))))
+    return read_all(connection, query.order_by(*(COLUMNS[name] for name in KEY)), Point)
 
 
 def _condition(condition: Filter) -> Any:
@@ -243,8 +263,8 @@ def _literal(value: Any) -> Any:
     return literal(value, String if isinstance(value, str) else Double)
 
 
-def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, dict[str, Any]]:
-    """Assignment of each of ``variants`` (indexes) of a run."""
+def assignments(connection: Connection, run_id: str, variants: Set[int]) -> dict[int, Assignment]:
+    """Read the assignment of each of ``variants`` (indexes) of a run."""
     if not variants:
         return {}
     rows = connection.execute(
@@ -271,7 +291,7 @@ def frame(connection: Connection, key: FrameKey) -> StoredFrame:
 
 def frames_page(
     connection: Connection, run_id: str, *, after: FrameKey | None = None, limit: int
-) -> list[tuple[StoredFrame, tuple[str, str, str]]]:
+) -> list[tuple[StoredFrame, tuple[ProductState, ProductState, ProductState]]]:
     """Read the frames of a run after one, in order, each with the states of its background, layer and truth."""
     background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
     query = (
@@ -323,7 +343,12 @@ def finished_frames(connection: Connection, run_id: str) -> Iterator[tuple[Store
         .join(PersonView, PersonView.truth == Frame.truth)
         .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
         .outerjoin(PersonLight, _LIGHT_OF_PERSON)
-        .where(Frame.run_id == run_id, background.state == "done", layer.state == "done", truth.state == "done")
+        .where(
+            Frame.run_id == run_id,
+            background.state == ProductState.DONE,
+            layer.state == ProductState.DONE,
+            truth.state == ProductState.DONE,
+        )
         .order_by(*frame_order(Frame), PersonView.instance_id)
     )
     rows = connection.execution_options(yield_per=5_000).execute(query)
@@ -349,15 +374,24 @@ def predictions(connection: Connection, run_id: str, sensor: int, function: int)
     return {key_of(run_id, row): StoredPrediction(row.prediction, row.confusion) for row in rows}
 
 
-def confusions(connection: Connection, run_id: str) -> Iterator[tuple[int, int, bytes, float | None]]:
-    """(sensor, function, packed confusion matrix, mean IoU) of everything that is evaluated."""
+class FrameConfusion(NamedTuple):
+    """An evaluation: sensor and function index, packed confusion matrix, mean IoU."""
+
+    sensor: int
+    function: int
+    confusion: bytes
+    miou: float | None
+
+
+def confusions(connection: Connection, run_id: str) -> Iterator[FrameConfusion]:
+    """Read everything that is evaluated as a stream."""
     query = (
         select(Evaluation.sensor_index, Evaluation.function_index, Score.confusion, COLUMNS["miou"])
         .join(Score, Score.digest == Evaluation.scores)
         .where(Evaluation.run_id == run_id)
     )
     for row in connection.execution_options(yield_per=5_000).execute(query):
-        yield row[0], row[1], row[2], row[3]
+        yield FrameConfusion(*row)
 
 
 def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, FrameKey | None]:
@@ -376,7 +410,7 @@ def neighbours(connection: Connection, key: FrameKey) -> tuple[FrameKey | None, 
 
 
 def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, list[Row[Any]]]:
-    """tp, fn and pacc of each person, by the digest of the scores product."""
+    """Read tp, fn and pacc of each person, by the digest of the scores product."""
     rows = connection.execute(
         select(*PersonScore.__table__.columns)
         .where(PersonScore.digest.in_(scores))
@@ -389,7 +423,7 @@ def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, li
 
 
 def frame_evaluations(connection: Connection, key: FrameKey) -> list[Row[Any]]:
-    """Evaluations of one frame: links, states and scores."""
+    """Read the evaluations of one frame: links, states and scores."""
     prediction, scores = aliased(Product), aliased(Product)
     return list(
         connection.execute(
@@ -412,7 +446,7 @@ def frame_evaluations(connection: Connection, key: FrameKey) -> list[Row[Any]]:
 
 
 def person_views(connection: Connection, truth: str) -> list[Row[Any]]:
-    """Visibility of the persons in one truth product."""
+    """Read the visibility of the persons in one truth product."""
     return list(
         connection.execute(
             select(*PersonView.__table__.columns).where(PersonView.truth == truth).order_by(PersonView.instance_id)
@@ -420,19 +454,26 @@ def person_views(connection: Connection, truth: str) -> list[Row[Any]]:
     )
 
 
-def frame_annotations(connection: Connection, key: FrameKey) -> dict[str, Row[Any]]:
-    """Kind to ``product`` and ``state`` of the annotations of one frame."""
+class AnnotationLink(NamedTuple):
+    """An annotation of a frame: its product and that product's state."""
+
+    product: str
+    state: ProductState
+
+
+def frame_annotations(connection: Connection, key: FrameKey) -> dict[str, AnnotationLink]:
+    """Read the annotations of one frame by kind."""
     rows = connection.execute(
         select(FrameAnnotation.kind, FrameAnnotation.product, Product.state)
         .join(Product, Product.digest == FrameAnnotation.product)
         .where(names_frame(FrameAnnotation, key))
         .order_by(FrameAnnotation.kind)
     )
-    return {row.kind: cast("Row[Any]", row) for row in rows}
+    return {kind: AnnotationLink(product, state) for kind, product, state in rows}
 
 
 def person_lights(connection: Connection, product: str) -> list[Row[Any]]:
-    """Light on the persons in one product of kind ``light``."""
+    """Read the light on the persons in one product of kind ``light``."""
     return list(
         connection.execute(
             select(*PersonLight.__table__.columns)
@@ -442,16 +483,16 @@ def person_lights(connection: Connection, product: str) -> list[Row[Any]]:
     )
 
 
-def product(connection: Connection, digest: str) -> Row[Any]:
-    """The row of one product.
+def product_state(connection: Connection, digest: str) -> ProductState:
+    """Read the state of one product.
 
     Raises:
         NotFound: no such product.
     """
-    row = connection.execute(select(*Product.__table__.columns).where(Product.digest == digest)).first()
-    if row is None:
+    state = connection.scalar(select(Product.state).where(Product.digest == digest))
+    if state is None:
         raise NotFound("product", digest)
-    return row
+    return state
 
 
 class FailedLink(NamedTuple):
@@ -460,13 +501,13 @@ class FailedLink(NamedTuple):
     Attributes:
         frame: the frame.
         digest, kind: of the product.
-        error: what is known: ``message`` and ``attempts``, or ``cause``, the input that failed.
+        error: why.
     """
 
     frame: FrameKey
     digest: str
-    kind: str
-    error: dict[str, Any]
+    kind: ProductKind
+    error: ProductError
 
 
 def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[FailedLink]:
@@ -484,12 +525,12 @@ def failures(connection: Connection, run_id: str, *, limit: int = 1000) -> list[
         query = (
             select(*frame_order(table), Product.digest, Product.kind, Product.error)
             .join(Product, Product.digest == column)
-            .where(table.run_id == run_id, Product.state == "failed")
+            .where(table.run_id == run_id, Product.state == ProductState.FAILED)
             .order_by(*frame_order(table))
             .limit(limit - len(failed))
         )
         rows = connection.execute(query)
-        failed += [FailedLink(key_of(run_id, row), row.digest, row.kind, row.error or {}) for row in rows]
+        failed += [FailedLink(key_of(run_id, row), row.digest, row.kind, row.error) for row in rows]
         if len(failed) >= limit:
             break
     return failed

@@ -1,4 +1,4 @@
-"""Many frames in one number, in the two ways that are easily mixed up: frame means, and ratios of pooled counts."""
+"""Averages over frames, in the two ways that are easily mixed up: frame means, and ratios of pooled counts."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 @dataclass(frozen=True, slots=True)
 class FrameMean:
-    """Mean over the frames that have a value; each frame counts the same however many pixels it has.
+    """Mean over the frames that have a value; every frame has the same weight.
 
     Attributes:
         mean, minimum, maximum: None where no frame has a value.
         defined: number of frames with a value.
-        undefined: number of frames without; always to be shown beside the mean.
+        undefined: number of frames without a value; always shown beside the mean.
     """
 
     mean: float | None
@@ -30,29 +30,31 @@ class FrameMean:
 
 
 def frame_mean(values: Iterable[float | None]) -> FrameMean:
-    """Average one score over frames; undefined frames (None) are counted, not averaged.
+    """Return the mean of one score over frames; undefined values (None) are counted, not averaged.
 
     Raises:
-        InvalidInput: a value is NaN or infinite: undefined is None here.
+        InvalidInput: a value is NaN or infinite.
     """
-    listed = list(values)
-    defined = [float(value) for value in listed if value is not None]
+    scores = list(values)
+    defined = [float(value) for value in scores if value is not None]
     for value in defined:
         if not math.isfinite(value):
             raise InvalidInput(
                 "a score is not finite", field="values", value=value, limit="a number, or None for undefined"
             )
-    missing = len(listed) - len(defined)
+    undefined = len(scores) - len(defined)
     if not defined:
-        return FrameMean(None, None, None, 0, missing)
-    return FrameMean(math.fsum(defined) / len(defined), min(defined), max(defined), len(defined), missing)
+        return FrameMean(None, None, None, 0, undefined)
+    return FrameMean(math.fsum(defined) / len(defined), min(defined), max(defined), len(defined), undefined)
 
 
 def pooled(matrices: Iterable[ConfusionMatrix]) -> ConfusionMatrix:
-    """Sum the counts of frames: scores of the sum weigh every pixel the same, so near pedestrians weigh more.
+    """Return the summed counts of frames: (19, 20) int64.
+
+    Scores of the sum give every pixel the same weight, so near pedestrians weigh more than far ones.
 
     Raises:
-        InvalidInput: one is not a (19, 20) matrix.
+        InvalidInput: a matrix is not (19, 20).
     """
     total = np.zeros(SHAPE, np.int64)
     for matrix in matrices:

@@ -1,7 +1,7 @@
-"""Scores of a collection of frames, class by class, in both averages: frame mean and pooled.
+"""Scores of a collection of frames, class by class, as frame mean and from pooled counts.
 
-Every figure follows from the frames' confusion matrices, so a run and a data set of real pictures are compared by the
-same code and like with like.
+Every score follows from the frames' confusion matrices. A run and a data set of real pictures thus get the same scores
+from the same code.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from valerie.metrics.scores import ClassCounts, class_counts, fwiou, macc, miou,
 
 @dataclass(frozen=True, slots=True)
 class Averages:
-    """One score in both averages.
+    """One score as frame mean and pooled.
 
     Attributes:
-        frames: over the frames in which it is defined, with the smallest and the largest.
-        pooled: of the summed counts; None where undefined.
+        frames: mean over the frames in which the score is defined, with minimum and maximum.
+        pooled: score of the summed counts; None where undefined.
     """
 
     frames: FrameMean
@@ -36,10 +36,10 @@ class ClassScores:
     """One class over all frames.
 
     Attributes:
-        label: which class.
-        counts: pixels, summed.
-        pacc: its recall.
-        precision, iou: likewise in both averages.
+        label: the class.
+        counts: pixels of all frames.
+        pacc: recall.
+        precision, iou: precision and intersection over union.
     """
 
     label: Label
@@ -51,16 +51,16 @@ class ClassScores:
 
 @dataclass(frozen=True, slots=True)
 class CollectionScores:
-    """All classes and all-class scores over some frames.
+    """Scores of each class and over all classes.
 
     Attributes:
-        frames: how many.
+        frames: number of frames.
         matrix: (19, 20) summed counts.
-        classes: in train-id order, also those that are not judged.
+        classes: all 19 classes in train-id order, also those that are not judged.
         judged: train ids of the classes that ``overall`` is over, ascending.
-        overall: ``pixel_accuracy``, ``macc``, ``miou``, ``fwiou`` over the judged classes in the truth, and ``miou_cityscapes``:
-            the mean IoU of the summed counts over the judged classes in truth *or* prediction, as cityscapesScripts averages
-            (defined pooled only).
+        overall: ``pixel_accuracy``, ``macc``, ``miou`` and ``fwiou`` over the judged classes in the truth, and
+            ``miou_cityscapes``: the mean IoU of the summed counts over the judged classes in truth *or* prediction, as
+            cityscapesScripts averages (pooled only).
     """
 
     frames: int
@@ -70,40 +70,41 @@ class CollectionScores:
     overall: dict[str, Averages]
 
     def of(self, label: Label = PERSON) -> ClassScores:
-        """The scores of one evaluated class."""
+        """Return the scores of one evaluated class."""
         return self.classes[label.train_id]
 
     def as_document(self) -> dict[str, Any]:
-        """JSON values; ratios in [0, 1], None where undefined, the matrix as rows (truth) of columns (prediction, void last).
+        """Return JSON values: ratios in [0, 1], None where undefined.
 
-        ``classes`` holds the judged ones, ``confusion`` all that was counted.
+        ``classes`` holds the judged classes. ``confusion`` holds all counts: rows are the truth, columns the prediction,
+        void last.
         """
         return {
             "frames": self.frames,
             "judged_by": [self.classes[train_id].label.name for train_id in self.judged],
             "overall": {name: asdict(value) for name, value in self.overall.items()},
             "classes": {
-                one.label.name: {
-                    **asdict(one.counts),
-                    "pacc": asdict(one.pacc),
-                    "precision": asdict(one.precision),
-                    "iou": asdict(one.iou),
+                scores.label.name: {
+                    **asdict(scores.counts),
+                    "pacc": asdict(scores.pacc),
+                    "precision": asdict(scores.precision),
+                    "iou": asdict(scores.iou),
                 }
-                for one in map(self.classes.__getitem__, self.judged)
+                for scores in map(self.classes.__getitem__, self.judged)
             },
             "confusion": self.matrix.tolist(),
         }
 
 
 def collection_scores(matrices: Sequence[ConfusionMatrix], classes: Sequence[int] | None = None) -> CollectionScores:
-    """Scores of all frames from their matrices.
+    """Return the scores of all frames from their confusion matrices.
 
     Args:
-        matrices: (19, 20) each, as `valerie.metrics.confusion.confusion_matrix` counts.
-        classes: train ids that all-class scores are over; None: all 19.
+        matrices: (19, 20) each, from `valerie.metrics.confusion.confusion_matrix`.
+        classes: train ids of the classes that scores over all classes are over; None: all 19.
 
     Raises:
-        InvalidInput: one is no such matrix, or a class is none.
+        InvalidInput: a matrix is not (19, 20), or ``classes`` holds something that is no train id.
     """
     total = pooled(matrices)
     judged = tuple(range(NUM_TRAIN_CLASSES)) if classes is None else tuple(sorted(classes))
@@ -118,8 +119,8 @@ def collection_scores(matrices: Sequence[ConfusionMatrix], classes: Sequence[int
         "fwiou": both(fwiou),
         "miou_cityscapes": Averages(frame_mean(()), _miou_cityscapes(total, judged)),
     }
-    found = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
-    return CollectionScores(len(matrices), total, found, judged, overall)
+    by_class = tuple(_class_scores(label, matrices, total) for label in TRAIN_LABELS)
+    return CollectionScores(len(matrices), total, by_class, judged, overall)
 
 
 def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: ConfusionMatrix) -> ClassScores:
@@ -127,7 +128,7 @@ def _class_scores(label: Label, matrices: Sequence[ConfusionMatrix], total: Conf
     summed = class_counts(total, label.train_id)
 
     def both(score: Callable[[ClassCounts], float | None]) -> Averages:
-        return Averages(frame_mean(score(one) for one in counts), score(summed))
+        return Averages(frame_mean(score(frame) for frame in counts), score(summed))
 
     return ClassScores(
         label,

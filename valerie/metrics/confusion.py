@@ -1,4 +1,4 @@
-"""The confusion matrix of one frame: every metric is derived from these counts."""
+"""Confusion matrix of one frame; every score is derived from these counts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
 try:
     import cv2
-except ImportError:  # the counts are the same without it, at four times the cost
+except ImportError:  # the same counts at four times the cost
     cv2 = None  # type: ignore[assignment]
 
 #: cv2.calcHist counts in float32, which is exact up to this many pixels of one kind.
@@ -23,7 +23,7 @@ TrainIds = NDArray[np.uint8]
 
 
 def confusion_matrix(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
-    """Count how often each class was taken for each other.
+    """Count how often each class was predicted as each other class.
 
     Args:
         truth: (H, W) uint8 train ids, 0…18 or 255; void pixels (255) are ignored.
@@ -33,7 +33,7 @@ def confusion_matrix(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
         (19, 20) int64, rows truth, columns prediction.
 
     Raises:
-        InvalidInput: shapes or types differ from that, or a value is no train id.
+        InvalidInput: a map has another shape or type, or holds a value that is no train id.
     """
     for name, array in (("truth", truth), ("predicted", predicted)):
         if array.dtype != np.uint8 or array.ndim != 2:
@@ -52,7 +52,7 @@ def confusion_matrix(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
 
 
 def _by_histogram(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
-    """OpenCV's two-dimensional histogram: 0.6 CPU-ms for 960 × 540."""
+    """Count with OpenCV's two-dimensional histogram: 0.6 CPU-ms for 960 × 540."""
     truth, predicted = np.ascontiguousarray(truth), np.ascontiguousarray(predicted)
     n = NUM_TRAIN_CLASSES
     truth_counts = cv2.calcHist([truth], [0], None, [256], [0, 256]).reshape(-1).astype(np.int64)
@@ -61,13 +61,13 @@ def _by_histogram(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
     _refuse_others("predicted", predicted_counts)
     matrix = np.zeros(SHAPE, np.int64)
     matrix[:, :n] = cv2.calcHist([truth, predicted], [0, 1], None, [n, n], [0, n, 0, n])
-    # Only void is left over: what a row misses was predicted void.
+    # The pixels that are missing from a row were predicted void.
     matrix[:, n] = truth_counts[:n] - matrix[:, :n].sum(axis=1)
     return matrix
 
 
 def _by_bincount(truth: TrainIds, predicted: TrainIds) -> ConfusionMatrix:
-    """The same counts with numpy alone, for any number of pixels."""
+    """Count with numpy alone, for any number of pixels."""
     code = truth.ravel().astype(np.uint16)
     code <<= 8
     code |= predicted.ravel()

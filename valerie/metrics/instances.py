@@ -1,4 +1,4 @@
-"""Counts per person: which of a person's visible pixels were seen as a person."""
+"""Counts per person: how many of a person's visible pixels were predicted as person."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class _Person(Protocol):
 
 
 class InstanceTruth(Protocol):
-    """What is needed of a ground truth (`valerie.rendering.base.GroundTruth` has it).
+    """Part of a ground truth that counts are taken from; `valerie.rendering.base.GroundTruth` fits.
 
     Attributes:
-        instance_map: (H, W) uint16 instance ids, 0 where there is none.
+        instance_map: (H, W) uint16 instance ids, 0 where there is no instance.
         persons: one entry per person in the scene, visible or not.
     """
 
@@ -39,8 +39,8 @@ class InstanceCounts(NamedTuple):
 
     Attributes:
         instance_id: label id × 1000 + n.
-        tp: predicted as the person's class.
-        fn: predicted as anything else.
+        tp: pixels predicted as the person's class.
+        fn: pixels predicted as anything else.
     """
 
     instance_id: int
@@ -61,12 +61,12 @@ class InstanceCounts(NamedTuple):
 def person_counts(
     truth: InstanceTruth, predicted: NDArray[np.uint8], label: Label = PERSON
 ) -> tuple[InstanceCounts, ...]:
-    """Count tp and fn of every person of the scene; a false positive belongs to no person.
+    """Count tp and fn of every person in the scene; a false positive belongs to no person.
 
     Args:
-        truth: ground truth of the frame; a person with no visible pixel is listed with tp = fn = 0 (pacc undefined).
+        truth: ground truth of the frame. A person without a visible pixel gets tp = fn = 0, and so no pACC.
         predicted: (H, W) uint8 train ids.
-        label: the class of the instances and of a right prediction.
+        label: class of the instances; a pixel predicted as this class is right.
 
     Returns:
         One entry per person, by ascending instance id.
@@ -82,11 +82,11 @@ def person_counts(
     # Unsigned arithmetic wraps, so one comparison tests first ≤ id ≤ first + 999.
     places = np.flatnonzero(instance_map.ravel() - np.uint16(first) < 1000)
     numbers = instance_map.ravel()[places] - np.uint16(first)
-    right = predicted.ravel()[places] == label.train_id
-    seen = np.bincount(numbers, minlength=1000)
-    hit = np.bincount(numbers[right], minlength=1000)
+    correct = predicted.ravel()[places] == label.train_id
+    visible = np.bincount(numbers, minlength=1000)
+    hits = np.bincount(numbers[correct], minlength=1000)
     listed = {person.instance_id - first for person in truth.persons if 0 <= person.instance_id - first < 1000}
     return tuple(
-        InstanceCounts(first + n, int(hit[n]), int(seen[n] - hit[n]))
-        for n in sorted(listed | set(np.flatnonzero(seen).tolist()))
+        InstanceCounts(first + n, int(hits[n]), int(visible[n] - hits[n]))
+        for n in sorted(listed | set(np.flatnonzero(visible).tolist()))
     )

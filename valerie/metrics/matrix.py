@@ -1,4 +1,4 @@
-"""What a confusion matrix is; `valerie.metrics.confusion` counts one."""
+"""Type and shape of a confusion matrix; `valerie.metrics.confusion` counts one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from valerie.labels import NUM_TRAIN_CLASSES
 
-#: Rows are truth 0…18; columns are predictions 0…18, and the last column is predicted void.
+#: Rows are true classes 0…18; columns are predicted classes 0…18, then predicted void.
 SHAPE: Final = (NUM_TRAIN_CLASSES, NUM_TRAIN_CLASSES + 1)
 
 ConfusionMatrix = NDArray[np.int64]

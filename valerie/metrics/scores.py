@@ -1,14 +1,14 @@
-"""Ratios derived from a confusion matrix; an undefined ratio is None and has a reason, it is never 0.
+"""Scores derived from a confusion matrix; an undefined score is None and has a reason, it is never 0.
 
-Matrices are (19, 20) as `valerie.metrics.confusion` makes them (the sum of several is one too). Ratios are in [0, 1].
-Classes that are absent from the truth are left out of means as detectron2's ``SemSegEvaluator`` does
-(facebookresearch/detectron2, ``detectron2/evaluation/sem_seg_evaluation.py``). One thing is added: its networks never
-predict void, ours may, and void on a labelled pixel is a miss of that pixel's class.
+Matrices are (19, 20) from `valerie.metrics.confusion`, or sums of such. Scores are in [0, 1]. Means leave out classes
+that are absent from the truth, as detectron2's ``SemSegEvaluator`` does (facebookresearch/detectron2,
+``detectron2/evaluation/sem_seg_evaluation.py``). Unlike there, a function may predict void; void on a labelled pixel is a
+miss of that pixel's class.
 
-All-class scores may be over some classes only, for functions that know fewer than 19: the classes are rows. A pixel of another
-class has no recall to lose and no weight, but it is a false positive where it is taken for one of them. So painting everything
-"person" stays wrong also for a function that knows nothing else. With one class, pixel accuracy and mAcc are its `pacc`, mIoU and
-fwIoU its `iou`.
+Scores over all classes may be restricted to some classes, for functions that know fewer than 19. A pixel of another class
+then has neither recall nor weight, but it is a false positive where it is predicted as one of these classes. Painting
+everything "person" therefore stays wrong for a function that knows no other class. With a single class, pixel accuracy and
+mAcc equal its `pacc`, mIoU and fwIoU its `iou`.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from valerie.labels import NUM_TRAIN_CLASSES, PERSON
 from valerie.measures import Source, names_from
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 
-#: Why recall of a class has no value.
+#: Reason for an undefined recall of a class.
 NOT_IN_TRUTH: Final = "no pixel of the class in the truth"
-#: Why precision of a class has no value.
+#: Reason for an undefined precision of a class.
 NOT_PREDICTED: Final = "no labelled pixel predicted as the class"
-#: Why IoU of a class has no value.
+#: Reason for an undefined IoU of a class.
 IN_NEITHER: Final = "no pixel of the class in truth or prediction"
-#: Why an all-class score has no value.
+#: Reason for an undefined score over all classes.
 NOTHING_LABELLED: Final = "no labelled pixel of the classes in the truth"
 
 
 @dataclass(frozen=True, slots=True)
 class ClassCounts:
-    """Pixels of one class against all others; void truth is in none of them.
+    """Pixels of one class against all others; pixels whose truth is void are not counted.
 
     Attributes:
-        tp: of the class, and predicted so.
-        fp: of another class, predicted as the class.
-        fn: of the class, predicted as another or void.
-        tn: neither.
+        tp: pixels of the class that are predicted as the class.
+        fp: pixels of other classes that are predicted as the class.
+        fn: pixels of the class that are predicted as another class or void.
+        tn: all other pixels.
     """
 
     tp: int
@@ -53,25 +53,25 @@ class ClassCounts:
 
     @property
     def pacc(self) -> float | None:
-        """Its recall, `pacc`."""
+        """Recall of the class, see `pacc`."""
         return pacc(self.tp, self.fn)
 
     @property
     def precision(self) -> float | None:
-        """Its `precision`."""
+        """Precision of the class, see `precision`."""
         return precision(self.tp, self.fp)
 
     @property
     def iou(self) -> float | None:
-        """Its `iou`."""
+        """Intersection over union of the class, see `iou`."""
         return iou(self.tp, self.fp, self.fn)
 
 
 def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> ClassCounts:
-    """The four counts of one class.
+    """Return the four counts of one class.
 
     Raises:
-        InvalidInput: not a (19, 20) matrix, or not a train id.
+        InvalidInput: the matrix is not (19, 20), or the class has no such train id.
     """
     _require(matrix, (train_id,))
     tp = int(matrix[train_id, train_id])
@@ -81,42 +81,42 @@ def class_counts(matrix: ConfusionMatrix, train_id: int = PERSON.train_id) -> Cl
 
 
 def pacc(tp: int, fn: int) -> float | None:
-    """The paper's pixel accuracy of a class, its recall: tp / (tp + fn). None if not in the truth (`NOT_IN_TRUTH`)."""
+    """Return the paper's pixel accuracy of a class, its recall: tp / (tp + fn); None if it is not in the truth."""
     return _ratio(tp, tp + fn)
 
 
 def precision(tp: int, fp: int) -> float | None:
-    """Share of right pixels, tp / (tp + fp). None if nothing was predicted as the class (`NOT_PREDICTED`)."""
+    """Return tp / (tp + fp); None if no pixel was predicted as the class."""
     return _ratio(tp, tp + fp)
 
 
 def iou(tp: int, fp: int, fn: int) -> float | None:
-    """Intersection over union, tp / (tp + fp + fn). None if the class is in neither (`IN_NEITHER`)."""
+    """Return the intersection over union, tp / (tp + fp + fn); None if the class is in neither truth nor prediction."""
     return _ratio(tp, tp + fp + fn)
 
 
 def pixel_accuracy(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """Share of labelled pixels of ``classes`` (default: all 19) that were predicted right."""
+    """Return the share of labelled pixels of ``classes`` (default: all 19) that were predicted correctly."""
     tp, truth, _ = _margins(matrix, classes)
     return _ratio(int(tp.sum()), int(truth.sum()))
 
 
 def macc(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """Mean over the classes present in the truth of tp / (tp + fn); with one class it is `pacc`."""
+    """Return the mean of tp / (tp + fn) over the classes in the truth; with one class it is `pacc`."""
     tp, truth, _ = _margins(matrix, classes)
     present = truth > 0
     return float(np.mean(tp[present] / truth[present])) if present.any() else None
 
 
 def miou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """Mean IoU over the classes present in the truth."""
+    """Return the mean IoU over the classes in the truth."""
     tp, truth, union = _margins(matrix, classes)
     present = truth > 0
     return float(np.mean(tp[present] / union[present])) if present.any() else None
 
 
 def fwiou(matrix: ConfusionMatrix, classes: Sequence[int] | None = None) -> float | None:
-    """IoU weighted by how many pixels of the truth a class has; with one class it is `miou`."""
+    """Return the mean IoU, each class weighted by its pixels in the truth; with one class it is `miou`."""
     tp, truth, union = _margins(matrix, classes)
     present = truth > 0
     if not present.any():
@@ -132,7 +132,7 @@ class FrameScores:
     Attributes:
         counts: of the target class.
         pacc, precision, iou: of the target class.
-        pixel_accuracy, macc, miou, fwiou: over all classes, or those that were asked for.
+        pixel_accuracy, macc, miou, fwiou: over all classes, or over the requested ones.
         undefined: score name to reason, for every score that is None.
     """
 
@@ -160,12 +160,12 @@ class FrameScores:
 def frame_scores(
     matrix: ConfusionMatrix, train_id: int = PERSON.train_id, *, classes: Sequence[int] | None = None
 ) -> FrameScores:
-    """Derive every score from the counts of one frame (or, for pooled scores, from the sum over frames).
+    """Return every score of the counts of one frame; from the sum over frames, the pooled scores.
 
     Args:
         matrix: (19, 20) counts.
         train_id: of the target class.
-        classes: train ids that all-class scores are over; None: all 19.
+        classes: train ids of the classes that scores over all classes are over; None: all 19.
     """
     counts = class_counts(matrix, train_id)
     values = {
@@ -185,7 +185,7 @@ def frame_scores(
 def _margins(
     matrix: ConfusionMatrix, classes: Sequence[int] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Per chosen class: true positives, pixels of the truth, pixels of the union."""
+    """Return true positives, pixels of the truth and pixels of the union, each (C,) int64 over the chosen classes."""
     chosen = list(range(NUM_TRAIN_CLASSES)) if classes is None else list(classes)
     _require(matrix, chosen)
     tp = np.diagonal(matrix)[chosen]

@@ -1,4 +1,4 @@
-"""What a function under test is: a picture in, a map of train ids out."""
+"""A function under test: a picture in, a map of train ids out."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from valerie.labels import NUM_TRAIN_CLASSES, TRAIN_LABELS
 
 @dataclass(frozen=True, slots=True)
 class FunctionCard:
-    """What is known of a function under test; travels with results.
+    """Facts about a function under test; they travel with its results.
 
     Attributes:
         name: name in specs, e.g. ``deeplabv3plus-small``.
         digest: SHA-256 of the weights file (with header), hex.
         architecture: e.g. ``deeplabv3plus-small``.
-        precision: the precision that the engine really runs in, read back, e.g. ``fp32``.
+        precision: read back from the engine, e.g. ``fp32``.
         engine: e.g. ``torch``.
-        provenance: free facts: training data, seeds, figures, licence.
-        judged_by: names of the Cityscapes classes that its all-class figures are over, in the order of train ids; empty: all 19.
+        provenance: free entries: training data, seeds, figures, licence.
+        judged_by: names of the Cityscapes classes that its all-class figures cover, in the order of train ids; empty: all 19.
 
     Raises:
-        UnknownName: ``judged_by`` names what is no evaluated class.
+        UnknownName: ``judged_by`` names something that is not an evaluated class.
     """
 
     name: str
@@ -43,31 +43,31 @@ class FunctionCard:
         for name in self.judged_by:
             if name not in known:
                 raise UnknownName("evaluated class", name, known, field="judged_by")
-        # One spelling each, also after a trip through JSON: all 19 are none.
+        # One spelling for all 19, also after a trip through JSON: the empty tuple.
         judged = tuple(name for name in known if name in self.judged_by)
         object.__setattr__(self, "judged_by", judged if len(judged) < NUM_TRAIN_CLASSES else ())
 
     @property
     def judged_ids(self) -> tuple[int, ...]:
-        """Train ids of the classes that it is judged by."""
+        """Train ids of the classes in ``judged_by``."""
         return judged_ids(self.judged_by)
 
 
 def judged_ids(judged_by: Sequence[str]) -> tuple[int, ...]:
-    """Train ids of `FunctionCard.judged_by`, ascending: of all 19 classes where it is empty."""
+    """Return the train ids of `FunctionCard.judged_by`, ascending; of all 19 classes if it is empty."""
     return tuple(label.train_id for label in TRAIN_LABELS if not judged_by or label.name in judged_by)
 
 
 class PerceptionFunction(Protocol):
-    """A loaded function under test; one per process stays loaded.
+    """A loaded function under test; a process keeps one loaded.
 
-    Contract (`valerie.testing.PerceptionContract`): deterministic; never changes its input; output has the picture's
-    height and width; only declared train ids (0…18, 255).
+    Contract (`valerie.testing.perception.PerceptionContract`): it is deterministic, never changes its input, and answers maps of
+    the picture's height and width that hold only declared train ids (0…18, 255).
     """
 
     @property
     def revision(self) -> int:
-        """Raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest."""
+        """Number raised by hand whenever equal weights and pictures give other labels; part of every prediction's digest."""
         ...
 
     @property
@@ -79,7 +79,7 @@ class PerceptionFunction(Protocol):
         ...
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 sRGB picture to (H, W) uint8 train ids."""
+        """Return the (H, W) uint8 train ids of an (H, W, 3) uint8 sRGB picture."""
         ...
 
     def close(self) -> None: ...
@@ -87,13 +87,13 @@ class PerceptionFunction(Protocol):
 
 @runtime_checkable
 class BatchFunction(PerceptionFunction, Protocol):
-    """A function that is cheaper for several pictures at once, as networks on a GPU are."""
+    """A function that predicts several pictures at once at a lower cost, as networks on a GPU do."""
 
     @property
     def batch_size(self) -> int:
-        """How many pictures are best given to `predict_many`; 1 where there is nothing to gain."""
+        """Best number of pictures for `predict_many`; 1 if there is nothing to gain."""
         ...
 
     def predict_many(self, pictures: Sequence[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
-        """`predict` of each of several pictures of one size; the labels do not depend on which were given together."""
+        """Return `predict` of each of several pictures of one size; labels do not depend on how pictures are grouped."""
         ...

@@ -12,7 +12,7 @@ from valerie.perception.documents.function import FunctionDocument, InputDocumen
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.running.opening import open_function
 
-#: Where the shipped function files are.
+#: Folder of the shipped function files.
 WEIGHTS: Final = Path(__file__).parent / "weights"
 
 #: Names of the functions that ship with VALERIE; each is the file ``weights/<name>.safetensors``.
@@ -23,7 +23,7 @@ ALIGNMENT: Final = 32
 
 
 def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function") -> Path:
-    """The file of a function.
+    """Return the file of a shipped function.
 
     Raises:
         UnknownName: no such function; near matches are named.
@@ -34,7 +34,9 @@ def function_path(name: str, *, folder: Path = WEIGHTS, field: str = "function")
 
 
 def file_document(name: str, path: Path) -> FunctionDocument:
-    """The document of a function file (see `valerie.perception.importing.function_file`), from its header: fp32 in torch.
+    """Return the document of a function file, from its header: fp32 in torch.
+
+    See `valerie.perception.importing.function_file` for the format.
 
     Raises:
         NotFound, InvalidInput: the file is missing or damaged.
@@ -44,7 +46,7 @@ def file_document(name: str, path: Path) -> FunctionDocument:
 
 
 def function_document(name: str, *, folder: Path = WEIGHTS) -> FunctionDocument:
-    """The document of a function, from its file's header; neither torch nor the weights are loaded.
+    """Return the document of a shipped function, from its file's header; neither torch nor the weights are loaded.
 
     Raises:
         UnknownName: no such function.
@@ -54,7 +56,7 @@ def function_document(name: str, *, folder: Path = WEIGHTS) -> FunctionDocument:
 
 
 def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
-    """What is known of a function, likewise.
+    """Return the card of a shipped function; neither torch nor the weights are loaded.
 
     Raises:
         UnknownName, NotFound, InvalidInput: see `function_document`.
@@ -64,13 +66,13 @@ def function_card(name: str, *, folder: Path = WEIGHTS) -> FunctionCard:
 
 
 def load_function(name: str, *, threads: int = 1, device: str = "auto", folder: Path = WEIGHTS) -> PerceptionFunction:
-    """Load a function to predict with.
+    """Load a shipped function to predict with.
 
     Args:
         name: one of `FUNCTIONS`.
         threads: CPU threads of this process for the inference engine.
         device: see `valerie.perception.running.opening.open_function`.
-        folder: where the function files are.
+        folder: of the function files.
 
     Raises:
         UnknownName: no such function.
@@ -83,8 +85,8 @@ def load_function(name: str, *, threads: int = 1, device: str = "auto", folder: 
 
 
 def _identity(document: FunctionDocument) -> str:
-    """A shipped function is known by its file, which says all that its document does."""
-    assert document.payload is not None, "it was made from the file"
+    """Return the digest that stands for a shipped function: that of its file, which holds all that its document says."""
+    assert document.payload is not None, "a document of a file has a payload"
     return document.payload.sha256
 
 

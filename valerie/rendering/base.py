@@ -1,7 +1,7 @@
-"""What a render engine is: a scene and a view in, a linear image out; and the arrays that rendering hands on.
+"""The interface of render engines, and the images and ground truth that rendering produces.
 
-Engines return *only* the scene-referred linear image. Ground truth is one product of the raster truth pass
-(`valerie.rendering.ground_truth`) for all engines, keyed by geometry, camera and resolution.
+An engine turns a scene and a view into a scene-referred linear image, and nothing else. Ground truth comes from the raster
+truth pass (`valerie.rendering.ground_truth`) for all engines alike, keyed by geometry, camera and resolution.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from valerie.scene.graph.model import Scene, freeze
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Which camera looks, and into how many pixels.
+    """A camera and the size of its image.
 
     Attributes:
         camera: name of a camera of the scene, e.g. ``camera-1``.
@@ -32,7 +32,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Pixels x … x+width−1, y … y+height−1; the origin is the image's top left. Zero width or height is empty."""
+    """A rectangle of pixels: x … x+width−1, y … y+height−1, from the image's top left. Empty if width or height is 0."""
 
     x: int
     y: int
@@ -45,11 +45,11 @@ class Rectangle:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """(rows, columns) to index an (H, W, …) array."""
+        """Slices (rows, columns) that index an (H, W, …) array."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
     def clipped(self, width: int, height: int) -> Self:
-        """The part inside an image of ``width`` × ``height``."""
+        """Return the part inside an image of ``width`` × ``height`` pixels."""
         x0, y0 = max(self.x, 0), max(self.y, 0)
         x1, y1 = min(self.x + self.width, width), min(self.y + self.height, height)
         return type(self)(x0, y0, max(x1 - x0, 0), max(y1 - y0, 0))
@@ -71,10 +71,10 @@ class LinearImage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """What the movables change in a frame: ``background`` with ``pixels`` put at ``rectangle`` is the frame.
+    """The part of a frame that the movables change. The frame is the background with ``pixels`` put at ``rectangle``.
 
     Attributes:
-        rectangle: around all pixels that the movables, their shadows, reflections, ambient occlusion and filters change.
+        rectangle: holds every pixel that movables change, also by shadow, reflection, ambient occlusion or filters.
         pixels: (rectangle.height, rectangle.width, 3) float16, linear.
     """
 
@@ -85,7 +85,7 @@ class Layer:
         freeze(self.pixels)
 
     def over(self, background: LinearImage) -> LinearImage:
-        """The whole frame."""
+        """Return the whole frame: this layer over its background."""
         if self.rectangle.empty:
             return background
         pixels = background.pixels.copy()
@@ -94,53 +94,57 @@ class Layer:
 
 
 class Renderer(Protocol):
-    """A render engine; one instance per process, since it may own a GL context.
+    """A render engine. There is one instance per process, since it may own a GL context.
 
-    Contract (`valerie.testing.RendererContract`): deterministic bytes for equal input in one numeric class;
-    ``layer(s, v).over(background(s, v))`` equals ``full(s, v)`` bit for bit in deterministic engines; ``background`` does not
-    depend on anything movable; a black or constant image raises `RenderingError`. A path tracer, in which light reaches
-    everywhere, keeps the second only up to its noise, and its contract test says so (`RendererContract.noisy`).
+    `valerie.testing.RendererContract` tests the contract:
 
-    An engine declares its settings and abilities in a `valerie.rendering.engine.Engine`, and is made with the settings where it
-    has any. One that computes in another process has a property ``cpu_seconds_elsewhere``: CPU seconds used there so far.
+    - Equal input gives equal bytes within one numeric class.
+    - ``layer(s, v).over(background(s, v))`` equals ``full(s, v)`` bit for bit. A path tracer, in which light reaches everywhere,
+      meets this only up to its noise; its contract test sets `RendererContract.noisy`.
+    - ``background`` depends on nothing movable.
+    - A black or constant image raises `RenderingError`.
+
+    A `valerie.rendering.engine.Engine` declares the engine's settings and abilities. An engine with settings takes them as its
+    only argument. An engine that computes in another process has a property ``cpu_seconds_elsewhere``: the CPU seconds used
+    there so far.
     """
 
     #: Name in specs and URLs.
     name: ClassVar[str]
-    #: Raised by hand whenever the engine's pixels change; part of every product's digest.
+    #: Part of every product's digest. Raise it by hand whenever the engine's pixels change.
     revision: ClassVar[int]
 
     @property
     def numeric_class(self) -> str:
-        """What may change the pixels besides the revision: driver, vendor, precision; e.g. ``llvmpipe-mesa-22.3.6``."""
+        """Name of the arithmetic (driver, vendor, precision) that may change the pixels, e.g. ``llvmpipe-mesa-22.3.6``."""
         ...
 
     def background(self, scene: Scene, view: View) -> LinearImage:
-        """The frame without movables."""
+        """Render the frame without movables."""
         ...
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """The part of the frame that the movables change."""
+        """Render the part of the frame that the movables change."""
         ...
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """The frame from scratch: the oracle of ``background`` and ``layer``."""
+        """Render the whole frame at once: the oracle for ``background`` and ``layer``."""
         ...
 
     def close(self) -> None:
-        """Free the context; the instance is unusable afterwards."""
+        """Free the context. The instance is unusable afterwards."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PersonTruth:
-    """The pixels of one person, seen and unseen.
+    """The amodal mask of one person: its pixels as if nothing hid it.
 
     Attributes:
         instance_id: label id × 1000 + n.
-        box: around the person's pixels when it is rendered alone, within the image; empty at the origin when there are none.
-        mask: (box.height, box.width) bool, read-only: which pixels of the box these are.
-        padded_pixels: their count on a canvas padded beyond the image border (for truncation).
+        box: bounding box, within the image, of the person rendered alone; empty at the origin if it has no pixel.
+        mask: (box.height, box.width) bool, read-only; true on the person's pixels.
+        padded_pixels: number of the person's pixels on a canvas padded beyond the image border (for truncation).
         size: (height, width) of the image.
     """
 
@@ -155,14 +159,14 @@ class PersonTruth:
 
     @classmethod
     def of(cls, instance_id: int, amodal: NDArray[np.bool_], padded_pixels: int) -> Self:
-        """From a mask of the whole image, (H, W) bool."""
+        """Build from ``amodal``, a mask of the whole image, (H, W) bool."""
         box = bounds(amodal)
         height, width = amodal.shape
         return cls(instance_id, box, amodal[box.slices].copy(), padded_pixels, (height, width))
 
     @property
     def amodal(self) -> NDArray[np.bool_]:
-        """(H, W) bool, read-only: pixels of the person rendered alone, within the image. Made anew at each call."""
+        """Amodal mask of the whole image, (H, W) bool, read-only. A new array at each call."""
         whole = np.zeros(self.size, np.bool_)
         whole[self.box.slices] = self.mask
         return freeze(whole)
@@ -170,13 +174,13 @@ class PersonTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """Pixel-exact truth of one geometry seen by one camera; labels are point samples at pixel centres. Arrays are read-only.
+    """Pixel-exact ground truth of one geometry and one camera, sampled at pixel centres. Arrays are read-only.
 
     Attributes:
         class_map: (H, W) uint8 label ids; sky is 23.
         instance_map: (H, W) uint16 instance ids; 0 where the class has no instances.
-        depth: (H, W) float32 metres along the optical axis; inf where nothing is hit.
-        persons: one entry per person present in the scene, visible or not, by ascending instance id.
+        depth: (H, W) float32, metres along the optical axis; inf on the sky.
+        persons: every person present in the scene, visible or not, by ascending instance id.
     """
 
     class_map: NDArray[np.uint8]
@@ -191,13 +195,13 @@ class GroundTruth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthLayer:
-    """What the movables change in the truth of the statics, as `Layer` is for images. Arrays are read-only.
+    """The part of the ground truth that the movables change, as `Layer` is of the image. Arrays are read-only.
 
     Attributes:
-        rectangle: around the pixels whose class, instance or depth the movables change; empty when there are none.
-        changed: (rectangle.height, rectangle.width) bool, which pixels these are, N of them.
-        classes: (N,) uint8, instances: (N,) uint16, depths: (N,) float32, of the changed pixels in the order of rows.
-        persons: all persons of the scene, those that stand still too.
+        rectangle: holds the pixels whose class, instance or depth the movables change; empty if there are none.
+        changed: (rectangle.height, rectangle.width) bool; true on the N changed pixels.
+        classes: (N,) uint8, instances: (N,) uint16, depths: (N,) float32, metres; of the changed pixels, row by row.
+        persons: all persons of the scene, static ones too.
         size: (height, width) of the image.
     """
 
@@ -214,7 +218,7 @@ class TruthLayer:
             freeze(array)
 
     def over(self, statics: GroundTruth) -> GroundTruth:
-        """The whole truth; ``statics`` is that of the scene without its movables."""
+        """Return the whole ground truth; ``statics`` is that of the scene without its movables."""
         if self.rectangle.empty:
             return GroundTruth(statics.class_map, statics.instance_map, statics.depth, self.persons)
         classes, instances, depth = statics.class_map.copy(), statics.instance_map.copy(), statics.depth.copy()
@@ -226,7 +230,7 @@ class TruthLayer:
 
 
 def bounds(mask: NDArray[np.bool_]) -> Rectangle:
-    """The smallest rectangle around all true pixels; empty at the origin when there is none."""
+    """Return the smallest rectangle around all true pixels of an (H, W) mask; empty at the origin if there are none."""
     rows = np.flatnonzero(mask.any(axis=1))
     if not rows.size:
         return Rectangle(0, 0, 0, 0)
@@ -239,11 +243,11 @@ def require_image(pixels: NDArray[np.float16], *, engine: str) -> None:
     """Refuse an image that no real scene gives.
 
     Raises:
-        RenderingError: not finite, black or constant.
+        RenderingError: The image is not finite, or it is black or otherwise constant.
     """
     sample = pixels[::7, ::7].astype(np.float32)
     if not np.isfinite(sample).all():
         raise RenderingError(f"{engine}: the image holds values that are not finite")
-    # Exactly: by night, light may differ by less than any step of the day's.
+    # The comparison is exact, since by night pixels may differ by less than any tolerance that suits the day.
     if float(sample.max()) == float(sample.min()):
         raise RenderingError(f"{engine}: the image is constant (every sampled pixel is {float(sample.flat[0]):.6g})")

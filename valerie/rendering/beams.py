@@ -1,4 +1,4 @@
-"""How a dipped beam spreads its light: one formula for all engines.
+"""The light distribution of a dipped beam: one formula for all engines.
 
 Across and up are tangents of angles from the lamp's axis, to its right and upwards. Below its cut-off the beam is brightest near
 the axis and falls off to all sides; above, only scattered light is left. The cut-off is level to the left of the axis and rises

@@ -1,4 +1,4 @@
-"""What a render engine declares about itself, in a module that imports none of the engine's libraries."""
+"""The declaration of a render engine, in a module that imports none of the engine's libraries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Ability(StrEnum):
-    """Something that not every engine can show; the first five are attributes of the scene's environment."""
+    """An effect that not every engine can show. The first five are attributes of the scene's environment."""
 
     CLOUDS = "cloud_cover"
     FOG = "visibility"
@@ -19,7 +19,7 @@ class Ability(StrEnum):
     CAR_LAMPS = "car_lamps"
     #: Scenes with the sun below the horizon.
     NIGHT = "night"
-    #: Textures with holes, such as leaves and fences; an engine without it draws the whole card.
+    #: Textures with holes, such as leaves and fences. An engine without this ability draws the whole card.
     CUT_OUTS = "cut-outs"
 
 
@@ -27,16 +27,16 @@ EVERYTHING: Final = frozenset(Ability)
 
 
 class EngineSettings(BaseModel):
-    """What a spec may say of an engine, as ``renderer: {name: …, samples: 64}``. An engine with settings derives from it."""
+    """Base class of an engine's settings, which a spec gives as ``renderer: {name: …, samples: 64}``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     def inputs(self) -> dict[str, Any]:
-        """Return all that the pixels depend on, with nothing left to defaults: part of every digest of the engine's products."""
+        """Return every setting that the pixels depend on, defaults included; part of the digest of the engine's products."""
         return self.model_dump()
 
     def cost(self) -> float:
-        """Return the CPU seconds of a picture relative to the default settings, roughly."""
+        """Return roughly the CPU time of a picture, as a multiple of that with the default settings."""
         return 1.0
 
 
@@ -45,11 +45,11 @@ class Engine:
     """The declaration of a render engine.
 
     Attributes:
-        renderer: ``module:class`` of its `valerie.rendering.base.Renderer`. The class is made without arguments, or with the
-            settings where the engine has any.
+        renderer: ``module:class`` of its `valerie.rendering.base.Renderer`. The class takes the settings if the engine has any,
+            else no argument.
         settings: the model of its settings; the base class has none.
-        shows: its abilities. A spec that asks for others is refused, or warned where the image merely looks worse.
-        install_hint: what people are told who wait for the engine, for example how to install it.
+        shows: its abilities. A spec that needs another one is refused, or warned if the image merely looks worse.
+        install_hint: advice for people who wait for the engine, for example on how to install it.
     """
 
     renderer: str
@@ -59,5 +59,5 @@ class Engine:
 
     @property
     def has_settings(self) -> bool:
-        """True where a spec may say more than the name."""
+        """True if a spec may give the engine more than its name."""
         return bool(self.settings.model_fields)

@@ -1,7 +1,7 @@
 """The truth pass: class, instance, depth and amodal masks of one geometry, for all engines.
 
-Labels are point samples at pixel centres, drawn with the same vertex shader, matrices and rounding of depth as the raster
-engine's images. Movables are drawn over a copy of the statics, which are kept per camera; what they change there is a layer.
+Labels are point samples at pixel centres. They use the same vertex shader, matrices and depth rounding as the raster engine's
+images. The pass caches the labels of the statics per camera and draws movables over a copy; the difference is a layer.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from valerie.rendering.raster.targets import ScreenPass, Target, gl_rectangle, o
 from valerie.rendering.scene_reading import camera_key, camera_of, draw_items
 from valerie.scene.graph.model import Camera, Scene
 
-#: Raised by hand whenever the truth of some geometry changes; part of every truth's digest.
+#: Part of every truth's digest. Raise it by hand whenever the truth of some geometry changes.
 REVISION: Final = 1
 
 _CAMERAS: Final = 4
 
 
 class TruthPass:
-    """Draws ground truth. One per process; shares the uploaded scenes with the raster engine.
+    """The `valerie.rendering.truth.TruthMaker` that draws with OpenGL. It shares uploaded scenes with the raster engine.
 
     Args:
-        context: the process's context if not given.
+        context: GL context; by default that of the process.
     """
 
     revision: ClassVar[int] = REVISION
@@ -62,54 +62,56 @@ class TruthPass:
 
     @property
     def numeric_class(self) -> str:
-        """The driver's arithmetic, which decides on which side of a pixel centre an edge falls."""
+        """Name of the driver's arithmetic, which decides on which side of a pixel centre an edge falls."""
         return self._context.numeric_class
 
     def truth(self, scene: Scene, view: View) -> GroundTruth:
-        """The truth of a scene seen by a camera.
+        """Return the ground truth of a scene seen by a camera.
 
         Raises:
-            UnknownName: the scene has no such camera.
+            UnknownName: The scene has no such camera.
         """
         statics, layer = self.parts(scene, view)
         return layer.over(statics)
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
-        """The truth of the scene without its movables, and what they change in it.
+        """Return the ground truth without movables, and the layer that the movables change in it.
 
-        The first is the same object from call to call while the camera is kept. It has no masks of persons: they are all in the
-        layer.
+        The ground truth without movables is the same object at each call while its camera stays in the cache. It has no person
+        masks: the layer holds them all.
 
         Raises:
-            UnknownName: the scene has no such camera.
+            UnknownName: The scene has no such camera.
         """
         with self._frame(scene, view) as frame:
             rectangle, part = self._with_movables(frame)
-            persons: dict[int, list[PlacedMesh]] = {}
+            bodies: dict[int, list[PlacedMesh]] = {}
             for mesh in (*frame.standing, *frame.prepared.placed):
                 if mesh.item.node.label_id == PERSON.id:
-                    persons.setdefault(mesh.item.node.instance_id, []).append(mesh)
-            seen = _Seen(frame.statics.truth.instance_map, rectangle, part[1])
-            found = tuple(self._person(frame, number, meshes, seen) for number, meshes in sorted(persons.items()))
+                    bodies.setdefault(mesh.item.node.instance_id, []).append(mesh)
             statics = frame.statics.truth
-            return statics, _layer(statics, rectangle, part, found)
+            instance_map = _InstanceMap(statics.instance_map, rectangle, part[1])
+            persons = tuple(
+                self._person(frame, number, meshes, instance_map) for number, meshes in sorted(bodies.items())
+            )
+            return statics, _layer(statics, rectangle, part, persons)
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """Which way the surface in each pixel faces, in step with `truth`.
+        """Return the surface normal at each pixel centre; the surfaces are those of `truth`.
 
         Raises:
-            UnknownName: the scene has no such camera.
+            UnknownName: The scene has no such camera.
         """
         if self._normals is None:
             self._normals = NormalsPass(self._context)
         return self._normals.normals(scene, view)
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
-        """Where what is seen is seen at another moment; see `FlowPass.flow`."""
+        """Return the optical flow from ``now`` to ``then``; see `FlowPass.flow`."""
         return FlowMap(self._flow_pass().flow(now, then, view, truth))
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
-        """How fast what is seen moves, from where it is so many seconds later; see `FlowPass.velocity`."""
+        """Return the image velocity, measured by the flow to ``after``; see `FlowPass.velocity`."""
         return FlowMap(self._flow_pass().velocity(now, after, view, truth, seconds))
 
     def _flow_pass(self) -> FlowPass:
@@ -118,10 +120,10 @@ class TruthPass:
         return self._flows
 
     def close(self) -> None:
-        """Free what this pass holds; the context stays with who made it (the process, by default)."""
-        for one in (self._normals, self._flows):
-            if one is not None:
-                one.close()
+        """Free the resources of this pass. The context stays open: it belongs to its creator, by default the process."""
+        for pass_ in (self._normals, self._flows):
+            if pass_ is not None:
+                pass_.close()
         if not self._context.closed:
             with self._context.current():
                 self._statics.clear()
@@ -161,7 +163,7 @@ class TruthPass:
         return _StaticLabels(labels, GroundTruth(*labels.read(everything, view), ()))
 
     def _with_movables(self, frame: _Frame) -> tuple[Rectangle, Maps]:
-        """A bound of the pixels that movables cover, and its labels with them."""
+        """Return a bound of the pixels that movables cover, and the labels in it with movables."""
         prepared, view = frame.prepared, frame.view
         rectangle = covered_rectangle([mesh.corners for mesh in prepared.placed], frame.camera, view)
         if rectangle.empty:
@@ -180,8 +182,10 @@ class TruthPass:
         self._labels.movables(prepared.placed, prepared.statics.textures, frame.table, values)
         return rectangle, work.read(rectangle, view)
 
-    def _person(self, frame: _Frame, instance_id: int, meshes: Sequence[PlacedMesh], seen: _Seen) -> PersonTruth:
-        """Draw one person alone, on a canvas half an image wider on each side."""
+    def _person(
+        self, frame: _Frame, instance_id: int, meshes: Sequence[PlacedMesh], instance_map: _InstanceMap
+    ) -> PersonTruth:
+        """Draw one person alone, on a canvas padded by half an image on each side."""
         camera, view = frame.camera, frame.view
         pad_x, pad_y = (view.width + 1) // 2, (view.height + 1) // 2
         canvas = View(view.camera, view.width + 2 * pad_x, view.height + 2 * pad_y)
@@ -203,8 +207,8 @@ class TruthPass:
         left, top = rectangle.x - pad_x, rectangle.y - pad_y
         inside = Rectangle(left, top, rectangle.width, rectangle.height).clipped(view.width, view.height)
         amodal = mask[Rectangle(inside.x - left, inside.y - top, inside.width, inside.height).slices]
-        # What is seen belongs to the whole, also where the canvas rounds an edge to the other side of a pixel centre.
-        visible = seen.instances(inside) == instance_id
+        # The canvas may round an edge to the other side of a pixel centre. Visible pixels always belong to the amodal mask.
+        visible = instance_map.part(inside) == instance_id
         padded += int(np.count_nonzero(visible & ~amodal))
         amodal = amodal | visible
         box = bounds(amodal)
@@ -212,18 +216,18 @@ class TruthPass:
         return PersonTruth(instance_id, whole, amodal[box.slices].copy(), padded, (view.height, view.width))
 
 
-#: Class, instance and depth of a rectangle.
+#: Class, instance and depth maps of a rectangle.
 Maps = tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float32]]
 
 
 class _Labels:
-    """A framebuffer of ids and depths."""
+    """A framebuffer of label ids, instance ids and depths."""
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
         self.target = Target(gl, (view.width, view.height), ((2, "u2"), (1, "f4")), depth=True)
 
     def read(self, rectangle: Rectangle, view: View) -> Maps:
-        """Fetch class, instance and depth of a rectangle, first row at the top."""
+        """Read class, instance and depth of a rectangle, first row at the top."""
         area, shape = gl_rectangle(rectangle, view), (rectangle.height, rectangle.width)
         read = self.target.framebuffer.read
         ids = np.frombuffer(read(viewport=area, components=2, attachment=0, dtype="u2", alignment=1), np.uint16)
@@ -242,7 +246,7 @@ class _Labels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _StaticLabels:
-    """The statics seen by one camera: on the card, to draw movables over, and as arrays."""
+    """The labels of the statics seen by one camera: on the GPU, to draw movables over, and as arrays."""
 
     labels: _Labels
     truth: GroundTruth
@@ -254,7 +258,7 @@ class _StaticLabels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frame:
-    """One scene seen by one camera; ``standing`` are the persons that the manifest does not move, placed to be drawn alone."""
+    """One scene seen by one camera. ``standing`` holds the meshes of static persons, placed so that each can be drawn alone."""
 
     prepared: Prepared
     standing: tuple[PlacedMesh, ...]
@@ -265,40 +269,41 @@ class _Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
-    """The instance map with movables, without making all of it."""
+class _InstanceMap:
+    """The instance map with movables, composed only where it is read."""
 
     statics: NDArray[np.uint16]
+    #: Bound of the movables, and the instance ids in it.
     rectangle: Rectangle
-    part: NDArray[np.uint16]
+    movables: NDArray[np.uint16]
 
-    def instances(self, where: Rectangle) -> NDArray[np.uint16]:
-        """(where.height, where.width)."""
-        found = self.statics[where.slices].copy()
-        x0, y0 = max(where.x, self.rectangle.x), max(where.y, self.rectangle.y)
-        x1 = min(where.x + where.width, self.rectangle.x + self.rectangle.width)
-        y1 = min(where.y + where.height, self.rectangle.y + self.rectangle.height)
+    def part(self, area: Rectangle) -> NDArray[np.uint16]:
+        """Return the instance ids in a rectangle of the image, (area.height, area.width)."""
+        instances = self.statics[area.slices].copy()
+        x0, y0 = max(area.x, self.rectangle.x), max(area.y, self.rectangle.y)
+        x1 = min(area.x + area.width, self.rectangle.x + self.rectangle.width)
+        y1 = min(area.y + area.height, self.rectangle.y + self.rectangle.height)
         if x0 < x1 and y0 < y1:
-            here, there = (
-                Rectangle(x0 - one.x, y0 - one.y, x1 - x0, y1 - y0).slices for one in (where, self.rectangle)
+            target, source = (
+                Rectangle(x0 - frame.x, y0 - frame.y, x1 - x0, y1 - y0).slices for frame in (area, self.rectangle)
             )
-            found[here] = self.part[there]
-        return found
+            instances[target] = self.movables[source]
+        return instances
 
 
 def _layer(statics: GroundTruth, rectangle: Rectangle, part: Maps, persons: tuple[PersonTruth, ...]) -> TruthLayer:
-    """Those pixels of a part that are not the statics'."""
+    """Return the pixels of ``part`` that differ from the statics."""
     classes, instances, depth = part
     inside = rectangle.slices
     changed = (classes != statics.class_map[inside]) | (instances != statics.instance_map[inside])
     changed |= depth.view(np.uint32) != statics.depth[inside].view(np.uint32)
     box = bounds(changed)
-    kept = changed[box.slices].copy()
-    seen = box.slices
-    where = box if box.empty else Rectangle(rectangle.x + box.x, rectangle.y + box.y, box.width, box.height)
+    crop = box.slices
+    mask = changed[crop].copy()
+    area = box if box.empty else Rectangle(rectangle.x + box.x, rectangle.y + box.y, box.width, box.height)
     height, width = statics.class_map.shape
     return TruthLayer(
-        where, kept, classes[seen][kept], instances[seen][kept], depth[seen][kept], persons, (height, width)
+        area, mask, classes[crop][mask], instances[crop][mask], depth[crop][mask], persons, (height, width)
     )
 
 

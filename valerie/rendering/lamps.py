@@ -1,4 +1,4 @@
-"""Lamps of a scene: which of them shine, where and how strong in the image's unit, and what of them is seen to glow."""
+"""Lamps of a scene: those that shine, their strength in the image's unit, and the materials that glow."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Lamp:
 
 
 def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
-    """The visible lamps that are on, in the scene's order."""
+    """Return the visible lamps that are on, in the scene's order."""
     found: list[Lamp] = []
     for item in lights(scene):
         world, light = item.world, item.node.light
@@ -94,7 +94,7 @@ def lit_lamps(scene: Scene, sky: Sky) -> tuple[Lamp, ...]:
 
 
 def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
-    """Whether the switch that a light hangs on is on; ``auto`` looks at how bright sun and sky make the ground."""
+    """Return True if a light's switch is on; ``auto`` decides by the illuminance of the ground from sun and sky."""
     if not light.switch:
         return True
     position: str = getattr(scene.environment, f"{light.switch}_lamps")
@@ -102,7 +102,7 @@ def is_on(light: Light, scene: Scene, sky: Sky) -> bool:
 
 
 def glowing(scene: Scene, sky: Sky) -> Scene:
-    """The scene with the materials that lamps make glow; the same scene where none does.
+    """Return the scene with the materials that lamps make glow; the same scene where none does.
 
     A material glows if any lamp that names it is on, seen or not: it is one material. Equal materials come back as the same
     object, which engines cache by.

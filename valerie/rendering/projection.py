@@ -1,7 +1,7 @@
-"""Matrices of the pin-hole camera and of orthographic light views; numpy only, float64.
+"""Matrices of the pinhole camera and of orthographic light views, in float64. Numpy only.
 
-Clip space is OpenGL's (−w ≤ x, y, z ≤ w). Pixel coordinates have their origin at the image's top left corner, so that the
-centre of the first pixel is (0.5, 0.5).
+Clip space is OpenGL's (−w ≤ x, y, z ≤ w). The origin of pixel coordinates is the image's top left corner, so the centre of the
+first pixel is (0.5, 0.5).
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ Points = NDArray[np.float64]
 
 
 def view_from_world(camera: Camera) -> Matrix:
-    """(4, 4) world to camera, read-only; the camera looks along −z."""
+    """Return the (4, 4) matrix from world to camera space, read-only. The camera looks along −z."""
     return _inverse(np.ascontiguousarray(camera.transform, np.float64).tobytes())
 
 
 @lru_cache(maxsize=64)
 def _inverse(matrix: bytes) -> Matrix:
-    """Of a (4, 4) float64 matrix; a frame asks for its camera's some dozens of times."""
+    """Return the inverse of a (4, 4) float64 matrix. Cached, since each frame needs its camera's dozens of times."""
     return freeze(np.asarray(np.linalg.inv(np.frombuffer(matrix).reshape(4, 4)), np.float64))
 
 
 def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_y: int = 0) -> Matrix:
-    """(4, 4) camera to clip space, square pixels, principal point in the middle.
+    """Return the (4, 4) matrix from camera to clip space, with square pixels and a centred principal point.
 
-    ``pad_x`` and ``pad_y`` widen the canvas by that many pixels on each side of the same pixel grid: a point that falls on
-    pixel (u, v) of the image falls on (u + pad_x, v + pad_y) of the canvas.
+    ``pad_x`` and ``pad_y`` pad the canvas by that many pixels on each side of the same pixel grid: a point at pixel (u, v) of
+    the image is at (u + pad_x, v + pad_y) of the canvas.
     """
     focal = camera.focal_length_px(width)
     near, far = camera.near, camera.far
@@ -47,37 +47,37 @@ def clip_from_view(camera: Camera, width: int, height: int, pad_x: int = 0, pad_
 
 
 def project(points: Points, camera: Camera, width: int, height: int) -> Points:
-    """World points (N, 3) in front of the camera to (N, 3): pixel x, pixel y, depth along the optical axis in metres."""
+    """Project (N, 3) world points in front of the camera to (N, 3): pixel x, pixel y, depth in metres along the optical axis."""
     matrix = view_from_world(camera)
-    seen = points @ matrix[:3, :3].T + matrix[:3, 3]
+    local = points @ matrix[:3, :3].T + matrix[:3, 3]
     focal = camera.focal_length_px(width)
-    depth = -seen[:, 2]
-    return np.stack([width / 2 + focal * seen[:, 0] / depth, height / 2 - focal * seen[:, 1] / depth, depth], axis=1)
+    depth = -local[:, 2]
+    return np.stack([width / 2 + focal * local[:, 0] / depth, height / 2 - focal * local[:, 1] / depth, depth], axis=1)
 
 
 def box_corners(low: Points, high: Points) -> Points:
-    """(8, 3) corners of an axis-parallel box."""
+    """Return the (8, 3) corners of an axis-aligned box."""
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
 
 def clip_hull(points: Points, normal: Points, offset: float) -> Points:
-    """Points whose convex hull is that of ``points`` cut by the half space normal·p ≥ offset; (0, 3) if nothing is left.
+    """Return points that span the convex hull of ``points`` clipped by the half space normal·p ≥ offset; (0, 3) if empty.
 
-    Every edge of a hull joins two of its points, so the points on the kept side and the crossings of all pairs with the
-    plane span the cut hull (and nothing more, since pairs lie inside).
+    Every edge of a hull joins two of its points. So the points inside the half space and the crossings of all pairs with the
+    plane span the clipped hull. They span no more, since every pair lies inside the hull.
     """
     height = points @ normal - offset
     inside, outside = height >= 0, height < 0
-    kept, cut = points[inside], points[outside]
+    inner, outer = points[inside], points[outside]
     share = height[inside][:, None] / (height[inside][:, None] - height[outside][None, :])
-    crossings = kept[:, None] + (cut[None] - kept[:, None]) * share[..., None]
-    return np.concatenate([kept, crossings.reshape(-1, 3)])
+    crossings = inner[:, None] + (outer[None] - inner[:, None]) * share[..., None]
+    return np.concatenate([inner, crossings.reshape(-1, 3)])
 
 
 def seen_points(camera: Camera, view: View, low: Points, high: Points, farthest: float) -> Points:
-    """(N, 3) world points that span what a camera sees of a box up to a depth; (0, 3) if it sees nothing of it.
+    """Return (N, 3) world points that span the part of a box that a camera sees up to a depth; (0, 3) if it sees none.
 
-    They are where a grid of 17 × 17 rays, the image's corners among them, enters and leaves the box.
+    They are the points at which a grid of 17 × 17 rays, the image's corners included, enters and leaves the box.
     """
     edge = np.linspace(-0.5, 0.5, 17)
     focal = camera.focal_length_px(view.width)
@@ -95,13 +95,13 @@ def seen_points(camera: Camera, view: View, low: Points, high: Points, farthest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightView:
-    """An orthographic box around receivers and casters, seen along a direction.
+    """The orthographic view volume of a light: a box around receivers and casters.
 
     Attributes:
-        rows: (3, 3) orthonormal; rows are the box's first, second and depth axis in the world. Depth grows away from
-            the light.
+        rows: (3, 3) orthonormal; its rows are the box's first, second and depth axis in the world. Depth grows away from the
+            light.
         origin: (3,) metres, the box's low corner in those axes.
-        extent: (3,) metres.
+        extent: (3,) metres, the box's size along those axes.
     """
 
     rows: Matrix
@@ -110,7 +110,7 @@ class LightView:
 
     @property
     def clip_from_world(self) -> Matrix:
-        """(4, 4) world to clip space of the box."""
+        """The (4, 4) matrix from world to clip space."""
         matrix = np.eye(4)
         scale = 2 / self.extent
         matrix[:3, :3] = self.rows * scale[:, None]
@@ -119,15 +119,18 @@ class LightView:
 
     @property
     def key(self) -> bytes:
-        """Equal for views of equal numbers."""
+        """A cache key, equal for equal views."""
         return self.rows.tobytes() + self.origin.tobytes() + self.extent.tobytes()
 
     def release(self) -> None:
-        """Nothing but memory is held."""
+        """Do nothing: a view holds only memory. Caches call it."""
 
 
 def light_axes(toward_light: Points) -> Matrix:
-    """(3, 3) rows of a frame whose third axis points away from the light; the second follows the world's y if it can."""
+    """Return the (3, 3) rows of a frame whose third axis points away from the light.
+
+    The second axis lies near the world's y, or near x if the light comes almost along y.
+    """
     depth = -toward_light / np.linalg.norm(toward_light)
     reference = np.array([0.0, 1.0, 0.0]) if abs(depth[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     first = np.cross(reference, depth)
@@ -136,7 +139,7 @@ def light_axes(toward_light: Points) -> Matrix:
 
 
 def turned_to_fit(rows: Matrix, points: Points) -> Matrix:
-    """The frame turned about its depth axis so that the points' bounding rectangle is smallest (in steps of 3°)."""
+    """Return the frame turned about its depth axis, in steps of 3°, so that the points' bounding rectangle is smallest."""
     flat = points @ rows[:2].T
     best, best_area = 0.0, np.inf
     for angle in np.deg2rad(np.arange(0, 90, 3)):
@@ -153,19 +156,19 @@ def turned_to_fit(rows: Matrix, points: Points) -> Matrix:
 
 
 def fit_light_view(rows: Matrix, receivers: Points, casters: Points, resolution: int, border: float) -> LightView:
-    """The box around ``receivers`` across and around both along the light.
+    """Return the box that bounds ``receivers`` across the light, and receivers and casters along it.
 
     Args:
         rows: frame of `light_axes`, perhaps turned.
         receivers: (N, 3) world points that must be inside.
         casters: (M, 3) world points whose depth must be inside.
-        resolution: texels per side; the origin is snapped to whole texels, so that neighbouring views share them.
-        border: metres added on each side.
+        resolution: texels per side; the origin snaps to whole texels, so that neighbouring views share them.
+        border: margin on each side, metres.
     """
-    seen, cast = receivers @ rows.T, casters @ rows.T
-    low, high = seen.min(axis=0) - border, seen.max(axis=0) + border
-    low[2] = min(low[2], float(cast[:, 2].min()) - border)
-    high[2] = max(high[2], float(cast[:, 2].max()) + border)
+    receiver_points, caster_points = receivers @ rows.T, casters @ rows.T
+    low, high = receiver_points.min(axis=0) - border, receiver_points.max(axis=0) + border
+    low[2] = min(low[2], float(caster_points[:, 2].min()) - border)
+    high[2] = max(high[2], float(caster_points[:, 2].max()) + border)
     texel = (high[:2] - low[:2]) / (resolution - 2)
     low[:2] = np.floor(low[:2] / texel) * texel
     return LightView(rows, low, np.array([*(texel * resolution), high[2] - low[2]]))

@@ -42,7 +42,7 @@ def rained_on(pixels: Floats, drops: float, light: NDArray[np.float64], part: Re
 
 
 def streaks(drops: float, part: Rectangle, image_height: int) -> Floats:
-    """(h, w) float32 in [0, 1]: how much of a drop's streak lies over each pixel of a part of the image.
+    """Return the coverage of each pixel in a part of the image by streaks of drops, (h, w) float32 in [0, 1].
 
     Layers of cells, each with at most one drop drawn out by its fall during the exposure.
     """

@@ -1,4 +1,4 @@
-"""What engines read of a scene: visible nodes in the world, statics apart from movables, cameras, materials."""
+"""Queries of a scene for engines: visible nodes in the world, statics and movables apart, cameras, materials."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DrawItem:
 
 
 def draw_items(scene: Scene, *, movable: bool, label_id: int | None = None) -> tuple[DrawItem, ...]:
-    """The visible nodes with meshes that are movable (or not), in the scene's order; only those of one label if given.
+    """Return the visible nodes with meshes that are movable (or not), in the scene's order; only those of one label if given.
 
     A node is drawn if it and all its ancestors are visible.
     """
@@ -60,7 +60,7 @@ def instance_roots(scene: Scene) -> dict[int, Node]:
 
 
 def lights(scene: Scene) -> tuple[DrawItem, ...]:
-    """The visible nodes with lights, in the scene's order."""
+    """Return the visible nodes with lights, in the scene's order."""
     items: list[DrawItem] = []
     world_of = _Worlds(scene)
     for node in scene.nodes.values():
@@ -72,7 +72,7 @@ def lights(scene: Scene) -> tuple[DrawItem, ...]:
 
 
 class _Worlds:
-    """Where nodes are in the world; None for what is hidden or hangs below something hidden."""
+    """World transforms of nodes; None for a node that is hidden or has a hidden ancestor."""
 
     def __init__(self, scene: Scene) -> None:
         self._nodes = scene.nodes
@@ -87,7 +87,7 @@ class _Worlds:
 
 
 def camera_of(scene: Scene, view: View) -> Camera:
-    """The camera that a view names.
+    """Return the camera that a view names.
 
     Raises:
         UnknownName: the scene has no such camera.
@@ -104,13 +104,13 @@ def camera_of(scene: Scene, view: View) -> Camera:
 
 
 def camera_key(camera: Camera, view: View) -> tuple[object, ...]:
-    """All that decides where a point falls in the image."""
+    """Return all that determines where a point falls in the image."""
     lens = (camera.focal_length_mm, camera.sensor_width_mm, camera.near, camera.far)
     return (camera.transform.tobytes(), *lens, view.width, view.height)
 
 
 def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
-    """The material that a mesh names.
+    """Return the material that a mesh names.
 
     Raises:
         RenderingError: the scene has no such material, or the material names a texture that the scene lacks.
@@ -125,6 +125,6 @@ def material_of(scene: Scene, mesh: Mesh, path: str) -> Material:
 
 
 def normal_matrix(world: Matrix) -> NDArray[np.float32]:
-    """(3, 3) float32 that turns normals as ``world`` turns surfaces (inverse transpose)."""
+    """Return the normal matrix of ``world``, (3, 3) float32: its inverse transpose."""
     turned: NDArray[np.float32] = np.linalg.inv(world[:3, :3]).T.astype(np.float32)
     return turned

@@ -105,7 +105,7 @@ class Sky:
     drops: float
 
     def radiance(self, directions: Array) -> Array:
-        """(N, 3) sky radiance in world directions (N, 3) above the horizon, nearest entries of the table."""
+        """Return the sky's radiance, (N, 3), in world directions, (N, 3), above the horizon: the nearest table entries."""
         elevation = np.arcsin(np.clip(directions[:, 2], 0, 1))
         horizontal = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-9)
         toward = self.sun_direction[:2] / max(float(np.linalg.norm(self.sun_direction[:2])), 1e-9)
@@ -117,7 +117,7 @@ class Sky:
 
 
 def sky_of(scene: Scene) -> Sky:
-    """The sky of a scene; in clear air without rain exactly the clear sky's model."""
+    """Return the sky of a scene; in clear air without rain exactly the clear sky's model."""
     sun, environment = scene.sun, scene.environment
     sun_color, table, extinction = _unit_sky(sun.elevation, environment.turbidity)
     if np.rad2deg(sun.elevation) < DUSK:
@@ -238,7 +238,7 @@ def _fogged(direct: Array, table: Array, diffuse: Array, height: float, fog: flo
 
 
 def sky_directions() -> Array:
-    """(ELEVATIONS, AZIMUTHS, 3) unit vectors of the table's entries, the sun's azimuth being +x."""
+    """Return (ELEVATIONS, AZIMUTHS, 3) unit vectors of the table's entries, the sun's azimuth being +x."""
     elevation = _elevations()[:, None]
     azimuth = ((np.arange(AZIMUTHS) + 0.5) / AZIMUTHS * np.pi)[None, :]
     flat = np.cos(elevation)
@@ -249,7 +249,7 @@ def sky_directions() -> Array:
 
 
 def _horizontal(table: Array) -> Array:
-    """(3,) irradiance of the ground by a sky: the cosine-weighted mean over the hemisphere.
+    """Return the irradiance of the ground by a sky, (3,): the cosine-weighted mean over the hemisphere.
 
     The table spans half of it; the other half is its mirror image.
     """
@@ -325,7 +325,7 @@ def _scattered(directions: Array, toward_sun: Array, mie: float) -> tuple[Array,
 
 
 def _thickness(points: Array, directions: Array, mie: float) -> Array:
-    """(N, 3) optical thickness from points to the top of the air; large where the ground is in the way."""
+    """Return the optical thickness from points to the top of the air, (N, 3); large if the ground is in the way."""
     length = _to_sphere(points, directions, _TOP)
     edges = (np.linspace(0, 1, _SUN_SAMPLES + 1) ** 2)[None, :] * length[:, None]
     middle, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges, axis=1)

@@ -1,4 +1,4 @@
-"""What a truth pass is: a scene and a view in, ground truth out, for all engines."""
+"""The interface of the truth pass, which turns a scene and a view into ground truth for all engines."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from valerie.scene.graph.model import Scene
 
 
 class TruthMaker(Protocol):
-    """Makes the ground truth of scenes; one instance per process, since it may own a GL context.
+    """A source of ground truth. There is one instance per process, since it may own a GL context.
 
-    Each method raises `UnknownName` where the scene has no such camera.
+    Each method raises `UnknownName` if the scene has no such camera.
     """
 
-    #: Raised by hand whenever the truth of some geometry changes; part of every truth's digest.
+    #: Part of every truth's digest. Raise it by hand whenever the truth of some geometry changes.
     revision: ClassVar[int]
 
     @property
     def numeric_class(self) -> str:
-        """The arithmetic that decides on which side of a pixel centre an edge falls."""
+        """Name of the arithmetic that decides on which side of a pixel centre an edge falls."""
         ...
 
     def truth(self, scene: Scene, view: View) -> GroundTruth:
-        """Return the truth of a scene seen by a camera."""
+        """Return the ground truth of a scene seen by a camera."""
         ...
 
     def parts(self, scene: Scene, view: View) -> tuple[GroundTruth, TruthLayer]:
-        """Return the truth of the scene without its movables, and what they change in it.
+        """Return the ground truth without movables, and the layer that the movables change in it.
 
-        The first is the same object from call to call while the camera is kept. It has no masks of persons: they are all in
-        the layer.
+        The ground truth without movables is the same object at each call while its camera stays in the cache. It has no
+        person masks: the layer holds them all.
         """
         ...
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """Return which way the surface in each pixel faces, in step with `truth`."""
+        """Return the surface normal at each pixel centre; the surfaces are those of `truth`."""
         ...
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth) -> FlowMap:
-        """Return how far, in pixels, each point that is seen now lies aside at another moment; ``truth`` is of now."""
+        """Return the optical flow from ``now`` to ``then``, in pixels; ``truth`` is that of ``now``."""
         ...
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> FlowMap:
-        """Return the same in pixels per second, measured over ``seconds`` from now."""
+        """Return the image velocity in pixels per second: the flow to ``after``, ``seconds`` later, over that time."""
         ...
 
     def close(self) -> None:
-        """Free the context; the instance is unusable afterwards."""
+        """Free the context. The instance is unusable afterwards."""
         ...

@@ -21,9 +21,11 @@ from pydantic import BaseModel, ConfigDict
 from valerie import plugins
 from valerie.parameters.assignment import DIGEST_LENGTH
 from valerie.parameters.definitions import Value
+from valerie.perception.base import FunctionCard
 from valerie.runs.costs import Basis, CostKey, CostTable
 from valerie.runs.documents import RunSpec
 from valerie.runs.inputs import FrameDigests, ProductInputs
+from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.states import ProductKind, Stage
 from valerie.scene.variation.conditions import sun_by_time
@@ -148,7 +150,7 @@ class Plan(BaseModel):
 def plan(
     resolved: ResolvedRun,
     *,
-    pins: Mapping[str, Any] | None = None,
+    pins: Pins | None = None,
     present: Present | None = None,
     costs: CostTable | None = None,
 ) -> Plan:
@@ -390,11 +392,17 @@ def _shown(resolved: ResolvedRun, indexes: range) -> tuple[PlannedVariant, ...]:
     )
 
 
-def _any_pins(resolved: ResolvedRun) -> dict[str, Any]:
-    """Return pins that keep different products apart and equal no stored ones."""
-    pin = {"numeric_class": "", "revision": 0}
-    functions = {name: {**pin, "digest": name} for name in resolved.spec.functions}
-    return {"engine": pin, "truth": pin, "functions": functions}
+def _any_pins(resolved: ResolvedRun) -> Pins:
+    """Return pins that keep different products apart and equal none that is stored."""
+    render = Offer(stage=Stage.RENDER, name="", numeric_class="", revision=0, route="")
+    functions = {
+        name: FunctionPin(
+            stage=Stage.INFER, name=name, numeric_class="", revision=0, route="", digest=name,
+            card=FunctionCard(name, name, "", "", "", {}),
+        )
+        for name in resolved.spec.functions
+    }  # fmt: skip
+    return Pins(engine=render, truth=render, functions=functions)
 
 
 def _basis_text(products: tuple[ProductPlan, ...], costs: CostTable) -> str:

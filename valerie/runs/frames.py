@@ -59,3 +59,8 @@ class FrameProducts:
     layer: str
     truth: str
     velocity: str | None = None
+
+    @property
+    def required(self) -> tuple[str, str, str]:
+        """Background, layer and truth, which every frame has."""
+        return self.background, self.layer, self.truth

@@ -28,6 +28,7 @@ from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
+from valerie.runs.pins import FunctionPin, Offer, Pins
 from valerie.runs.resolution import ResolvedRun
 from valerie.runs.sensors import Response, response_of, sensor_values
 from valerie.runs.states import ProductKind
@@ -106,18 +107,17 @@ class ProductInputs:
     Args:
         resolved: the run.
         asset_digest: of its asset.
-        pins: of the run: ``engine`` and ``truth`` with ``numeric_class`` and ``revision``, and ``functions`` by name
-            with ``digest``, ``revision``, ``numeric_class`` and ``card``.
+        pins: of the run.
     """
 
-    def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Mapping[str, Any]) -> None:
+    def __init__(self, resolved: ResolvedRun, *, asset_digest: str, pins: Pins) -> None:
         spec = resolved.spec
         self._manifest = resolved.manifest
         self._cameras = resolved.cameras
         self._sensors = spec.sensors
         self._seed = spec.seed
         self._moves = resolved.times.motion is not None
-        engine = {"name": spec.engine, **_pinned(pins["engine"])}
+        engine = {"name": spec.engine, **_pinned(pins.engine)}
         if resolved.engine_inputs:
             engine["settings"] = dict(resolved.engine_inputs)
         resolution = spec.resolution.model_dump()
@@ -126,18 +126,18 @@ class ProductInputs:
         for camera in self._cameras:
             view = {"camera": camera, **resolution}
             self._background.append(_prefix(ProductKind.BACKGROUND, asset_digest, view, engine))
-            self._truth.append(_prefix(ProductKind.TRUTH, asset_digest, view, _pinned(pins["truth"])))
+            self._truth.append(_prefix(ProductKind.TRUTH, asset_digest, view, _pinned(pins.truth)))
         self._layer = _prefix(ProductKind.LAYER, engine)
         self._predictions = [
             _prefix(
                 ProductKind.PREDICTION,
-                _function(pins["functions"][name]),
+                _function(pins.functions[name]),
                 SENSING_REVISION,
             )
             for name in spec.functions
         ]
         self._evaluations = [
-            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins["functions"][name]))
+            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]))
             for name in spec.functions
         ]
         self._annotations = [
@@ -147,7 +147,7 @@ class ProductInputs:
                 _prefix(
                     ProductKind(kind),
                     ANNOTATION_REVISIONS[kind],
-                    *((_pinned(pins["truth"]),) if kind is AnnotationKind.LIGHT else ()),
+                    *((_pinned(pins.truth),) if kind is AnnotationKind.LIGHT else ()),
                 ),
             )
             for kind in resolved.annotations
@@ -220,16 +220,14 @@ def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
     return DigestPrefix(_SCHEME, kind.value, *parts)
 
 
-def _pinned(pin: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: pin[key] for key in ("revision", "numeric_class")}
+def _pinned(offer: Offer) -> dict[str, Any]:
+    return {"revision": offer.revision, "numeric_class": offer.numeric_class}
 
 
-def _function(pin: Mapping[str, Any]) -> dict[str, Any]:
-    # A function without a stated revision is in its first.
-    return {"digest": pin["digest"], "numeric_class": pin["numeric_class"], "revision": pin.get("revision", 1)}
+def _function(pin: FunctionPin) -> dict[str, Any]:
+    return {"digest": pin.digest, **_pinned(pin)}
 
 
-def _judged(pin: Mapping[str, Any]) -> tuple[list[str], ...]:
-    """Return the part of an evaluation's digest for the judged classes; empty if the function is judged by all."""
-    judged_by = pin.get("card", {}).get("judged_by")
-    return (list(judged_by),) if judged_by else ()
+def _judged(pin: FunctionPin) -> tuple[list[str], ...]:
+    """Return the classes that a function is judged by; nothing where these are all classes."""
+    return (list(pin.card.judged_by),) if pin.card.judged_by else ()

@@ -33,14 +33,6 @@ class RunState(StrEnum):
         return self in (self.COMPLETED, self.COMPLETED_WITH_FAILURES, self.CANCELLED, self.FAILED)
 
 
-class VariantState(StrEnum):
-    """Whether frames are made of a variant."""
-
-    ACCEPTED = "accepted"
-    #: Illegal or excluded by a constraint; the reason is recorded, and no frame is made.
-    REJECTED = "rejected"
-
-
 class ProductState(StrEnum):
     """Where a product is."""
 
@@ -67,6 +59,8 @@ class ProductKind(StrEnum):
     LAYER = "layer"
     #: Class, instance and depth maps, amodal masks, visibility.
     TRUTH = "truth"
+    #: The part of a truth that all truths of a camera share: its statics. Stored with the first of them.
+    STATICS = "statics"
     #: Annotations (`valerie.rendering.annotations.kinds`), each under its own word.
     NORMALS = AnnotationKind.NORMALS.value
     BOXES = AnnotationKind.BOXES.value
@@ -97,3 +91,15 @@ class Stage(StrEnum):
 
 #: Route of uploaded predictions (functions of kind ``predictions``): no worker serves it, and no message is sent.
 UPLOADED_ROUTE: Final = "infer.uploaded"
+#: Queue of evaluation and finishing: integer counting gives the same result on every machine, so it has no numeric class.
+EVAL_QUEUE: Final = "eval"
+
+
+def route_of(stage: Stage, *parts: str) -> str:
+    """Return the queue of the workers of one stage and numeric class, e.g. ``render.raster.llvmpipe-15``."""
+    return ".".join((stage, *parts))
+
+
+def stage_of(route: str) -> Stage:
+    """Return the stage whose workers serve a queue."""
+    return Stage(route.partition(".")[0])

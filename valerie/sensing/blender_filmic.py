@@ -1,17 +1,17 @@
 """Blender's Filmic view transform, from linear Rec. 709 to display values, without Blender.
 
-Its parts follow each other as in Blender's OpenColorIO configuration:
+The steps are those of Blender's OpenColorIO configuration:
 
-1. Each channel is put on a logarithmic scale: 25 stops from 2^−12.47.
-2. A lattice of 33³ colours takes the saturation out of highlights. At its corners, where the brightest channel of a colour lies
-   n steps up the scale, every channel moves towards the brightest by a share that depends on n alone: nothing below 21 steps
-   (linear 15), everything from 27 steps on. Between its corners the lattice is interpolated in tetrahedra.
-3. The lower 16.5 stops become the range [0, 1].
-4. A contrast curve makes display values of it, already with a display's transfer.
+1. Map each channel to a logarithmic scale: 25 stops from 2^−12.47.
+2. Desaturate highlights with a 33³ colour lattice (3D LUT). Where the brightest channel of a lattice colour lies n steps up the
+   scale, every channel moves towards the brightest by a share that depends on n alone: 0 below 21 steps (linear 15), 1 from 27
+   steps on. Interpolation between lattice colours is tetrahedral.
+3. Map the lower 16.5 stops to [0, 1].
+4. Apply a contrast curve. Its result is display-encoded.
 
-Middle grey 0.18 becomes 0.5, white is reached at 16.3. The shares of step 2 and the nodes of step 4 were fitted to what Blender
-4.5 LTS itself shows of known values by ``tools/fit_blender_filmic.py``; no data of Blender's configuration is included. The
-result is within one grey level of Blender's own 8-bit pictures (tested on pairs).
+Middle grey 0.18 becomes 0.5, and 16.3 becomes white. ``tools/fit_blender_filmic.py`` fitted the shares of step 2 and the nodes
+of step 4 to the output of Blender 4.5 LTS for known values; no data of Blender's configuration is included. The result is
+within one grey level of Blender's own 8-bit images (tested on pairs).
 
 Sources: Filmic by T. Sobotka, https://github.com/sobotka/filmic-blender; interpolation, J. Hardeberg and F. Schmitt, "Color
 printer characterization using a computational geometry approach", IS&T/SID Color Imaging Conference, 1997; monotone curve
@@ -28,12 +28,13 @@ from numpy.typing import NDArray
 
 _LOWEST_STOP: Final = -12.473931188
 _STOPS: Final = 25.0
-#: Stops, of these, that are shown.
+#: Share of these stops that the display shows.
 _SHOWN: Final = 0.66
+#: Lattice colours along each axis.
 _SIZE: Final = 33
-#: Steps up the scale of a colour's brightest channel to how far the others move towards it.
+#: Share by which channels move towards the brightest, by that channel's step on the scale. Below: 0; above: 1.
 _SHARES: Final = {21: 0.000305, 22: 0.001373, 23: 0.003402, 24: 0.007153, 25: 0.014022, 26: 0.026552}
-#: The contrast curve at evenly spaced places of [0, 1].
+#: The contrast curve at evenly spaced points of [0, 1].
 _NODES: Final = (
     0.00002, 0.00092, 0.00197, 0.00314, 0.00448, 0.00598, 0.00770, 0.00962, 0.01179, 0.01426, 0.01702, 0.02016,
     0.02367, 0.02765, 0.03212, 0.03714, 0.04277, 0.04909, 0.05618, 0.06411, 0.07296, 0.08282, 0.09379, 0.10595,
@@ -42,21 +43,21 @@ _NODES: Final = (
     0.79726, 0.82266, 0.84619, 0.86775, 0.88743, 0.90518, 0.92110, 0.93527, 0.94775, 0.95867, 0.96810, 0.97620,
     0.98304, 0.98874, 0.99340, 0.99712, 1.00000,
 )  # fmt: skip
-#: Entries of the table that the curve is read from.
+#: Number of entries of the curve's look-up table.
 _CURVE: Final = 4096
 
 Floats = NDArray[np.float32]
 
 
 def blender_filmic(linear: Floats) -> Floats:
-    """Display values in [0, 1] of linear ones.
+    """Return display values in [0, 1], (…, 3).
 
     Args:
-        linear: (…, 3), not negative.
+        linear: (…, 3) linear Rec. 709, not negative.
     """
     lattice, curve = _tables()
     smallest = np.float32(2.0**_LOWEST_STOP)
-    # Channel by channel, each in one piece: numpy is several times faster on long rows than on rows of three.
+    # One contiguous row per channel: numpy is several times faster on long rows than on rows of three.
     values = np.ascontiguousarray(linear.reshape(-1, 3).T)
     stops = np.log2(np.maximum(values, smallest)) - np.float32(_LOWEST_STOP)
     place = np.minimum(stops * np.float32((_SIZE - 1) / _STOPS), np.float32(_SIZE - 1))
@@ -69,15 +70,15 @@ def blender_filmic(linear: Floats) -> Floats:
 
 
 def _interpolated(lattice: Floats, place: Floats) -> Floats:
-    """(3, N) values between the lattice's corners, at (3, N) places.
+    """Return (3, N) lattice values at (3, N) places, by tetrahedral interpolation.
 
-    In each cell it walks along the axes from the lower corner to the upper, the one with the largest part first.
+    The tetrahedron's edges lead from the cell's lower corner to the upper one, along the axis with the largest fraction first.
     """
     floor = np.minimum(np.floor(place), np.float32(_SIZE - 2))
     red, green, blue = place - floor
     strides = np.array([_SIZE * _SIZE, _SIZE, 1], np.int32)
     first = strides @ floor.astype(np.int32)
-    # Where parts are equal, the order of their axes is of no consequence, as long as two different ones are taken.
+    # Where fractions are equal, the order of their axes does not matter, but the axes must differ.
     largest = np.where(red >= np.maximum(green, blue), strides[0], np.where(green >= blue, strides[1], strides[2]))
     smallest = np.where(blue <= np.minimum(red, green), strides[2], np.where(green <= red, strides[1], strides[0]))
     high, low = np.maximum(red, green), np.minimum(red, green)
@@ -93,8 +94,8 @@ def _interpolated(lattice: Floats, place: Floats) -> Floats:
 
 @cache
 def _tables() -> tuple[Floats, Floats]:
-    """The lattice as (3, 33³), its values cut off at white, and the curve as (4096,): both float32 in [0, 1]."""
-    from scipy.interpolate import PchipInterpolator  # 25 MB and 0.15 s that only this curve shall cost
+    """Return the lattice, (3, 33³), clipped at white, and the curve, (4096,). Both are float32 in [0, 1]."""
+    from scipy.interpolate import PchipInterpolator  # costs 25 MB and 0.15 s, which other curves need not pay
 
     steps = np.arange(_SIZE)
     linear = 2.0 ** (_LOWEST_STOP + _STOPS * steps / (_SIZE - 1))

@@ -1,7 +1,7 @@
-"""Tone curves: scene-referred linear values to display-referred linear values in [0, 1], in float64.
+"""Tone curves: scene-referred linear values to display-referred linear values, in float64.
 
-Each curve is applied per channel and is monotone. Inputs are non-negative and finite; results may pass 1 and are
-clipped by the sensor stage.
+Curves are monotone and work on each channel alone. Input is non-negative and finite. Results may exceed 1; the sensor stage
+clips them.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ Values = NDArray[np.float64]
 
 
 def linear_to_srgb(linear: Values) -> Values:
-    """The sRGB opto-electronic transfer function (IEC 61966-2-1:1999, 5.3), on values in [0, 1]."""
+    """Apply the sRGB opto-electronic transfer function (IEC 61966-2-1:1999, 5.3) to values in [0, 1]."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
 
 
 def filmic(linear: Values) -> Values:
-    """Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
+    """Apply Hable's filmic curve: a toe, a straight part and a shoulder that reaches white at 11.2.
 
     ``h(x) = (x(Ax + CB) + DE) / (x(Ax + B) + DF) − E/F`` with A 0.15, B 0.50, C 0.10, D 0.20, E 0.02, F 0.30, applied
-    to twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it holds highlights and
-    leaves the middle grey darker than the plain sRGB curve: 0.18 becomes 0.128.
+    to twice the input (his exposure bias) and divided by ``h(11.2)``. Like Blender's Filmic it preserves highlights. It maps
+    middle grey to a darker value than the plain sRGB curve: 0.18 becomes 0.128.
 
     Source: J. Hable, "Filmic Tonemapping Operators", 2010,
     http://filmicworlds.com/blog/filmic-tonemapping-operators/ (and
@@ -40,10 +40,10 @@ def filmic(linear: Values) -> Values:
 
 
 def aces(linear: Values) -> Values:
-    """Narkowicz' rational fit of the ACES reference rendering for an sRGB display.
+    """Apply Narkowicz' rational fit of the ACES reference rendering transform for an sRGB display.
 
-    ``x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14)``; the fit follows the ACES curve with the input scaled by 0.6, which
-    leaves the middle grey where the plain sRGB curve has it, more or less.
+    ``x(2.51x + 0.03) / (x(2.43x + 0.59) + 0.14)``. The input is scaled by 0.6, at which the fit follows the ACES curve and
+    middle grey stays near its value on the plain sRGB curve.
 
     Source: K. Narkowicz, "ACES Filmic Tone Mapping Curve", 2016,
     https://knarkowicz.wordpress.com/2016/01/06/aces-filmic-tone-mapping-curve/
@@ -53,11 +53,11 @@ def aces(linear: Values) -> Values:
 
 
 def plain(linear: Values) -> Values:
-    """No tone curve: what passes 1 is cut off."""
+    """Return the values unchanged: no tone curve. The sensor stage clips values above 1."""
     return linear
 
 
-#: Curve name, as in a spec, to function.
+#: Curve by its name in a spec.
 CURVES: Final[Mapping[str, Callable[[Values], Values]]] = MappingProxyType(
     {"srgb": plain, "filmic": filmic, "aces": aces}
 )

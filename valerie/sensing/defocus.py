@@ -1,13 +1,13 @@
-"""Defocus: a thin lens shows a point that is not in its focal plane as a disc.
+"""Defocus: a thin lens images a point outside its focal plane as a disc.
 
-The circle of confusion of a point at depth d, for a lens of focal length f and f-number N that is focused at S, has the
-diameter ``f² / (N (S − f)) · |d − S| / d`` on the sensor. Source: M. Born and E. Wolf, Principles of Optics, 7th edition,
+For a lens of focal length f and f-number N, focused at S, the circle of confusion of a point at depth d has the diameter
+``f² / (N (S − f)) · |d − S| / d`` on the sensor. Source: M. Born and E. Wolf, Principles of Optics, 7th edition,
 1999, section 4.4 (thin lens); M. Potmesil and I. Chakravarty, "Synthetic image generation with a lens and aperture camera
 model", ACM TOG 1(2), 1982, doi:10.1145/357299.357300.
 
-The image is cut into layers of similar blur, from far to near; each is blurred with its own disc and laid over the ones behind
-it, so that what is in front may be blurred over what is behind but never the other way. What a blurred edge uncovers is
-filled from what is seen around it.
+The image is split into layers of similar blur. From far to near, each layer is blurred with its own disc and composited over
+the layers behind it. So the blur of a near object spreads over the background, and never the other way. A background that a
+blurred edge uncovers is filled in from the pixels around it.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-#: Discs below this radius, in pixels, are points.
+#: Discs below this radius, in pixels, count as points.
 _SHARP: Final = 0.5
-#: Each layer's discs are that much larger than the next smaller one's.
+#: Ratio of the disc radii of neighbouring layers.
 _STEP: Final = 1.35
 #: Largest radius, as a share of the image's width.
 _LARGEST: Final = 0.03
@@ -31,13 +31,13 @@ Floats = NDArray[np.float32]
 def circle_of_confusion(
     depth: Floats, *, focal_length_mm: float, focal_px: float, f_number: float, focus_distance_m: float
 ) -> Floats:
-    """Signed radius of the disc of every point, pixels; below zero in front of the focal plane.
+    """Return the signed radius of the circle of confusion, pixels; negative in front of the focal plane.
 
     Args:
         depth: any shape, metres along the optical axis; inf for the sky.
         focal_length_mm, focal_px: the focal length in millimetres and in pixels.
-        f_number: focal length over the diameter of the aperture.
-        focus_distance_m: depth of the focal plane; not nearer than two focal lengths.
+        f_number: ratio of focal length to aperture diameter.
+        focus_distance_m: depth of the focal plane; values below two focal lengths count as two.
     """
     focus = max(1000.0 * focus_distance_m, 2.0 * focal_length_mm)
     at_infinity = 0.5 * focal_length_mm / f_number * focal_px / (focus - focal_length_mm)
@@ -52,10 +52,10 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
 
     Args:
         linear: (H, W, 3), linear light.
-        radius: (H, W), as of `circle_of_confusion`; at most `_LARGEST` of the width counts.
+        radius: (H, W), pixels, from `circle_of_confusion`; limited to 3 % of the image's width.
 
     Returns:
-        (H, W, 3); the same array where everything is sharp.
+        (H, W, 3); the input array itself if everything is sharp.
     """
     layers = _layers(radius, _LARGEST * linear.shape[1])
     if len(layers) == 1 and layers[0][0] < _SHARP:
@@ -69,19 +69,19 @@ def defocus(linear: Floats, radius: Floats) -> Floats:
 
 
 def _layers(radius: Floats, largest: float) -> list[tuple[float, NDArray[np.bool_]]]:
-    """(radius of the disc, pixels), from the farthest to the nearest."""
+    """Return the layers from far to near, each as its disc radius in pixels and its mask."""
     size: Floats = np.minimum(np.abs(radius), np.float32(largest))
     level = np.where(size < _SHARP, 0, 1 + np.floor(np.log(np.maximum(size, _SHARP) / _SHARP) / np.log(_STEP)))
     signed = (np.where(radius < 0.0, -level, level)).astype(np.int32)
-    found = []
+    layers = []
     for number in sorted(np.unique(signed).tolist(), reverse=True):
         mask = signed == number
-        found.append((float(size[mask].mean()) if number else 0.0, mask))
-    return found
+        layers.append((float(size[mask].mean()) if number else 0.0, mask))
+    return layers
 
 
 def _lay_over(light: Floats, linear: Floats, mask: NDArray[np.bool_], disc: float) -> None:
-    """Put one blurred layer over what is behind it; ``light`` holds colours weighted by the cover, and the cover."""
+    """Composite a blurred layer over ``light``, which holds premultiplied colour and coverage, (H, W, 4)."""
     margin = int(np.ceil(disc)) + 1 if disc >= _SHARP else 0
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     height, width = mask.shape
@@ -100,7 +100,7 @@ def _lay_over(light: Floats, linear: Floats, mask: NDArray[np.bool_], disc: floa
 
 
 def disc_kernel(radius: float) -> Floats:
-    """(2n + 1, 2n + 1) float32: a disc with a soft rim one pixel wide; sums to 1."""
+    """Return a disc with a soft rim one pixel wide, (2n + 1, 2n + 1) float32, that sums to 1."""
     reach = int(np.ceil(radius))
     place = np.arange(-reach, reach + 1)
     distance = np.hypot(place[:, None], place[None, :])
@@ -110,12 +110,12 @@ def disc_kernel(radius: float) -> Floats:
 
 
 def convolve(image: Floats, kernel: Floats) -> Floats:
-    """(H, W, C) with a kernel of odd size; beyond the border there is nothing. Results are not negative."""
+    """Convolve an (H, W, C) image with a kernel of odd size, zero-padded. The result is clipped at 0 from below."""
     height, width = image.shape[:2]
     reach = kernel.shape[0] // 2
     shape = [fft.next_fast_len(n + reach, real=True) for n in (height, width)]
     spectrum = fft.rfft2(image, s=shape, axes=(0, 1))
-    # The kernel's centre goes to the origin, so that nothing has to be cut off afterwards.
+    # With the kernel's centre at the origin, the result needs no shift.
     placed = np.zeros(shape, np.float32)
     placed[: kernel.shape[0], : kernel.shape[1]] = kernel
     placed = np.roll(placed, (-reach, -reach), axis=(0, 1))

@@ -1,17 +1,17 @@
-"""Lens distortion: the same map for image and truth, so that labels and image stay in step.
+"""Lens distortion: one map for image and ground truth, so that labels stay aligned with the image.
 
-The model is Brown–Conrady's with OpenCV's names and units. With x, y = the ideal (pinhole) direction of a ray divided by its
-depth, r² = x² + y², a lens shows it at ::
+The model is Brown–Conrady's with OpenCV's names and units. Let x, y be a ray's ideal (pinhole) direction divided by its depth,
+and r² = x² + y². The lens maps the ray to ::
 
     x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
-so coefficients of a calibration of the camera at its focal length can be taken over as they are. Sources: D. Brown,
+so the coefficients of a calibration at the camera's focal length apply unchanged. Sources: D. Brown,
 "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, 855-866; OpenCV, module calib3d.
 
-What lies beyond the border of the rendered image is not known, and a lens that draws the border inwards would show it. The
-distorted picture is therefore enlarged about its centre by the smallest factor, `zoom`, at which every pixel of it has been
-rendered. The factor is 1 where the lens draws nothing inwards.
+A lens that moves the image's border inwards would show areas beyond the rendered image. So the distorted image is enlarged
+about its centre by the smallest factor, `zoom`, at which all of its pixels have been rendered. The factor is 1 if the lens
+moves no part of the border inwards.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from valerie.sensing.settings import Distortion
 
-#: Newton steps of the inversion; each doubles the number of right digits.
+#: Newton steps of the inversion. Each doubles the number of correct digits.
 _STEPS: Final = 8
-#: Samples along each border, and of the radius.
+#: Samples along each border; a quarter of those of the radius.
 _SAMPLES: Final = 2048
-#: Coefficients below this move no pixel of any picture.
+#: Coefficients below this move no pixel of any image.
 _NOTHING: Final = 1e-12
-#: Share of the largest radius that a lens can show which is made use of: at the end it folds.
+#: Usable share of the fold radius.
 _BEFORE_FOLD: Final = 0.98
 
 Floats = NDArray[np.float64]
@@ -39,10 +39,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelMap:
-    """Where the pixels of a distorted picture come from.
+    """The source in the pinhole image of each pixel of a distorted image.
 
     Attributes:
-        x, y: (H, W) float64, the pixel coordinates in the pinhole image (0 is the centre of its first pixel).
+        x, y: (H, W) float64, pixel coordinates in the pinhole image (0 is the centre of its first pixel).
         zoom: enlargement about the centre.
     """
 
@@ -51,7 +51,7 @@ class PixelMap:
     zoom: float
 
     def nearest(self) -> NDArray[np.intp]:
-        """(H, W) flat index of the nearest pixel of the pinhole image."""
+        """Return the (H, W) flat index of the nearest pixel of the pinhole image."""
         height, width = self.x.shape
         column = np.clip(np.floor(self.x + 0.5), 0, width - 1)
         row = np.clip(np.floor(self.y + 0.5), 0, height - 1)
@@ -61,11 +61,11 @@ class PixelMap:
 
 @lru_cache(maxsize=4)  # 16 bytes for each pixel
 def pixel_map(distortion: Distortion, width: int, height: int, focal_px: float) -> PixelMap:
-    """The map of a whole picture.
+    """Return the map of a whole image.
 
     Args:
         distortion: coefficients.
-        width, height: pixels; the principal point is the picture's centre.
+        width, height: pixels; the principal point is the image's centre.
         focal_px: focal length in pixels.
     """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
@@ -73,32 +73,32 @@ def pixel_map(distortion: Distortion, width: int, height: int, focal_px: float) 
     x = np.broadcast_to((np.arange(width) - half_x) / (focal_px * zoom), (height, width))
     y = np.broadcast_to(((np.arange(height) - half_y) / (focal_px * zoom))[:, None], (height, width))
     ideal_x, ideal_y = undistort(distortion, x, y)
-    found = (ideal_x * focal_px + half_x, ideal_y * focal_px + half_y)
-    for array in found:
+    source = (ideal_x * focal_px + half_x, ideal_y * focal_px + half_y)
+    for array in source:
         array.setflags(write=False)
-    return PixelMap(*found, zoom)
+    return PixelMap(*source, zoom)
 
 
 def shown_within(distortion: Distortion, width: int, height: int, focal_px: float, zoom: float) -> NDArray[np.bool_]:
-    """(H, W) bool: which pixels of the pinhole image are shown inside the distorted picture.
+    """Return a mask, (H, W) bool, of the pixels of the pinhole image that the distorted image shows.
 
     Args:
-        distortion, width, height, focal_px: as of `pixel_map`.
-        zoom: of that map.
+        distortion, width, height, focal_px: as for `pixel_map`.
+        zoom: that of the map.
     """
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
     x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
     y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
-    seen_x, seen_y = distort(distortion, x, y)
+    lens_x, lens_y = distort(distortion, x, y)
     scale = focal_px * zoom
-    inside: NDArray[np.bool_] = (np.abs(seen_x) * scale <= half_x + 0.5) & (np.abs(seen_y) * scale <= half_y + 0.5)
-    # Beyond the fold a lens would draw rays back inwards; they are not shown.
+    inside: NDArray[np.bool_] = (np.abs(lens_x) * scale <= half_x + 0.5) & (np.abs(lens_y) * scale <= half_y + 0.5)
+    # Beyond the fold the model moves rays back inwards, which no real lens does.
     inside &= x * x + y * y <= fold_radius(distortion) ** 2
     return inside
 
 
 def distort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Ideal to distorted directions, any shape."""
+    """Return the distorted directions of ideal ones, of any shape."""
     d = distortion
     r2 = x * x + y * y
     radial = 1.0 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3))
@@ -109,15 +109,17 @@ def distort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Float
 
 
 def undistort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Distorted to ideal directions within the lens's fold, any shape: Newton's method on both coordinates.
+    """Return the ideal directions, within the fold radius, of distorted ones of any shape.
 
-    It starts from the inverse of the radial part alone, read off a table.
+    Newton's method on both coordinates. It starts from the inverse of the radial part alone, interpolated in a table.
     """
     d = distortion
-    seen = np.hypot(x, y)
-    radii = _radii_shown_until(d, float(np.max(seen, initial=0.0)))
-    shown = radii * (1.0 + radii**2 * (d.k1 + radii**2 * (d.k2 + radii**2 * d.k3)))
-    start = np.where(seen > 0.0, np.interp(seen, shown, radii) / np.maximum(seen, 1e-300), 1.0)
+    distorted = np.hypot(x, y)
+    ideal_radii = _ideal_radii(d, float(np.max(distorted, initial=0.0)))
+    r2 = ideal_radii**2
+    distorted_radii = ideal_radii * (1.0 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3)))
+    radius = np.interp(distorted, distorted_radii, ideal_radii)
+    start = np.where(distorted > 0.0, radius / np.maximum(distorted, 1e-300), 1.0)
     u, v = x * start, y * start
     for _ in range(_STEPS):
         r2 = u * u + v * v
@@ -137,7 +139,7 @@ def undistort(distortion: Distortion, x: Floats, y: Floats) -> tuple[Floats, Flo
 
 
 def fold_radius(distortion: Distortion) -> float:
-    """The ideal radius up to which farther out is shown farther out; infinite for lenses that never fold."""
+    """Return the ideal radius up to which the distorted radius increases; infinite if it always does."""
     d = distortion
     # d/dr (r + k1 r³ + k2 r⁵ + k3 r⁷), a polynomial in r².
     coefficients = [7.0 * d.k3, 5.0 * d.k2, 3.0 * d.k1, 1.0]
@@ -146,8 +148,8 @@ def fold_radius(distortion: Distortion) -> float:
     return float(np.sqrt(real.min())) if real.size else float("inf")
 
 
-def _radii_shown_until(distortion: Distortion, limit: float) -> Floats:
-    """Ideal radii from 0 to one that is shown at ``limit`` or beyond, or to the fold."""
+def _ideal_radii(distortion: Distortion, limit: float) -> Floats:
+    """Return ideal radii from 0 until the distorted radius reaches ``limit``, or to the fold."""
     d, fold, reach = distortion, fold_radius(distortion), 1.0
     while reach < min(fold, 1e6) and reach * (1.0 + reach**2 * (d.k1 + reach**2 * (d.k2 + reach**2 * d.k3))) < limit:
         reach *= 2.0
@@ -155,14 +157,14 @@ def _radii_shown_until(distortion: Distortion, limit: float) -> Floats:
 
 
 def _zoom(distortion: Distortion, half_x: float, half_y: float) -> float:
-    """The smallest enlargement, at least 1, at which the picture lies within the distorted border of the rendered image."""
+    """Return the smallest enlargement, at least 1, at which the distorted border of the rendered image is out of sight."""
     if distortion.identity:
         return 1.0
     along = np.linspace(-1.0, 1.0, _SAMPLES + 1)
     x = np.concatenate([along, along, np.full_like(along, -1.0), np.full_like(along, 1.0)]) * half_x
     y = np.concatenate([np.full_like(along, -1.0), np.full_like(along, 1.0), along, along]) * half_y
     within = np.minimum(1.0, _BEFORE_FOLD * fold_radius(distortion) / np.hypot(x, y))
-    seen_x, seen_y = distort(distortion, x * within, y * within)
-    # A rectangle around the centre is inside a closed curve when no point of the curve is inside the rectangle.
-    reach = float(np.min(np.maximum(np.abs(seen_x) / half_x, np.abs(seen_y) / half_y)))
+    lens_x, lens_y = distort(distortion, x * within, y * within)
+    # A rectangle around the centre lies inside a closed curve if no point of the curve lies inside the rectangle.
+    reach = float(np.min(np.maximum(np.abs(lens_x) / half_x, np.abs(lens_y) / half_y)))
     return max(1.0, 1.0 / reach)

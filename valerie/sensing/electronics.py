@@ -1,16 +1,16 @@
-"""What happens between light and numbers: photons, the well, read noise, the converter, faulty pixels.
+"""Sensor electronics: shot noise, full well, read noise, analogue-digital converter and faulty pixels.
 
 An exposed linear value v (1 is diffuse white) frees ``N = v · full_well / 2^headroom`` electrons on average. The pixel
-counts ``Poisson(N)`` of them (shot noise), the amplifier adds a normal error of ``read_electrons``, the well holds no more
-than ``full_well`` and no fewer than 0. The gain multiplies what was counted, so it amplifies noise and saturates earlier;
-the converter tells ``2^bits`` levels apart between 0 and the full well. This is the Poisson–Gauss camera model of EMVA
-Standard 1288 (release 4.0, 2021, section 2) without dark current.
+counts ``Poisson(N)`` of them (shot noise). The amplifier adds a normal error with standard deviation ``read_electrons``. The
+count is clipped to 0 … ``full_well``. The gain multiplies the count, so it amplifies noise and saturates earlier. The converter
+quantizes 0 … full well to ``2^bits`` levels. This is the Poisson–Gauss camera model of EMVA Standard 1288 (release 4.0, 2021,
+section 2) without dark current.
 
-From `_NORMAL_FROM` electrons on, the Poisson distribution is taken as normal with the same mean and variance, rounded by the
-converter alone: its skewness is below 0.13 there.
+From `_NORMAL_FROM` electrons on, a normal distribution of equal mean and variance replaces the Poisson distribution, whose
+skewness is below 0.13 there. Only the converter rounds it.
 
-Noise comes from a generator that is seeded per picture, faulty pixels from one that is seeded per specimen: both follow from
-the run's seed and from what is in the picture, never from order or worker.
+The seed of the noise belongs to the image, that of faulty pixels to the specimen. Both follow from the run's seed and the
+image's content, never from order or worker.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from numpy.typing import NDArray
 
 from valerie.sensing.settings import FaultyPixels, Noise
 
-#: Electrons from which on the shot noise is drawn from a normal distribution.
+#: Number of electrons from which on shot noise is normally distributed.
 _NORMAL_FROM: Final = 64.0
 
 Floats = NDArray[np.float32]
 
 
 def expose(values: Floats, noise: Noise, *, gain: float = 1.0, generator: np.random.Generator | None = None) -> Floats:
-    """Count light.
+    """Count light in electrons and convert the count.
 
     Args:
-        values: any shape, exposed linear values, not negative.
-        noise: the sensor.
+        values: exposed linear values, not negative, of any shape.
+        noise: noise, full well and converter of the sensor.
         gain: factor after counting.
-        generator: of the noise; not needed where there is none.
+        generator: source of the noise; not needed without noise.
 
     Returns:
-        The same shape: what the converter reports, in units of ``values``, 0 to ``2 ** headroom_ev``.
+        The converter's output in units of ``values``, 0 to ``2 ** headroom_ev``, of the same shape.
     """
     scale = np.float32(noise.full_well_electrons / 2.0**noise.headroom_ev)
     full = np.float32(noise.full_well_electrons)
-    # The well is deeper than what noise can lift over it; light beyond twice its content only costs accuracy.
+    # Noise cannot bring twice the full well below it, so more light would only cost accuracy.
     electrons: Floats = np.minimum(values * scale, np.float32(2.0) * full)
     if (noise.shot or noise.read_electrons) and generator is not None:
         electrons = _noisy(electrons, noise, generator)
@@ -70,15 +70,15 @@ def _noisy(electrons: Floats, noise: Noise, generator: np.random.Generator) -> F
 
 
 def break_pixels(values: Floats, pixels: FaultyPixels, saturated: float, generator: np.random.Generator) -> Floats:
-    """Dead pixels see nothing, hot ones are always full.
+    """Make dead pixels black and hot pixels saturated.
 
-    A higher rate keeps the faulty pixels of a lower one. Hot pixels do not depend on how many are dead.
+    A higher rate keeps the faulty pixels of a lower one. The choice of hot pixels does not depend on the rate of dead ones.
 
     Args:
         values: (H, W, 3) linear values.
-        pixels: shares of the pixels.
+        pixels: rates of dead and hot pixels.
         saturated: the value of a full well.
-        generator: of the specimen.
+        generator: source of the places, seeded by the specimen.
 
     Returns:
         (H, W, 3), a new array.

@@ -1,4 +1,4 @@
-"""Reading an image between its pixels."""
+"""Bilinear interpolation of images."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 
 def bilinear(image: NDArray[np.float32], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The image at places between pixel centres; beyond the border the border goes on.
+    """Interpolate an image between its pixel centres. Outside of the image its border pixels repeat.
 
     Args:
         image: (H, W) or (H, W, C).
-        x, y: any shapes that fit each other: pixel coordinates; 0 is the centre of the first pixel.
+        x, y: pixel coordinates, of shapes that broadcast; 0 is the centre of the first pixel.
 
     Returns:
-        (the common shape of x and y) or (that shape, C).
+        An array of the common shape S of x and y, or (*S, C).
     """
     height, width = image.shape[:2]
     x, y = np.clip(x, 0.0, width - 1.0), np.clip(y, 0.0, height - 1.0)

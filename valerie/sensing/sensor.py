@@ -1,6 +1,6 @@
-"""The sensor stage: a linear image in, the picture that a function under test sees out.
+"""The sensor stage: it turns a linear image into the camera image that a function under test receives.
 
-The effects follow each other as the light meets them:
+The effects follow the path of the light:
 
 1. *scene-referred light*: defocus; motion blur and rolling shutter; dirt and drops on the front glass; distortion with
    lateral chromatic aberration, in one resampling; vignetting
@@ -8,10 +8,10 @@ The effects follow each other as the light meets them:
 3. *camera values*: white balance
 4. *display values*: tone curve, sRGB transfer, gamma, 8 bits, JPEG
 
-What is neutral is left out. Where only exposure, gain, white balance, a curve that works per channel and gamma are left, the
-stage maps one channel value to another, and a float16 has only 65,536 values: the float64 formula is evaluated once per
-setting for every one of them, and a frame is a look-up: exact, and 2 CPU-ms for 960 × 540. The other effects work in float32
-and end in the same table.
+Neutral effects are skipped. Exposure, gain, white balance, a per-channel curve and gamma map one channel value to another, and
+a float16 has only 65,536 values. For these effects alone, the stage evaluates the float64 formula once per setting for every
+value and looks each frame up in that table: exact, and 2 ms of CPU time for 960 × 540. The other effects work in float32 and
+end in the same table.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from valerie.sensing.resampling import bilinear
 from valerie.sensing.settings import SensorSetting
 from valerie.sensing.soiling import dirty, rained_on
 
-#: Raised by hand whenever a setting gives other pixels; part of every prediction's digest.
+#: Part of every prediction's digest. Raise it by hand whenever a setting gives other pixels.
 REVISION: Final = 1
-#: Width of the sensor that focal lengths in millimetres are meant on, as everywhere in the scene.
+#: Sensor width to which focal lengths in millimetres refer, as everywhere in the scene.
 SENSOR_WIDTH_MM: Final = 36.0
-#: The largest finite float16 stands for infinite light.
+#: The largest finite float16, which stands for infinite light.
 _BRIGHTEST: Final = 65504.0
 
 Floats = NDArray[np.float32]
@@ -51,14 +51,14 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """What the stage has to know of a frame besides its linear image; only what the setting needs is looked at.
+    """The data of a frame besides its linear image. The stage reads only what the setting needs.
 
     Attributes:
-        focal_length_mm: of the camera, on a sensor 36 mm wide.
-        depth: (H, W) float32, metres along the optical axis, inf where nothing is hit.
+        focal_length_mm: focal length of the camera on a sensor 36 mm wide.
+        depth: (H, W) float32, metres along the optical axis, inf for the sky.
         velocity: (H, W, 2) float32, pixels per second to the right and down.
-        run_seed: of the run.
-        content: what stands for the linear image (its digests), so that every picture has its own noise.
+        run_seed: seed of the run.
+        content: digests of the linear image, which give every image its own noise.
     """
 
     focal_length_mm: float | None = None
@@ -69,22 +69,22 @@ class Shot:
 
 
 def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | None = None) -> NDArray[np.uint8]:
-    """Make the picture of a linear image.
+    """Return the camera image of a linear image.
 
     Args:
         linear: (H, W, 3) float16, scene-referred, linear Rec. 709. NaN and negative values count as 0, inf as white.
         setting: the camera.
-        shot: the frame, where the setting needs it.
+        shot: data of the frame, if the setting needs any.
 
     Returns:
         (H, W, 3) uint8 sRGB, a new array; equal for equal input.
 
     Raises:
-        InvalidInput: the image is not (H, W, 3) float16, or the setting needs what ``shot`` does not have.
+        InvalidInput: The image is not (H, W, 3) float16, or the setting needs data that ``shot`` lacks.
     """
     if linear.dtype != np.float16 or linear.ndim != 3 or linear.shape[2] != 3:
-        given = f"{linear.dtype} {linear.shape}"
-        raise InvalidInput("not a linear image", field="linear", value=given, limit="(H, W, 3) float16")
+        layout = f"{linear.dtype} {linear.shape}"
+        raise InvalidInput("not a linear image", field="linear", value=layout, limit="(H, W, 3) float16")
     if setting.auto_exposure:
         setting = setting.model_copy(update={"exposure_ev": setting.exposure_ev + metered_ev(linear)})
     balance = white_balance_gains(setting.white_balance.temperature_k, setting.white_balance.tint)
@@ -104,7 +104,7 @@ def develop(linear: NDArray[np.float16], setting: SensorSetting, shot: Shot | No
 
 
 def respond(linear: NDArray[np.float64], setting: SensorSetting) -> NDArray[np.float64]:
-    """The response to neutral light, without noise and rounding: values of any shape to display values in [0, 1], float64."""
+    """Return the display values in [0, 1] of neutral light, without noise and rounding. Any shape, float64."""
     gain = 10.0 ** (setting.gain_db / 20.0) if setting.gain_db else 1.0
     return _respond(linear, 2.0**setting.exposure_ev * gain, setting.curve, setting.gamma)
 
@@ -167,20 +167,25 @@ def seen_from(
     depth: Floats | None = None,
     velocity: Floats | None = None,
 ) -> NDArray[np.intp]:
-    """(H, W) flat index: which pixel of the rendered image each pixel of the picture shows, for the truth to follow.
+    """Return, for each pixel of the camera image, the flat index of the rendered pixel that it shows, (H, W).
+
+    Ground truth is resampled with it.
 
     Args:
-        setting: its distortion and its line time count.
+        setting: the camera; only distortion and line time matter.
         width, height: pixels.
-        focal_length_mm: as of `Shot`, where the lens distorts.
-        depth, velocity: as of `Shot`, where rows are read one after another.
+        focal_length_mm: as for `Shot`; needed if the lens distorts.
+        depth, velocity: as for `Shot`; needed for a rolling shutter.
+
+    Raises:
+        InvalidInput: The lens distorts and there is no focal length.
     """
     x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
     if not setting.distortion.identity:
         if focal_length_mm is None:
             raise InvalidInput("the sensor setting needs the camera's focal length", field="focal_length_mm")
-        found = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
-        x, y = found.x, found.y
+        source = pixel_map(setting.distortion, width, height, focal_length_px(focal_length_mm, width))
+        x, y = source.x, source.y
     line_time_s = setting.shutter.line_time_us * 1e-6
     if line_time_s and depth is not None and velocity is not None:
         times = read_times(height, line_time_s)
@@ -192,37 +197,37 @@ def seen_from(
 
 
 def _row_times(setting: SensorSetting, width: int, height: int, focal_px: float) -> NDArray[np.float64]:
-    """When the pixels of the rendered image are read: with the row at which the lens shows them."""
+    """Return the read time of each rendered pixel, seconds: that of the row to which the lens maps it."""
     line_time_s = setting.shutter.line_time_us * 1e-6
     if setting.distortion.identity or not line_time_s:
         return read_times(height, line_time_s)
     half_x, half_y = 0.5 * (width - 1), 0.5 * (height - 1)
     x = np.broadcast_to((np.arange(width) - half_x) / focal_px, (height, width))
     y = np.broadcast_to(((np.arange(height) - half_y) / focal_px)[:, None], (height, width))
-    _, shown = distort(setting.distortion, x, y)
+    _, lens_y = distort(setting.distortion, x, y)
     zoom = pixel_map(setting.distortion, width, height, focal_px).zoom
-    # What is not shown at all has no row; the first or the last one does.
-    rows = np.clip(shown * focal_px * zoom, -half_y, half_y)
+    # Pixels that the lens maps outside of the image have no row; the nearest row stands in.
+    rows = np.clip(lens_y * focal_px * zoom, -half_y, half_y)
     times: NDArray[np.float64] = rows * line_time_s
     return times
 
 
 def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats:
-    """Distortion, and red and blue larger or smaller than green.
+    """Apply distortion and lateral chromatic aberration in one resampling.
 
     Lateral chromatic aberration is a difference of magnification between the colours: the linear term of the radial model of
     J. Mallon and P. F. Whelan, "Calibration and removal of lateral chromatic aberration in images", Pattern Recognition Letters
-    28(1), 2007, 125-135 (doi 10.1016/j.patrec.2006.06.013). Red and blue differ from green alike, in opposite directions.
+    28(1), 2007, 125-135 (doi 10.1016/j.patrec.2006.06.013). Red and blue differ from green equally, in opposite directions.
     """
     height, width = light.shape[:2]
     middle_x, middle_y = 0.5 * (width - 1), 0.5 * (height - 1)
     aberration = setting.lens.chromatic_aberration
     if setting.distortion.identity:
-        # A row of columns and a column of rows: what is the same for all of them is computed once.
+        # Broadcasting one row of x and one column of y avoids repeated work.
         x, y = np.arange(width, dtype=np.float64)[None, :], np.arange(height, dtype=np.float64)[:, None]
     else:
-        found = pixel_map(setting.distortion, width, height, focal_px)
-        x, y = found.x, found.y
+        source = pixel_map(setting.distortion, width, height, focal_px)
+        x, y = source.x, source.y
     displaced = np.empty_like(light)
     for channel, larger in enumerate((1.0 + aberration, 1.0, 1.0 - aberration)):
         at_x, at_y = x, y
@@ -233,7 +238,7 @@ def _displaced(light: Floats, setting: SensorSetting, focal_px: float) -> Floats
 
 
 def _counted(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
-    """Exposed and counted, with the gain in it."""
+    """Expose light and count it, gain included."""
     exposed: Floats = light * np.float32(2.0**setting.exposure_ev)
     pixels = setting.pixels
     if pixels.dead_rate or pixels.hot_rate:
@@ -245,7 +250,7 @@ def _counted(light: Floats, setting: SensorSetting, shot: Shot) -> Floats:
 
 
 def _shown(values: NDArray[np.float16] | Floats, factors: list[float], setting: SensorSetting) -> NDArray[np.uint8]:
-    """From camera values, times a factor per channel, to 8 bits."""
+    """Convert camera values, times a factor per channel, to 8 bits."""
     if setting.curve == "blender-filmic":
         light = np.nan_to_num(values.astype(np.float32, copy=False), nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
         display = blender_filmic(light * np.array(factors, np.float32))
@@ -257,7 +262,7 @@ def _shown(values: NDArray[np.float16] | Floats, factors: list[float], setting: 
         values = np.minimum(values, np.float32(_BRIGHTEST)).astype(np.float16)
     bits = np.ascontiguousarray(values).view(np.uint16)
     tables = [_table(factor, setting.curve, setting.gamma) for factor in factors]
-    # mode="clip" spares numpy the range check; every uint16 is a valid index.
+    # Every uint16 is a valid index, so mode="clip" only saves numpy's range check.
     if factors[0] == factors[1] == factors[2]:
         return np.take(tables[0], bits, mode="clip")
     picture = np.empty(bits.shape, np.uint8)
@@ -267,7 +272,7 @@ def _shown(values: NDArray[np.float16] | Floats, factors: list[float], setting: 
 
 
 def focal_length_px(focal_length_mm: float, width: int) -> float:
-    """Focal length in pixels of an image ``width`` pixels wide."""
+    """Return the focal length in pixels for an image ``width`` pixels wide."""
     return focal_length_mm / SENSOR_WIDTH_MM * width
 
 
@@ -281,7 +286,7 @@ def _seed(*parts: object) -> int:
 
 def _respond(linear: NDArray[np.float64], factor: float, curve: str, gamma: float) -> NDArray[np.float64]:
     exposed = np.nan_to_num(linear, nan=0.0, posinf=np.inf, neginf=0.0) * factor
-    # 1e6 is white on every curve, and keeps inf / inf out of the rational ones.
+    # 1e6 is white on every curve. Without the limit, the rational curves would compute inf / inf.
     exposed = np.clip(exposed, 0.0, 1e6)
     if curve == "blender-filmic":
         grey = np.repeat(exposed.astype(np.float32)[..., None], 3, axis=-1)
@@ -293,7 +298,7 @@ def _respond(linear: NDArray[np.float64], factor: float, curve: str, gamma: floa
 
 @lru_cache(maxsize=48)  # 64 KiB each; a pure function of its arguments
 def _table(factor: float, curve: str, gamma: float) -> NDArray[np.uint8]:
-    """(65536,) uint8: the picture value of every float16, by its bits."""
+    """Return the 8-bit value of every float16, indexed by its bits, (65536,) uint8."""
     every_value = np.arange(65536, dtype=np.uint32).astype(np.uint16).view(np.float16).astype(np.float64)
     table: NDArray[np.uint8] = np.floor(_respond(every_value, factor, curve, gamma) * 255.0 + 0.5).astype(np.uint8)
     table.setflags(write=False)

@@ -1,7 +1,7 @@
-"""A sensor setting: every error of a camera that the sensor stage can make, as one frozen document.
+"""The sensor setting: all camera effects of the sensor stage as one frozen document.
 
-Ranges, units and neutral values come from `valerie.scene.assets.sensor_parameters`; physics and sources are in the modules
-that compute the effects and in ``docs/sensor.md``.
+Ranges, units and neutral values come from `valerie.scene.assets.sensor_parameters`. Physics and sources are in the modules of
+the effects and in ``docs/sensor.md``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ ToneCurve = Literal["srgb", "filmic", "aces", "blender-filmic"]
 
 
 def _field(name: str) -> Any:
-    """The field of one row: its neutral value is the default."""
+    """Return the pydantic field of a sensor parameter. Its default is the neutral value."""
     row = SENSOR_PARAMETERS[name]
     unit = f" ({row.unit})" if row.unit else ""
     return Field(row.neutral, ge=row.minimum, le=row.maximum, description=row.description + unit)
@@ -29,14 +29,14 @@ class _Group(BaseModel):
 
 
 class WhiteBalance(_Group):
-    """What the camera takes for white; see `valerie.sensing.colour`."""
+    """The light that the camera takes for white; see `valerie.sensing.colour`."""
 
     temperature_k: float = _field("white_balance.temperature_k")
     tint: float = _field("white_balance.tint")
 
 
 class Lens(_Group):
-    """Focus, fall-off of light and dispersion; see `valerie.sensing.defocus` and `valerie.sensing.optics`."""
+    """Focus, vignetting and chromatic aberration; see `valerie.sensing.defocus` and `valerie.sensing.optics`."""
 
     f_number: float = _field("lens.f_number")
     focus_distance_m: float = _field("lens.focus_distance_m")
@@ -55,26 +55,26 @@ class Distortion(_Group):
 
     @property
     def identity(self) -> bool:
-        """Whether no pixel moves."""
+        """True if no pixel moves."""
         return self == _NO_DISTORTION
 
 
 class Shutter(_Group):
-    """How long and in which order pixels are exposed; see `valerie.sensing.motion`."""
+    """Exposure time and rolling shutter; see `valerie.sensing.motion`."""
 
     exposure_ms: float = _field("shutter.exposure_ms")
     line_time_us: float = _field("shutter.line_time_us")
 
 
 class Soiling(_Group):
-    """What lies on the front glass; see `valerie.sensing.soiling`."""
+    """Dirt and drops on the front glass; see `valerie.sensing.soiling`."""
 
     dirt: float = _field("soiling.dirt")
     drops: float = _field("soiling.drops")
 
 
 class Noise(_Group):
-    """Counting photons and converting the count; see `valerie.sensing.electronics`."""
+    """Shot noise, read noise, full well and converter; see `valerie.sensing.electronics`."""
 
     shot: bool = _field("noise.shot")
     read_electrons: float = _field("noise.read_electrons")
@@ -84,26 +84,28 @@ class Noise(_Group):
 
 
 class FaultyPixels(_Group):
-    """Pixels that show no light or all of it; see `valerie.sensing.electronics`."""
+    """Rates of dead (black) and hot (saturated) pixels; see `valerie.sensing.electronics`."""
 
     dead_rate: float = _field("pixels.dead_rate")
     hot_rate: float = _field("pixels.hot_rate")
 
 
 class SensorSetting(BaseModel):
-    """One camera response. In the order of the light's way: lens (defocus, shutter, soiling, distortion, chromatic aberration,
-    vignetting), exposure, noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
+    """The response of a camera.
+
+    The effects apply in this order: lens (defocus, shutter, soiling, distortion, chromatic aberration, vignetting), exposure,
+    noise and converter, white balance, tone curve, sRGB transfer, gamma, JPEG.
 
     Attributes:
         name: name in the spec and in results.
         curve: ``filmic`` (Hable), ``blender-filmic``, ``aces`` (Narkowicz) or ``srgb`` (no tone curve); see
             `valerie.sensing.curves`.
-        white_balance: what the camera takes for white.
-        lens: focus, fall-off of light and dispersion.
-        distortion: Brown–Conrady; truth is distorted by the same map.
-        shutter: motion blur, and rows that are read one after another; truth is moved with them.
+        white_balance: the light that the camera takes for white.
+        lens: focus, vignetting and chromatic aberration.
+        distortion: Brown–Conrady coefficients; the same map distorts the ground truth.
+        shutter: motion blur and rolling shutter; ground truth moves with the rows.
         soiling: dirt and drops on the front glass.
-        noise: photon counting, read noise and converter.
+        noise: shot noise, read noise and converter.
         pixels: dead and hot pixels.
     """
 
@@ -126,22 +128,22 @@ class SensorSetting(BaseModel):
     specimen: int = _field("specimen")
 
     def values(self) -> Iterator[tuple[str, Any]]:
-        """(name below ``sensor``, value) of every parameter, e.g. ``("noise.read_electrons", 4.0)``."""
+        """Iterate over all parameters as (name below ``sensor``, value), e.g. ``("noise.read_electrons", 4.0)``."""
         for name in SENSOR_PARAMETERS:
             group, _, field = name.rpartition(".")
             yield name, getattr(getattr(self, group) if group else self, field)
 
     def document(self) -> dict[str, Any]:
-        """Exposure, curve and gamma, and of the rest what differs from its default, by name below ``sensor``.
+        """Return exposure, curve, gamma and every value that is not neutral, by name below ``sensor``.
 
-        The identity of a spec and of a picture is made of it: new effects leave those of old settings as they were.
+        Digests of specs and images include it. Since neutral values are absent, a new effect leaves old digests unchanged.
         """
         return {
             name: value for name, value in self.values() if name in _ALWAYS or value != SENSOR_PARAMETERS[name].neutral
         }
 
     def response(self) -> dict[str, Any]:
-        """The part of `document` that makes a difference to the picture."""
+        """Return the part of `document` that affects the image."""
         document = self.document()
         idle: list[str] = []
         if not self.defocuses:
@@ -154,13 +156,13 @@ class SensorSetting(BaseModel):
 
     @property
     def counts_electrons(self) -> bool:
-        """Whether light is counted in electrons; the well then saturates."""
+        """True if light is counted in electrons, with a well that saturates."""
         noise, pixels = self.noise, self.pixels
         return bool(noise.shot or noise.read_electrons or noise.adc_bits or pixels.dead_rate or pixels.hot_rate)
 
     @property
     def needs_seed(self) -> bool:
-        """Whether chance decides anything: noise, or the places of faulty pixels, dirt and drops."""
+        """True if anything is random: noise, or the places of faulty pixels, dirt and drops."""
         noise, pixels, soiling = self.noise, self.pixels, self.soiling
         return bool(
             noise.shot or noise.read_electrons or pixels.dead_rate or pixels.hot_rate or soiling.dirt or soiling.drops
@@ -168,40 +170,40 @@ class SensorSetting(BaseModel):
 
     @property
     def defocuses(self) -> bool:
-        """Whether the lens blurs what is not in focus."""
+        """True if the lens blurs points out of focus."""
         return self.lens.f_number > 0.0
 
     @property
     def needs_velocity(self) -> bool:
-        """Whether the picture depends on how things move."""
+        """True if the image depends on velocities."""
         return self.shutter != _NO_SHUTTER
 
     @property
     def needs_depth(self) -> bool:
-        """Whether the picture depends on how far away things are."""
+        """True if the image depends on depths."""
         return self.defocuses or self.needs_velocity
 
     @property
     def moves_truth(self) -> bool:
-        """Whether labels are elsewhere in the picture than in the rendered image."""
+        """True if labels lie elsewhere in the camera image than in the rendered image."""
         return not self.distortion.identity or self.shutter.line_time_us > 0.0
 
     def without_shutter(self) -> SensorSetting:
-        """The same camera where nothing moves."""
+        """Return the same camera with a neutral shutter."""
         return self.model_copy(update={"shutter": _NO_SHUTTER}) if self.needs_velocity else self
 
     @property
     def needs_focal_length(self) -> bool:
-        """Whether the picture depends on the camera's field of view."""
+        """True if the image depends on the camera's focal length."""
         return self.defocuses or self.lens.vignetting > 0.0 or not self.distortion.identity
 
     def with_assignment(self, sensor: Mapping[str, object]) -> SensorSetting:
-        """This setting with the ``sensor.…`` values of a variant put in, e.g. ``{"sensor.exposure_ev": 0.5}``.
+        """Return this setting with the ``sensor.…`` values of a variant, e.g. ``{"sensor.exposure_ev": 0.5}``.
 
         Raises:
-            UnknownName: a path below ``sensor`` that no field answers to.
-            InvalidInput: a path outside ``sensor``.
-            pydantic.ValidationError: a value outside the field's range.
+            UnknownName: A path below ``sensor`` names no field.
+            InvalidInput: A path is outside ``sensor``.
+            pydantic.ValidationError: A value is outside its field's range.
         """
         if not sensor:
             return self
@@ -211,8 +213,8 @@ class SensorSetting(BaseModel):
             if root != SENSOR_ROOT:
                 raise InvalidInput("not a parameter of the sensor", field=path, limit="paths below 'sensor'")
             if name not in SENSOR_PARAMETERS:
-                known = [f"{SENSOR_ROOT}.{known}" for known in SENSOR_PARAMETERS]
-                raise UnknownName("sensor parameter", path, known, field=path)
+                paths = [f"{SENSOR_ROOT}.{parameter}" for parameter in SENSOR_PARAMETERS]
+                raise UnknownName("sensor parameter", path, paths, field=path)
             group, _, field = name.rpartition(".")
             (values[group] if group else values)[field] = value
         return SensorSetting.model_validate(values)
@@ -220,5 +222,5 @@ class SensorSetting(BaseModel):
 
 _NO_DISTORTION: Final = Distortion()
 _NO_SHUTTER: Final = Shutter()
-#: What every document holds, since it always did.
+#: Parameters in every document, even if neutral.
 _ALWAYS: Final = frozenset({"exposure_ev", "curve", "gamma"})

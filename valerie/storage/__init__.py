@@ -1,4 +1,4 @@
-"""Artifacts: what products hold, how it is encoded, under which key it is kept, and where."""
+"""Stored objects of products and runs: their encoding, their keys, and the store."""
 
 from valerie.storage.store import ArtifactStore, ObjectInfo, Usage, open_store
 

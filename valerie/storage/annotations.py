@@ -1,4 +1,4 @@
-"""Annotations to bytes and back; the envelope is that of `valerie.storage.envelope`."""
+"""Annotations to bytes and back, in the envelope of `valerie.storage.envelope`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from valerie.storage import envelope
 
 Annotation = Normals | Boxes | FlowMap | Joints
 
-#: Array of boxes to its type and what follows the number of instances in its shape.
+#: Type of each array of boxes, and its shape behind the number of instances.
 _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "instances": (np.int64, ()),
     "centres": (np.float32, (3,)),
@@ -34,7 +34,7 @@ _BOXES: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "corners": (np.float32, (8, 3)),
     "projected_corners": (np.float32, (8, 2)),
 }
-#: The same of joints.
+#: Likewise, of joints.
 _JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
     "instances": (np.int64, ()),
     "known": (np.uint8, ()),
@@ -46,39 +46,39 @@ _JOINTS: Final[dict[str, tuple[type[Any], tuple[int, ...]]]] = {
 
 
 def encode_annotation(kind: AnnotationKind, annotation: Annotation) -> bytes:
-    """The arrays of an annotation, under the names of its fields."""
-    arrays = {one.name: getattr(annotation, one.name) for one in fields(annotation)}
+    """Pack the arrays of an annotation, under the names of its fields."""
+    arrays = {field.name: getattr(annotation, field.name) for field in fields(annotation)}
     return envelope.pack(kind.value, arrays, {})
 
 
 def decode_normals(data: bytes, *, key: str = "") -> Normals:
-    """The inverse of `encode_annotation`.
+    """Read normals that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent normals.
     """
     arrays, _ = envelope.unpack(AnnotationKind.NORMALS.value, data, key=key)
-    found = arrays.get("octahedral")
-    if found is None or found.dtype != np.int16 or found.ndim != 3 or found.shape[2] != 2:
+    normals = arrays.get("octahedral")
+    if normals is None or normals.dtype != np.int16 or normals.ndim != 3 or normals.shape[2] != 2:
         raise CorruptArtifact(f"{key or 'artifact'}: the normals are not (height, width, 2) int16")
-    return Normals(found)
+    return Normals(normals)
 
 
 def decode_flow(data: bytes, *, kind: AnnotationKind = AnnotationKind.FLOW, key: str = "") -> FlowMap:
-    """The inverse of `encode_annotation`, of flow or velocity.
+    """Read flow or velocity that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent vectors.
     """
     arrays, _ = envelope.unpack(kind.value, data, key=key)
-    found = arrays.get("vectors")
-    if found is None or found.dtype != np.float32 or found.ndim != 3 or found.shape[2] != 2:
+    vectors = arrays.get("vectors")
+    if vectors is None or vectors.dtype != np.float32 or vectors.ndim != 3 or vectors.shape[2] != 2:
         raise CorruptArtifact(f"{key or 'artifact'}: the {kind.value} is not (height, width, 2) float32")
-    return FlowMap(found)
+    return FlowMap(vectors)
 
 
 def decode_boxes(data: bytes, *, key: str = "") -> Boxes:
-    """The inverse of `encode_annotation`.
+    """Read boxes that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent boxes.
@@ -87,7 +87,7 @@ def decode_boxes(data: bytes, *, key: str = "") -> Boxes:
 
 
 def decode_joints(data: bytes, *, key: str = "") -> Joints:
-    """The inverse of `encode_annotation`.
+    """Read joints that `encode_annotation` packed.
 
     Raises:
         CorruptArtifact: not whole, consistent joints.
@@ -98,7 +98,7 @@ def decode_joints(data: bytes, *, key: str = "") -> Joints:
 def _rows(
     kind: AnnotationKind, shapes: Mapping[str, tuple[type[Any], tuple[int, ...]]], data: bytes, key: str
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of one row per instance, each of its type and shape."""
+    """Return arrays with one row per instance, each of its type and shape."""
     arrays, _ = envelope.unpack(kind.value, data, key=key)
     count = len(arrays.get("instances", ()))
     checked: dict[str, NDArray[Any]] = {}

@@ -1,7 +1,7 @@
-"""What is stored of each kind of product: arrays to bytes and back, exactly, bit for bit.
+"""Products to bytes and back, bit for bit.
 
-Decoding checks every dtype and shape before anything is built from them, so that a swapped, truncated
-or forged object is a `CorruptArtifact` and never a wrong result. Decoded arrays are read-only.
+Decoding checks every dtype and shape before anything is built from them. So a swapped, truncated or forged object is a
+`CorruptArtifact` and never a wrong result. Decoded arrays are read-only.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from valerie.storage import envelope
 
 
 def encode_image(image: LinearImage) -> bytes:
-    """A linear image: ``pixels`` (H, W, 3) float16."""
+    """Pack a linear image: ``pixels`` (H, W, 3) float16."""
     return envelope.pack("image", {"pixels": image.pixels}, {})
 
 
 def decode_image(data: bytes, *, key: str = "") -> LinearImage:
-    """The inverse of `encode_image`.
+    """Read what `encode_image` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent image.
@@ -35,13 +35,13 @@ def decode_image(data: bytes, *, key: str = "") -> LinearImage:
 
 
 def encode_layer(layer: Layer) -> bytes:
-    """A layer: ``pixels`` (h, w, 3) float16 and its rectangle (x, y, w, h)."""
+    """Pack a layer: ``pixels`` (h, w, 3) float16 and its rectangle (x, y, w, h)."""
     box = layer.rectangle
     return envelope.pack("layer", {"pixels": layer.pixels}, {"rectangle": [box.x, box.y, box.width, box.height]})
 
 
 def decode_layer(data: bytes, *, key: str = "") -> Layer:
-    """The inverse of `encode_layer`.
+    """Read what `encode_layer` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent layer.
@@ -52,7 +52,7 @@ def decode_layer(data: bytes, *, key: str = "") -> Layer:
 
 
 def encode_truth(truth: GroundTruth) -> bytes:
-    """Class map, instance map, depth, and per person the amodal mask in its box, packed to bits."""
+    """Pack class map, instance map, depth, and per person the amodal mask in its box, as bits."""
     arrays: dict[str, NDArray[Any]] = {
         "class_map": truth.class_map,
         "instance_map": truth.instance_map,
@@ -62,7 +62,7 @@ def encode_truth(truth: GroundTruth) -> bytes:
 
 
 def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
-    """The inverse of `encode_truth`.
+    """Read what `encode_truth` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent truth.
@@ -71,10 +71,11 @@ def decode_truth(data: bytes, *, key: str = "") -> GroundTruth:
 
 
 def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
-    """What movables change: rectangle, changed pixels as bits, their values, the persons' masks; and where the rest is.
+    """Pack what movables change: rectangle, changed pixels as bits, their values, the persons' masks.
 
     Args:
-        statics: digest of the truth without movables (`statics_digest`).
+        layer: the change.
+        statics: digest of the truth that it lies over (`statics_digest`).
     """
     box = layer.rectangle
     arrays: dict[str, NDArray[Any]] = {
@@ -89,14 +90,14 @@ def encode_truth_layer(layer: TruthLayer, statics: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class StoredTruthLayer:
-    """A layer as it is stored, and the digest of the truth that it lies over."""
+    """A stored layer, and the digest of the truth that it lies over."""
 
     layer: TruthLayer
     statics: str
 
 
 def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTruthLayer:
-    """What lies under the key of a truth: a whole one, or a layer over that of the statics.
+    """Read the object of a truth: a whole one, or a layer over the truth of the statics.
 
     Raises:
         CorruptArtifact: neither, or not consistent.
@@ -126,20 +127,20 @@ def decode_stored_truth(data: bytes, *, key: str = "") -> GroundTruth | StoredTr
 
 
 def statics_digest(statics: GroundTruth) -> str:
-    """32 hexadecimal characters that follow from what the truth of statics holds, and from nothing else."""
-    found = hashlib.sha256(repr(statics.class_map.shape).encode())
+    """Return 32 hexadecimal characters that follow from the content of a truth of statics, and from nothing else."""
+    content = hashlib.sha256(repr(statics.class_map.shape).encode())
     for array in (statics.class_map, statics.instance_map, statics.depth):
-        found.update(np.ascontiguousarray(array).tobytes())
-    return found.hexdigest()[:32]
+        content.update(np.ascontiguousarray(array).tobytes())
+    return content.hexdigest()[:32]
 
 
 def encode_prediction(train_ids: NDArray[np.uint8]) -> bytes:
-    """What a function predicted: (H, W) uint8 train ids."""
+    """Pack a prediction: (H, W) uint8 train ids."""
     return envelope.pack("prediction", {"train_ids": train_ids}, {})
 
 
 def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
-    """The inverse of `encode_prediction`.
+    """Read what `encode_prediction` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent prediction.
@@ -149,12 +150,12 @@ def decode_prediction(data: bytes, *, key: str = "") -> NDArray[np.uint8]:
 
 
 def encode_counts(counts: NDArray[np.int64]) -> bytes:
-    """A confusion matrix: (rows, columns) int64 pixel counts."""
+    """Pack a confusion matrix: (rows, columns) int64 pixel counts."""
     return envelope.pack("counts", {"counts": counts}, {})
 
 
 def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
-    """The inverse of `encode_counts`.
+    """Read what `encode_counts` packed.
 
     Raises:
         CorruptArtifact: not a whole, consistent matrix.
@@ -166,14 +167,14 @@ def decode_counts(data: bytes, *, key: str = "") -> NDArray[np.int64]:
 def _array(
     arrays: dict[str, NDArray[Any]], name: str, dtype: DTypeLike, shape: tuple[int | None, ...], key: str
 ) -> NDArray[Any]:
-    """The named array; ``None`` in ``shape`` stands for any length."""
+    """Return the named array; ``None`` in ``shape`` stands for any length."""
     array = arrays.get(name)
     if array is None:
         raise _corrupt(key, f"there is no array {name!r}")
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if array.dtype != np.dtype(dtype) or not fits:
-        wanted = tuple("any" if length is None else length for length in shape)
-        raise _corrupt(key, f"{name} is {array.dtype} {array.shape}, expected {np.dtype(dtype)} {wanted}")
+        expected = tuple("any" if length is None else length for length in shape)
+        raise _corrupt(key, f"{name} is {array.dtype} {array.shape}, expected {np.dtype(dtype)} {expected}")
     return array
 
 
@@ -189,11 +190,12 @@ def _truth(arrays: dict[str, NDArray[Any]], meta: dict[str, Any], key: str) -> G
 
 
 def _pack_persons(persons: Sequence[PersonTruth], arrays: dict[str, NDArray[Any]]) -> list[list[int]]:
-    """Put the persons' masks into ``arrays``; returns what is said of each beside: instance, padded pixels, box."""
+    """Put the persons' masks into ``arrays``; return instance, padded pixels and box of each person."""
     for person in persons:
         arrays[f"amodal.{person.instance_id}"] = np.packbits(person.mask)
     return [
-        [one.instance_id, one.padded_pixels, one.box.x, one.box.y, one.box.width, one.box.height] for one in persons
+        [person.instance_id, person.padded_pixels, person.box.x, person.box.y, person.box.width, person.box.height]
+        for person in persons
     ]
 
 
@@ -218,7 +220,7 @@ def _unpack_persons(
 
 
 def _mask(arrays: dict[str, NDArray[Any]], name: str, box: Rectangle, key: str) -> NDArray[np.bool_]:
-    """(box.height, box.width) from packed bits."""
+    """Unpack a mask of bits: (box.height, box.width) bool."""
     count = box.width * box.height
     bits = _array(arrays, name, np.uint8, ((count + 7) // 8,), key)
     return np.unpackbits(bits, count=count).reshape(box.height, box.width).view(np.bool_)

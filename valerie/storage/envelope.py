@@ -1,7 +1,7 @@
 """The envelope of stored arrays: safetensors bytes in one zstd frame with a checksum.
 
-Data only, and equal input gives equal bytes. Anybody can read it: decompress, then `safetensors.numpy.load`. Our own
-reader is strict: it believes no header before it has checked it, and allocates no more than a declared, bounded size.
+It holds data only, and equal input gives equal bytes. Any tool can read it: decompress, then `safetensors.numpy.load`. This
+reader is strict: it checks every header, and allocates no more than a declared, bounded size.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from valerie.errors import CorruptArtifact
 
 #: Largest decompressed artifact: an 8192 × 8192 float16 RGB image has 384 MiB.
 MAX_BYTES: Final = 512 * 1024 * 1024
-#: Longest safetensors header that is believed.
+#: Longest safetensors header that is read, bytes.
 _MAX_HEADER: Final = 1_000_000
 _META: Final = "valerie"
 _DTYPES: Final[dict[str, np.dtype[Any]]] = {
@@ -38,7 +38,7 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any])
     """Put arrays and their metadata into one frame.
 
     Args:
-        kind: what it is, checked by `unpack`.
+        kind: of the content; `unpack` checks it.
         arrays: uint8, uint16, int16, int64, float16 or float32, any shape.
         meta: JSON values.
     """
@@ -53,15 +53,15 @@ def pack(kind: str, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any])
 def unpack(
     kind: str | tuple[str, ...], data: bytes, *, key: str = ""
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Arrays (read-only views) and metadata of a frame that `pack` made.
+    """Return arrays (read-only views) and metadata of a frame that `pack` made.
 
     Args:
-        kind: what it must be; of several, ``meta["kind"]`` tells which it is.
+        kind: of the content; of several, ``meta["kind"]`` tells which it is.
         data: the whole stored object.
-        key: where it came from, for the message.
+        key: of the object, for the message.
 
     Raises:
-        CorruptArtifact: anything else than such a frame.
+        CorruptArtifact: anything but such a frame.
     """
     raw = decompress(data, key=key)
     try:
@@ -76,7 +76,7 @@ def unpack(
 
 
 def decompress(data: bytes, *, key: str = "") -> bytes:
-    """The content of one zstd frame with a checksum and a stated, bounded size.
+    """Return the content of one zstd frame with a checksum and a stated, bounded size.
 
     Raises:
         CorruptArtifact: anything else.
@@ -96,7 +96,7 @@ def decompress(data: bytes, *, key: str = "") -> bytes:
 
 
 def intact(data: bytes) -> bool:
-    """Whether the bytes are one whole frame whose checksum is right."""
+    """Return whether the bytes are one whole frame whose checksum is right."""
     try:
         decompress(data)
     except CorruptArtifact:

@@ -1,7 +1,7 @@
-"""Object keys: the only place where they are spelled.
+"""Keys of stored objects; no other module spells one.
 
-Products are addressed by content and sharded by the first two characters of their digest, so that no folder
-grows beyond what file systems and people can list.
+Products are addressed by content and sharded by the first two characters of their digest, so that folders stay short enough to
+list.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NAME = re.compile(r"[0-9A-Za-z][0-9A-Za-z_-]*(\.[0-9A-Za-z_-]+)*")
 
 
 def product_key(kind: str, digest: str) -> str:
-    """Key of a product: ``products/layer/ab/abcd….zst``.
+    """Return the key of a product: ``products/layer/ab/abcd….zst``.
 
     Args:
         kind: ``background``, ``layer``, ``truth``, ``prediction`` …
@@ -41,7 +41,7 @@ def product_key(kind: str, digest: str) -> str:
 
 
 def parse_product_key(key: str) -> tuple[str, str] | None:
-    """(kind, digest) of a product's key; None for any other key."""
+    """Return kind and digest of a product's key; None for any other key."""
     parts = key.removeprefix(PRODUCTS).split("/")
     if not key.startswith(PRODUCTS) or len(parts) != 3:
         return None
@@ -52,7 +52,7 @@ def parse_product_key(key: str) -> tuple[str, str] | None:
 
 
 def run_key(run_id: str, name: str) -> str:
-    """Key of a run's own artifact, e.g. ``runs/0192…/report.html``; these may be replaced, products never are.
+    """Return the key of a run's own artifact, e.g. ``runs/0192…/report.html``; these may be replaced, products never are.
 
     Raises:
         InvalidInput: not a run id or not a plain file name.
@@ -63,7 +63,7 @@ def run_key(run_id: str, name: str) -> str:
 
 
 def run_prefix(run_id: str) -> str:
-    """What all keys of a run begin with.
+    """Return the prefix of all keys of a run.
 
     Raises:
         InvalidInput: not a run id.
@@ -74,7 +74,7 @@ def run_prefix(run_id: str) -> str:
 
 
 def function_key(sha256: str, file_format: str) -> str:
-    """Key of the payload of a function under test: ``functions/ab/abcd….onnx``.
+    """Return the key of the file of a function under test: ``functions/ab/abcd….onnx``.
 
     Raises:
         InvalidInput: not a SHA-256 in lower-case hexadecimal characters, or not a format.
@@ -87,7 +87,7 @@ def function_key(sha256: str, file_format: str) -> str:
 
 
 def parse_function_key(key: str) -> str | None:
-    """The SHA-256 in a payload's key; None for any other key."""
+    """Return the SHA-256 in the key of a function's file; None for any other key."""
     parts = key.removeprefix(FUNCTIONS).split("/")
     sha256, _, file_format = parts[-1].partition(".")
     if not key.startswith(FUNCTIONS) or not _SHA256.fullmatch(sha256) or not _FORMAT.fullmatch(file_format):

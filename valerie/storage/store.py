@@ -1,7 +1,7 @@
-"""The artifact store: a folder or an S3-compatible bucket, behind one small interface with errors of our own.
+"""The artifact store: a folder or an S3-compatible bucket behind one small interface, with the errors of `valerie.errors`.
 
-Products are content-addressed: a key is written once, concurrent writers are harmless, and readers never see a part of
-an object (a folder gets a temporary file that is linked into place, a bucket a conditional put).
+Products are content-addressed: a key is written once, and concurrent writers are harmless. Readers never see a part of an
+object: a folder gets a temporary file that is linked into place, a bucket a conditional put.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What a prefix holds: number of objects and bytes."""
+    """Number and bytes of the objects below a prefix."""
 
     objects: int
     bytes: int
 
 
 class ArtifactStore:
-    """Objects by key; safe to use from several threads and processes at once.
+    """Stores objects by key; several threads and processes may use it at once.
 
     Every method may raise `StorageUnavailable` (no connection, no permission, a read-only folder); writing also
     `StorageFull`. Both are transient: the same call may succeed later.
@@ -68,14 +68,14 @@ class ArtifactStore:
         self.url = url
 
     def put(self, key: str, data: bytes, *, replace: bool = False) -> bool:
-        """Write an object; without ``replace`` the first intact one stays, whoever wrote it.
+        """Write an object; without ``replace`` the first intact one stays.
 
-        A slow worker that lost its lease may come second with other bytes (an engine that is not deterministic to the
-        bit): results that were computed from the first must keep matching what is stored. A compressed object that a
-        power cut left broken is replaced.
+        A slow worker that lost its lease may come second, with other bytes where an engine is not deterministic to the bit.
+        Results that were computed from the first object must keep matching what is stored. A compressed object that a power
+        cut left broken is replaced.
 
         Returns:
-            Whether these bytes were written now.
+            True where these bytes were written now.
 
         Raises:
             StorageFull: no space left.
@@ -95,7 +95,7 @@ class ArtifactStore:
         return True
 
     def get(self, key: str) -> bytes:
-        """The whole object.
+        """Read a whole object.
 
         Raises:
             NotFound: there is none.
@@ -104,7 +104,7 @@ class ArtifactStore:
             return obstore.get(self._store, key).bytes().to_bytes()
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
-        """Bytes ``start`` … ``start + length − 1``, fewer at the end of the object.
+        """Read the bytes ``start`` … ``start + length − 1``; fewer at the end of the object.
 
         Raises:
             NotFound: there is none.
@@ -117,7 +117,7 @@ class ArtifactStore:
             return obstore.get_range(self._store, key, start=start, length=min(length, size - start)).to_bytes()
 
     def head(self, key: str) -> ObjectInfo:
-        """Size and tag of an object without reading it.
+        """Return size and tag of an object without reading it.
 
         Raises:
             NotFound: there is none.
@@ -127,7 +127,7 @@ class ArtifactStore:
         return ObjectInfo(key, meta["size"], meta["e_tag"] or "", meta["last_modified"])
 
     def exists(self, key: str) -> bool:
-        """Whether there is an object under this key."""
+        """Return whether there is an object under this key."""
         try:
             self.head(key)
         except NotFound:
@@ -135,7 +135,7 @@ class ArtifactStore:
         return True
 
     def delete(self, keys: str | Iterable[str]) -> None:
-        """Remove one or several objects; those that are not there are no error."""
+        """Remove one or several objects; a missing object is no error."""
         for key in (keys,) if isinstance(keys, str) else keys:
             try:
                 with _translated(key):
@@ -144,14 +144,14 @@ class ArtifactStore:
                 continue
 
     def list(self, prefix: str = "") -> Iterator[ObjectInfo]:
-        """All objects below a prefix (whole path segments), in no particular order."""
+        """Return all objects below a prefix (whole path segments), in no particular order."""
         with _translated(prefix):
             for chunk in obstore.list(self._store, prefix or None):
                 for meta in chunk:
                     yield ObjectInfo(meta["path"], meta["size"], meta["e_tag"] or "", meta["last_modified"])
 
     def usage(self, prefix: str = "") -> Usage:
-        """Count and sum what is below a prefix; walks all of it."""
+        """Count and sum the objects below a prefix; walks all of them."""
         objects = total = 0
         for info in self.list(prefix):
             objects += 1
@@ -159,7 +159,7 @@ class ArtifactStore:
         return Usage(objects, total)
 
     def free_bytes(self) -> int | None:
-        """Space left in a folder for this user; None for a bucket, which does not tell."""
+        """Return the bytes that this user may still write in a folder; None for a bucket, which does not tell."""
         if self._folder is None:
             return None
         try:
@@ -168,7 +168,7 @@ class ArtifactStore:
             raise StorageUnavailable(f"the artifact folder {self._folder} cannot be read: {error.strerror}") from error
 
     def check(self) -> None:
-        """Write, read and remove a small object: whether this process can work here.
+        """Write, read and remove a small object, to see that this process can work here.
 
         Raises:
             StorageFull: no space left.
@@ -186,7 +186,7 @@ class ArtifactStore:
             raise type(error)(f"artifacts in {self.url}: {error}") from error
 
     def remove_staging(self, *, older_than_seconds: float = 3600.0) -> int:
-        """Remove files that killed writers left half-written in a folder store; returns how many."""
+        """Remove the files that killed writers left half-written in a folder store; return how many."""
         if self._folder is None:
             return 0
         removed = 0
@@ -236,19 +236,19 @@ def _open_bucket(url: str, bucket: str, prefix: str, endpoint: str | None) -> Ar
         endpoint=endpoint or environ.get("AWS_ENDPOINT_URL_S3") or environ.get("AWS_ENDPOINT_URL"),
         region=environ.get("AWS_REGION") or environ.get("AWS_DEFAULT_REGION") or "us-east-1",
         client_options={"allow_http": True, "connect_timeout": "5s", "timeout": "60s"},
-        # A lost connection is ours to handle (the product is tried again): do not hide it for minutes.
+        # A product is tried again after a lost connection, so the library must not hide the loss for minutes.
         retry_config={"max_retries": 3},
     )
     return ArtifactStore(store, url=url)
 
 
 class _Exists(Exception):  # a signal inside this module
-    """A conditional put found an object."""
+    """A conditional put met an object."""
 
 
 @contextmanager
 def _translated(key: str) -> Iterator[None]:
-    """Turn the library's errors into ours."""
+    """Turn the library's errors into those of `valerie.errors`."""
     try:
         yield
     except FileNotFoundError as error:

@@ -23,7 +23,7 @@ from valerie.scene.assets.objects import classified
 from valerie.scene.graph.model import Camera, Environment, Material, Mesh, Node, Scene, Sun, Texture
 from valerie.scene.graph.transforms import camera_transform, place
 
-#: Where the two persons stand by default: (x, y, heading in degrees).
+#: Default places of the two persons: (x, y, heading in degrees).
 PERSON_PLACES: Final = {"scene.person-1": (0.0, 10.0, 180.0), "scene.person-2": (3.0, 15.0, 0.0)}
 _COATS: Final = {"red-coat": (0.6, 0.05, 0.05), "blue-coat": (0.05, 0.05, 0.6)}
 

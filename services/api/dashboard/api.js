@@ -1,4 +1,4 @@
-// Talking to /v1: the token, problem documents as errors, pictures as blobs.
+// Requests to /v1: the token, problem documents as errors, pictures as blobs.
 import { askToken } from "./dom.js";
 
 const KEY = "valerie-token";
@@ -28,7 +28,7 @@ async function send(path, options = {}) {
     }
     if (response.ok) return response;
     if (response.status === 401) {
-      // Several requests may be refused at once: one question answers them all.
+      // Several requests may be refused at once; ask for the token once.
       asking ??= askToken(token !== null).then((given) => { if (given) sessionStorage.setItem(KEY, given); return given; }).finally(() => { asking = null; });
       if (await asking) {
         document.getElementById("forget").hidden = false;
@@ -38,7 +38,7 @@ async function send(path, options = {}) {
     let title = response.statusText, detail = "";
     try {
       ({ title, detail } = await response.json());
-    } catch { /* not one of ours */ }
+    } catch { /* no problem document */ }
     throw new Problem(response.status, title, detail);
   }
 }
@@ -47,7 +47,7 @@ export const get = async (path, options) => (await send(path, options)).json();
 export async function post(path) { return (await send(path, { method: "POST" })).json(); }
 export async function remove(path) { await send(path, { method: "DELETE" }); }
 
-// The last pictures, so that going back and forth shows them at once.
+// Recent pictures, which show at once on the way back and forth.
 const pictures = new Map();
 const KEPT = 96;
 
@@ -65,7 +65,7 @@ export function picture(path) {
   return pictures.get(path);
 }
 
-// A link cannot carry a token: with one, the file is fetched and handed to the browser.
+// A link cannot carry a token, so with a token the file is fetched here and saved.
 export async function download(path, name) {
   const blob = await (await send(path)).blob();
   const link = document.createElement("a");

@@ -1,4 +1,4 @@
-// Building elements: text stays text, whatever a name in it may hold.
+// Elements of the page. Text stays text, whatever a name contains.
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -18,7 +18,7 @@ function fill(element, properties, children) {
 export const h = (tag, properties, ...children) => fill(document.createElement(tag), properties, children);
 export const s = (tag, properties, ...children) => fill(document.createElementNS(SVG, tag), properties, children);
 
-// Replace what an element holds, unless it holds the same already: a poll must not disturb a selection or a focus.
+// Replace the content of an element unless `key` is unchanged, so that a poll disturbs neither selection nor focus.
 const shown = new WeakMap();
 export function put(element, key, ...children) {
   const text = JSON.stringify(key);
@@ -48,7 +48,7 @@ export function toast(text) {
   setTimeout(() => one.remove(), 6000);
 }
 
-// Ask before something that cannot be taken back; resolves to true or false.
+// Ask before an action that cannot be undone; resolves to true or false.
 export function confirm({ title, text, action, danger = false }) {
   return new Promise((resolve) => {
     let answer = false;
@@ -68,8 +68,8 @@ export function askToken(wrong) {
     const field = h("input", { type: "password", id: "token", autocomplete: "off", required: true });
     const use = () => { if (field.value.trim()) { token = field.value.trim(); dialog.close(); } };
     const dialog = h("dialog", { "aria-labelledby": "dialog-title", on: { close: () => { dialog.remove(); resolve(token); } } },
-      h("div", { class: "stack" }, h("h2", { id: "dialog-title" }, "This server asks for a token"),
-        h("p", { class: "soft small" }, wrong ? "That token was not accepted. " : "", "It is the value of VALERIE_API_TOKEN where the server runs. This tab keeps it until it is closed."),
+      h("div", { class: "stack" }, h("h2", { id: "dialog-title" }, "This server needs a token"),
+        h("p", { class: "soft small" }, wrong ? "That token was not accepted. " : "", "It is the value of VALERIE_API_TOKEN on the server. This tab keeps it until you close the tab."),
         h("label", { for: "token" }, "Token"), field,
         h("div", { class: "row" }, h("button", { type: "button", class: "primary", on: { click: use } }, "Use token"))));
     field.addEventListener("keydown", (event) => { if (event.key === "Enter") use(); });

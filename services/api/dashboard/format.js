@@ -1,4 +1,4 @@
-// Numbers, times and states as people read them.
+// Text of numbers, times and states.
 
 const whole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 export const NONE = "–";
@@ -48,7 +48,7 @@ const LOOKS = {
 export const look = (state) => LOOKS[state] ?? "";
 export const words = (state) => state.replaceAll("-", " ");
 
-// Name of a parameter without the root that all share.
+// Path of a parameter without the common root.
 export const short = (path) => path.replace(/^scene\./, "");
 export function value(one) {
   return typeof one === "number" ? String(Number(one.toFixed(4))) : String(one);

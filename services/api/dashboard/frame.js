@@ -1,4 +1,4 @@
-// One frame: what the camera saw, what is true, what each function made of it.
+// One frame: picture, ground truth and predictions, with the scores of each function.
 import { get, picture } from "./api.js";
 import { h, put, s, table } from "./dom.js";
 import { fixed, heading, percent, short, shown, value, words } from "./format.js";
@@ -6,13 +6,13 @@ import { player } from "./player.js";
 
 const VIEWS = { picture: "Picture", truth: "Ground truth", prediction: "Predictions", errors: "Errors", instances: "Instances", depth: "Depth", normals: "Normals", boxes: "3D boxes", joints: "Joints", flow: "Flow", velocity: "Velocity" };
 const OF_FUNCTION = new Set(["prediction", "errors"]);
-const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // there only if the run asked for them
-const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // covers the picture
+const OPTIONAL = new Set(["normals", "boxes", "joints", "flow", "velocity"]); // only in runs that asked for them
+const WHOLE = new Set(["instances", "depth", ...OPTIONAL]); // opaque pictures of their own
 const NOTES = {
-  depth: "Near is bright, from 1 m to 200 m; black is nothing.",
-  normals: "Where the surface faces, in the world: red across the street, green along it, blue up; black is no surface.",
-  flow: "Where it is in the next frame: white stands still, red moves to the right, green down, cyan to the left, violet up; the stronger, the farther, up to the farthest of this frame. Grey is undefined.",
-  velocity: "How fast it moves: white stands still, red moves to the right, green down, cyan to the left, violet up; the stronger, the faster, up to the fastest of this frame.",
+  depth: "Bright is near, from 1 m to 200 m. Black is empty.",
+  normals: "Direction that the surface faces in the world: red across the street, green along it, blue up. Black is no surface.",
+  flow: "Displacement to the next frame: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move farther, relative to the largest displacement in this frame. Grey is undefined.",
+  velocity: "Velocity in the image: white stands still, red moves right, green down, cyan left, violet up. Stronger colours move faster, relative to the fastest point in this frame.",
 };
 const SETTINGS = { view: "prediction", opacity: 60, boxes: true, near: false }; // kept from frame to frame
 
@@ -52,7 +52,7 @@ export async function frameView({ main, key, parameters, signal }) {
       h("div", { class: "spread" },
         h("h1", {}, title),
         h("div", { class: "row" }, step("← Previous", frame.previous, "Previous frame"), step("Next →", frame.next, "Next frame")))),
-    frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}: pictures appear as they are made.`),
+    frame.state === "done" ? null : h("p", { class: `note ${frame.state === "failed" ? "bad" : "wait"}` }, `The products of this frame are ${words(frame.state)}. Pictures appear when they are made.`),
     h("section", { class: "card viewer", "aria-label": "Pictures" }, h("div", { class: "head" }, views, slide, near, boxes), panes, sequence, legend),
     h("div", { class: "columns" }, personsSection(frame), scoresSection(frame)),
     variantSection(frame),
@@ -60,7 +60,7 @@ export async function frameView({ main, key, parameters, signal }) {
 
   const shownPanes = new Map();
   const update = () => {
-    if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // kept from a frame of another run
+    if (!offered.includes(SETTINGS.view)) SETTINGS.view = "picture"; // the view of a frame of another run
     const { view } = SETTINGS;
     const parts = new URLSearchParams({ view, opacity: SETTINGS.opacity, ...(SETTINGS.near ? { near: "1" } : {}) });
     history.replaceState(null, "", `#/frames/${key}?${parts}`);
@@ -94,7 +94,7 @@ function toggle(text, name, changed) {
   return h("label", { class: "inline" }, box, text);
 }
 
-// The neighbours' pictures, once this frame's own are there.
+// Load the neighbours' pictures after this frame's own.
 function prefetch(frame, signal) {
   setTimeout(() => {
     if (signal.aborted) return;
@@ -133,7 +133,7 @@ function pane(frame, evaluation) {
     }
   };
 
-  // Of another moment of the sequence the pictures alone: boxes are known of this frame only.
+  // For another frame of the sequence show the pictures alone, since boxes are known for this frame only.
   const show = (id = frame.id) => {
     const { view, opacity, boxes, near } = SETTINGS;
     const mine = (latest += 1);
@@ -168,7 +168,7 @@ function outline(person) {
   return [box(person.amodal_box, "amodal"), person.box ? box(person.box, "visible") : null].filter(Boolean);
 }
 
-// The window around all persons, with room, in the picture's own proportions.
+// A window around all persons with a margin, in the proportions of the picture.
 function zoomOf(frame) {
   const found = frame.persons.map((one) => one.amodal_box).filter(Boolean);
   if (!found.length) return null;
@@ -182,14 +182,14 @@ function zoomOf(frame) {
 function legendOf(view) {
   if (NOTES[view]) return h("p", { class: "small soft under" }, NOTES[view]);
   if (view === "errors") {
-    return h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, is none"]].map(([kind, text]) => h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
+    return h("div", { class: "legend under" }, [["hit", "person, found"], ["miss", "person, missed"], ["false", "called person, but none"]].map(([kind, text]) => h("span", { class: "key" }, h("span", { class: `patch ${kind}` }), text)));
   }
   if (view !== "truth" && view !== "prediction") return null;
   return h("div", { class: "legend under classes" }, labels.filter((one) => one.train_id < 255).map((one) =>
     h("span", { class: "key" }, h("span", { class: "patch", style: { background: `rgb(${one.color.join(" ")})` } }), one.name)));
 }
 
-// Without those that the asset could show and no spec put there.
+// The persons in the scene; an asset may declare more.
 const peopleOf = (frame) => frame.persons.filter((one) => one.instance_id && one.undefined_reason !== "absent");
 
 const measuresFrom = (...sources) => measures.filter((measure) => sources.includes(measure.source));
@@ -226,5 +226,5 @@ function variantSection(frame) {
   const entries = Object.entries(frame.assignment);
   return h("section", { class: "card" }, h("h2", {}, "Variant"),
     entries.length ? h("dl", { class: "facts" }, entries.map(([path, one]) => h("div", {}, h("dt", {}, short(path)), h("dd", { class: "number" }, value(one))))) : h("p", { class: "soft" }, "Nothing is varied."),
-    h("p", { class: "small soft under" }, "Make it again in one process and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
+    h("p", { class: "small soft under" }, "Make this frame again and compare: ", h("code", {}, `valerie replay ${frame.id}`)));
 }

@@ -1,4 +1,4 @@
-// Functions under test: what each is, where it comes from, who runs it; every version of registered ones.
+// Functions under test: kind, origin, workers that run them, and all versions of registered ones.
 import { get } from "./api.js";
 import { command, h, put, table } from "./dom.js";
 import { ago, clock, percent, plural } from "./format.js";
@@ -12,7 +12,7 @@ const CHECKED = {
   logits: "logits equal the original program's", "own format": "VALERIE's own format",
   "opened and run": "opened and run when it was imported", "not opened": "not opened: its engine was not installed at the import",
 };
-// Rows of the card that are worth seeing without opening it.
+// Rows of the card that show without opening it.
 const BRIEF = new Set(["architecture", "engine", "precision", "input size", "reduction", "classes", "judged by"]);
 
 export async function functionsView({ main, signal }) {
@@ -50,7 +50,7 @@ function card(name, versions, open) {
 
 function offered(one) {
   if (one.problem) return h("span", { class: "chip bad" }, "cannot be used");
-  if (one.kind === "predictions") return h("span", { class: "chip" }, "uploaded by people");
+  if (one.kind === "predictions") return h("span", { class: "chip" }, "predictions uploaded");
   return one.numeric_classes.length ? h("span", { class: "chip good" }, "offered") : h("span", { class: "chip wait" }, "no living worker");
 }
 
@@ -88,8 +88,8 @@ function more(key, title, open, content) {
 }
 
 function bring() {
-  return h("section", { class: "card" }, h("h2", {}, "Bring your own"),
-    h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. Nothing in it is run; it is converted, checked and registered, with what my.yaml beside it says:"),
+  return h("section", { class: "card" }, h("h2", {}, "Import your own"),
+    h("p", { class: "under" }, "An ONNX file, a checkpoint of a known architecture or a Hugging Face folder. No program in it is run. It is converted, checked and registered with the settings in my.yaml beside it:"),
     h("p", { class: "under" }, command("valerie function import my.onnx")),
-    h("p", { class: "under small soft" }, "Versions are never overwritten. A name in a spec means its newest version when a run starts, and a run keeps that one."));
+    h("p", { class: "under small soft" }, "Versions are never overwritten. A name in a spec stands for the newest version when a run starts; the run keeps that version."));
 }

@@ -1,4 +1,4 @@
-// The page: which view the address names, and the end of the one before.
+// Routing: show the view of the address and end the previous one.
 import { forgetToken, hasToken } from "./api.js";
 import { h } from "./dom.js";
 import { frameView } from "./frame.js";
@@ -25,7 +25,7 @@ function address() {
 
 async function show() {
   const { path, parameters } = address();
-  if (current && current.path === path) return; // only parameters changed: the view wrote them itself
+  if (current && current.path === path) return; // only the parameters changed, which the view wrote itself
   current?.end.abort();
   const end = new AbortController();
   const route = ROUTES.find(([pattern]) => pattern.test(path));
@@ -36,7 +36,7 @@ async function show() {
     else link.removeAttribute("aria-current");
   }
   if (!route) {
-    main.replaceChildren(h("section", { class: "card empty" }, h("h2", {}, "There is no such page"), h("a", { href: "#/" }, "All runs")));
+    main.replaceChildren(h("section", { class: "card empty" }, h("h2", {}, "Page not found"), h("a", { href: "#/" }, "All runs")));
     return;
   }
   try {
@@ -49,7 +49,7 @@ async function show() {
   } catch (error) {
     if (error.name === "AbortError" || current !== mine) return;
     main.replaceChildren(h("section", { class: "card empty" },
-      h("h2", {}, error.status === 404 ? "Not found" : "This did not work"), h("p", {}, error.message),
+      h("h2", {}, error.status === 404 ? "Not found" : "Something went wrong"), h("p", {}, error.message),
       h("div", { class: "row" }, h("button", { type: "button", on: { click: () => { current = null; show(); } } }, "Try again"), h("a", { class: "button", href: "#/" }, "All runs"))));
     if (!error.status && error.status !== 0) throw error;
   }

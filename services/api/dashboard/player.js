@@ -1,10 +1,10 @@
-// The moments of a sequence: a slider through them, and playing them at the speed at which they were taken.
+// Player of a sequence: a slider over its frames, and playback at the speed of the recording.
 import { h } from "./dom.js";
 
 const SHORTEST_MS = 40;
 let held = false; // the slider keeps the focus while a keyboard moves it from frame to frame
 
-// `show(id)` puts the pictures of another moment into the panes and resolves when they are there; `open(id)` leads to its page.
+// `show(id)` shows the pictures of another frame and resolves when they are loaded; `open(id)` opens its page.
 export function player(frame, { show, open, signal }) {
   if (!frame.sequence || frame.sequence.frames < 2) return null;
   const { frames, step_s: step } = frame.sequence;
@@ -33,14 +33,14 @@ export function player(frame, { show, open, signal }) {
     button.textContent = "⏸ Pause";
     while (playing && !signal.aborted) {
       const due = performance.now() + Math.max(1000 * step, SHORTEST_MS);
-      await preview((now + 1) % frames); // the first time round waits for pictures; then they are kept
+      await preview((now + 1) % frames); // the first round waits for pictures, which are kept then
       await new Promise((resolve) => setTimeout(resolve, Math.max(0, due - performance.now())));
     }
   };
   const stop = () => {
     playing = false;
     button.textContent = "▶ Play";
-    open(id(now)); // the tables below speak of one moment
+    open(id(now)); // the tables below belong to one frame
   };
   said.textContent = `${label(now)} · frame ${now + 1} of ${frames}`;
   slider.setAttribute("aria-valuetext", label(now));

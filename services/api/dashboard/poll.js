@@ -1,4 +1,4 @@
-// Asking again while a view is shown and its tab is visible.
+// Polling while a view is shown and its tab is visible.
 
 export function poll(signal, ask) {
   let timer = null;
@@ -6,7 +6,7 @@ export function poll(signal, ask) {
   const round = async () => {
     if (signal.aborted || running) return;
     clearTimeout(timer);
-    if (document.hidden) return; // the event below asks when the tab is looked at again
+    if (document.hidden) return; // the event below polls when the tab becomes visible
     running = true;
     let pause;
     try {

@@ -1,4 +1,4 @@
-// One run: progress while it works, results when they are there.
+// One run: its progress, then its results.
 import { download, get, hasToken, post, remove } from "./api.js";
 import { confirm, h, put, table, toast } from "./dom.js";
 import { ACTIVE, ago, clock, count, duration, look, plural, rate, words } from "./format.js";
@@ -11,10 +11,10 @@ const STAGES = { render: "Render", infer: "Infer", eval: "Evaluate" };
 const WHAT = { render: "frames", infer: "predictions", eval: "evaluations" };
 
 const ACTIONS = [
-  { verb: "resume", text: "Resume", states: ["paused", "cancelled"], done: "The run goes on." },
-  { verb: "retry", text: "Retry failures", states: ["running", "completed-with-failures", "failed"], needs: (f) => f > 0, done: "What failed is tried again." },
-  { verb: "cancel", text: "Cancel", states: ["submitted", "running", "paused"], ask: { title: "Cancel this run?", text: "What is done stays and can be looked at; the rest is not computed. A cancelled run can be resumed.", action: "Cancel the run" }, done: "The run is cancelled." },
-  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "Its frames, results and report go. Pictures that other runs use stay; valerie gc frees the rest. This cannot be taken back.", action: "Delete for good", danger: true }, done: "The run is deleted." },
+  { verb: "resume", text: "Resume", states: ["paused", "cancelled"], done: "The run continues." },
+  { verb: "retry", text: "Retry failures", states: ["running", "completed-with-failures", "failed"], needs: (f) => f > 0, done: "Failed products are tried again." },
+  { verb: "cancel", text: "Cancel", states: ["submitted", "running", "paused"], ask: { title: "Cancel this run?", text: "Finished products stay and can be viewed; the rest is not computed. You can resume a cancelled run.", action: "Cancel the run" }, done: "The run is cancelled." },
+  { verb: "delete", text: "Delete", danger: true, states: ["completed", "completed-with-failures", "cancelled", "failed"], ask: { title: "Delete this run?", text: "This deletes its frames, results and report. Pictures that other runs use stay; valerie gc frees the rest. This cannot be undone.", action: "Delete for good", danger: true }, done: "The run is deleted." },
 ];
 
 export async function runView({ main, key, parameters, signal }) {
@@ -25,7 +25,7 @@ export async function runView({ main, key, parameters, signal }) {
   const browse = async () => {
     const { items } = await get(`${path}/frames?limit=1`, { signal });
     if (items.length) location.hash = `#/frames/${items[0].id}`;
-    else toast("No frame is there yet.");
+    else toast("There is no frame yet.");
   };
   const chip = h("span", {});
   const actions = h("div", { class: "row" });
@@ -76,12 +76,12 @@ export async function runView({ main, key, parameters, signal }) {
     put(reason, [progress.reason, state], progress.reason ? h("p", { class: `note ${look(state) === "bad" ? "bad" : "wait"}` }, progress.reason) : null);
     put(facts, [state, run.started_at, ago(run.created_at), progress.variants],
       `Submitted ${ago(run.created_at)}`, run.finished_at && run.started_at ? ` · took ${duration(Math.round((new Date(run.finished_at) - new Date(run.started_at)) / 1000))}` : "",
-      ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} in work` : "",
+      ` · ${plural(progress.variants.total, "variant")}`, progress.variants.fed < progress.variants.total ? `, ${count(progress.variants.fed)} in progress` : "",
       progress.variants.rejected ? `, ${count(progress.variants.rejected)} rejected` : "");
     facts.title = clock(run.created_at);
     put(stages, [progress.stages, ACTIVE.has(state)], Object.keys(progress.stages).length
       ? Object.entries(progress.stages).map(([name, stage]) => stageRow(name, stage, ACTIVE.has(state)))
-      : h("p", { class: "soft" }, state === "submitted" ? "Waits to be started." : "Nothing is counted yet."));
+      : h("p", { class: "soft" }, state === "submitted" ? "Waiting to start." : "No progress counted yet."));
     const now = `${state} ${failed} ${progress.variants.rejected}`;
     if (now !== seen) {
       seen = now;
@@ -111,9 +111,9 @@ export async function runView({ main, key, parameters, signal }) {
 function stageRow(name, stage, active) {
   const { done, total, failed } = stage;
   const parts = [];
-  if (active && stage.running) parts.push(`${count(stage.running)} in work`);
+  if (active && stage.running) parts.push(`${count(stage.running)} in progress`);
   if (active && stage.rate_per_s > 0) parts.push(rate(stage.rate_per_s));
-  if (active && done + failed < total) parts.push(stage.eta_s === null ? "remaining time not known yet" : `${duration(stage.eta_s)} left`);
+  if (active && done + failed < total) parts.push(stage.eta_s === null ? "remaining time unknown" : `${duration(stage.eta_s)} left`);
   return h("div", { class: "stage" },
     h("h3", {}, STAGES[name] ?? name),
     bar(done, failed, total, `${STAGES[name]}: ${WHAT[name]}`),
@@ -124,13 +124,13 @@ function stageRow(name, stage, active) {
 function rejectionList(found) {
   const reasons = Object.entries(found).sort((a, b) => b[1] - a[1]);
   const total = reasons.reduce((sum, [, n]) => sum + n, 0);
-  return h("details", { class: "more" }, h("summary", {}, `${plural(total, "variant")} rejected: no frame was made of ${total === 1 ? "it" : "them"}`),
+  return h("details", { class: "more" }, h("summary", {}, `${plural(total, "variant")} rejected, without frames`),
     h("ul", {}, reasons.slice(0, 100).map(([text, n]) => h("li", {}, text, h("span", { class: "soft number" }, ` · ${count(n)}`)))));
 }
 
 function failureList(key, list, failed) {
   const roots = list.filter((one) => !one.error?.cause);
-  return h("details", { class: "more", open: true }, h("summary", {}, `${plural(roots.length, "product")} failed for good`, failed > roots.length ? h("span", { class: "soft" }, "; what needed them failed with them") : null),
+  return h("details", { class: "more", open: true }, h("summary", {}, `${plural(roots.length, "product")} failed for good`, failed > roots.length ? h("span", { class: "soft" }, "; products that depend on them failed too") : null),
     table(["Frame", "Product", "Error", { text: "Attempts", class: "right" }], roots.map((one) => h("tr", {},
       h("td", {}, h("a", { href: `#/frames/${key}.${one.variant_index}.${one.camera_index}.${one.time_index}` }, h("span", { class: "mono" }, `${one.variant_index}.${one.camera_index}.${one.time_index}`))),
       h("td", {}, one.kind),
@@ -147,7 +147,7 @@ function resultLinks(run, key) {
   ];
 }
 
-// Without a token a plain link is best: the browser streams it, and shows the report in a tab of its own.
+// Without a token a plain link is best: the browser streams the file and opens the report in a new tab.
 function link(text, path, name, page = false) {
   const label = page ? text : `↓ ${text}`;
   if (hasToken()) return h("button", { type: "button", on: { click: () => download(path, name).catch((error) => toast(error.message)) } }, label);

@@ -34,9 +34,9 @@ export async function runsView({ main, signal }) {
 function nothing() {
   return h("section", { class: "card empty" },
     h("h2", {}, "No run yet"),
-    h("p", {}, "A run varies a scene, renders it and shows how well functions see it. Start the first one:"),
+    h("p", {}, "A run varies a scene, renders it and measures how well functions see pedestrians. Start the first one:"),
     command("valerie run examples/first-run.yaml"),
-    h("p", { class: "small" }, "or send a spec of your own to this server with ", h("code", {}, "valerie submit SPEC"), "; ", h("code", {}, "valerie new"), " writes one with comments."));
+    h("p", { class: "small" }, "or submit your own spec to this server with ", h("code", {}, "valerie submit SPEC"), "; ", h("code", {}, "valerie new"), " writes one with comments."));
 }
 
 function runsTable(items) {

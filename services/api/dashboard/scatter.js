@@ -1,4 +1,4 @@
-// pACC over one column, one panel per function: canvas for many points, mouse, touch and keyboard for each of them.
+// Scatter plot of pACC over one column, one panel per function, on a canvas that mouse, touch and keyboard can explore.
 import { get } from "./api.js";
 import { h, put } from "./dom.js";
 import { NONE, count, fixed, heading, percent, plural } from "./format.js";
@@ -17,10 +17,10 @@ export function scatterSection({ path, parameters, signal }) {
   const note = h("p", { class: "small soft under" });
   const axis = h("select", { id: "axis", on: { change: () => { column = axis.value; history.replaceState(null, "", `${location.hash.split("?")[0]}?${new URLSearchParams({ x: column })}`); load(); } } });
   const element = h("section", { class: "card", hidden: true },
-    h("div", { class: "head" }, h("h2", {}, "What the functions saw"), legend, h("label", { class: "inline", for: "axis" }, "pACC over", axis)), panels, note);
+    h("div", { class: "head" }, h("h2", {}, "pACC of every person"), legend, h("label", { class: "inline", for: "axis" }, "pACC over", axis)), panels, note);
   let drawn = [];
 
-  // An address may name an axis that this run has not.
+  // The address may name an axis that this run does not have.
   const ask = async () => {
     const of = (name) => get(`${path}/points?${new URLSearchParams({ column: name })}`, { signal });
     try {
@@ -45,7 +45,7 @@ export function scatterSection({ path, parameters, signal }) {
     const shown = axisOf(data.axes.find((one) => one.column === column));
     offer(data.axes);
     element.hidden = false;
-    // The same order, and so the same colours, as in the report.
+    // The same order as in the report, so that colours agree.
     const characters = [...data.characters].sort();
     const styleOf = data.characters.map((name) => characters.indexOf(name));
     legend.replaceChildren(...characters.map((name, i) => h("span", { class: "key" }, swatch(i), name)),
@@ -66,16 +66,16 @@ export function scatterSection({ path, parameters, signal }) {
     drawn.forEach((one) => one.show({ data, rows: groups.get(one.name), axis: shown, range, styleOf, characters }));
     const gaps = Object.entries(data.undefined);
     note.textContent = [
-      "Each point is one person in one frame; choose one to see the frame.",
-      data.share < 1 ? `An even sample of ${percent(data.share, 0)} of the variants is drawn.` : "",
-      gaps.length ? `Without a pACC, and so not drawn: ${gaps.map(([why, n]) => `${count(n)} ${why}`).join(", ")}.` : "",
+      "Each point is one person in one frame. Choose a point to open its frame.",
+      data.share < 1 ? `The plot shows an even sample of ${percent(data.share, 0)} of the variants.` : "",
+      gaps.length ? `Not drawn, since their pACC is undefined: ${gaps.map(([why, n]) => `${count(n)} ${why}`).join(", ")}.` : "",
     ].join(" ");
   };
   signal.addEventListener("abort", () => drawn.forEach((one) => one.end()));
   return { element, load };
 }
 
-// With words for people: Distance (m). Parameters keep their names.
+// Title and label of an axis: Distance (m). Parameters keep their names.
 function axisOf(one) {
   const title = one.group === "varied" ? one.title : heading(one.title);
   return { ...one, title, label: one.unit ? `${title} (${one.unit})` : title };
@@ -251,7 +251,7 @@ function panel(name, path) {
   };
 }
 
-// Mean of each of equally wide bins; what holds fewer points than FEWEST is no mean to show.
+// Means of equally wide bins with at least FEWEST points.
 function means(values, [low, high]) {
   const bins = Array.from({ length: BINS }, () => [0, 0, 0]);
   for (const [x, y] of values) {

@@ -1,4 +1,4 @@
-// The table of the paper's section 6.2, with what it lacked, and sentences that the numbers wrote.
+// The table of the paper's section 6.2, and the findings.
 import { h, table } from "./dom.js";
 import { count, percent } from "./format.js";
 
@@ -10,10 +10,10 @@ export function summarySection({ summary, findings }) {
   const several = new Set(summary.rows.map((row) => row.sensor)).size > 1;
   const head = [
     "Function", ...(several ? ["Sensor"] : []), "Pedestrian",
-    { text: "mean pACC", class: "right", title: "mean over person-frames with a defined pACC, with its 95 % interval" }, { text: "min", class: "right" }, { text: "max", class: "right" },
-    { text: "pooled", class: "right", title: "all pixels together" },
-    { text: "Precision", class: "right", title: "of the frame, mean: a false positive belongs to no person" }, { text: "IoU", class: "right", title: "of the frame, mean" },
-    { text: `Detected ≥ ${summary.threshold}`, class: "right", title: "share of persons with pACC at or above the threshold" },
+    { text: "mean pACC", class: "right", title: "mean over all persons in frames with a defined pACC, with its 95 % interval" }, { text: "min", class: "right" }, { text: "max", class: "right" },
+    { text: "pooled", class: "right", title: "from the pixels of all frames together" },
+    { text: "Precision", class: "right", title: "mean over the frames; false positives belong to no person" }, { text: "IoU", class: "right", title: "mean over the frames" },
+    { text: `Detected ≥ ${summary.threshold}`, class: "right", title: "share of persons with a pACC of at least the threshold" },
     { text: "Frames", class: "right" }, "Undefined",
   ];
   let last = null;
@@ -33,7 +33,7 @@ export function summarySection({ summary, findings }) {
   const occluded = summary.occlusion.find((one) => one.character === "all") ?? summary.occlusion[0];
   return h("section", { class: "card" }, h("h2", {}, "Summary"),
     table(head, rows, { caption: "Summary per function and pedestrian" }),
-    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person; painting everything “person” would score 100 %, so read precision and IoU beside it. Small figures: 95 % intervals.",
+    h("p", { class: "small soft under" }, "pACC is the share of a person’s pixels that a function calls person. Calling everything person would score 100 %, so compare precision and IoU. Small figures are 95 % intervals.",
       occluded?.persons ? ` ${percent(occluded.occluded / occluded.persons, 0)} of the persons are more than 5 % occluded.` : ""),
     findings.items.length ? h("div", { class: "findings" }, h("h3", {}, "Findings"), h("ul", {}, findings.items.map((one) => h("li", {}, one.sentence)))) : null,
     (findings.unpaired ?? []).map((sentence) => h("p", { class: "small soft under" }, sentence)));

@@ -1,4 +1,4 @@
-"""What can be asked for: assets with their parameters, render engines, classes; and who is at work."""
+"""Assets with their parameters, render engines, classes, columns of results, and the processes at work."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def assets(context: ContextDependency) -> list[AssetEntry]:
 def asset(name: Name, context: ContextDependency) -> AssetRead:
     try:
         return AssetRead.model_validate(catalog.asset(context.settings, name))
-    except UnknownName as error:  # here it is the address that is wrong, not a field of a document
+    except UnknownName as error:  # the address is wrong, not a field of a document
         raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 
 
@@ -67,7 +67,7 @@ def measures() -> list[MeasureRead]:
     return [MeasureRead.model_validate(measure) for measure in MEASURES]
 
 
-@router.get("/workers", responses=problems(422), summary="Worker processes that are alive")
+@router.get("/workers", responses=problems(422), summary="Living worker processes")
 def workers(context: ContextDependency) -> list[WorkerRead]:
     with reading(context.engine) as connection:
         return [WorkerRead.model_validate(row) for row in processes.workers(connection, now=time.time())]
@@ -76,7 +76,7 @@ def workers(context: ContextDependency) -> list[WorkerRead]:
 @router.get(
     "/queues",
     responses=problems(422),
-    summary="What waits for which workers: products in the database, messages in the broker",
+    summary="Queues: unfinished products in the database, messages in the broker, living workers",
 )
 def queues(context: ContextDependency) -> list[QueueRead]:
     return [QueueRead.model_validate(one) for one in monitoring.queues(context)]

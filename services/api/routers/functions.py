@@ -28,13 +28,13 @@ Reference = Annotated[
         examples=["deeplabv3plus-small"],
     ),
 ]
-#: Converting and checking takes memory and time: one at a time in this process.
+#: One import at a time in this process, since it takes memory and time.
 _IMPORTS: Final = threading.Lock()
 _FORM: Final[dict[str, Any]] = {
     "requestBody": {
         "required": True,
-        "description": "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision win "
-        "over the document.",
+        "description": "The document (YAML or JSON, see docs/functions.md), the file, or both. Name, engine and precision "
+        "override the document.",
         "content": {
             "multipart/form-data": {
                 "schema": {
@@ -75,7 +75,7 @@ async def _body(request: Request) -> bytes:
     openapi_extra=_FORM,
     responses={
         **problems(409, 413, 422, 501, 507),
-        200: {"model": FunctionDetail, "description": "this version was registered already"},
+        200: {"model": FunctionDetail, "description": "this version is registered already"},
     },
     summary="Register a function under test; an equal document under the same name changes nothing",
     response_description="registered; Location names this version",
@@ -112,7 +112,7 @@ def list_functions(context: ContextDependency) -> list[FunctionRead]:
 def read(reference: Reference, context: ContextDependency) -> FunctionDetail:
     try:
         return FunctionDetail.model_validate(catalog.function(context, reference))
-    except UnknownName as error:  # here it is the address that is wrong, not a field of a document
+    except UnknownName as error:  # the address is wrong, not a field of a document
         raise HTTPException(status.HTTP_404_NOT_FOUND, str(error)) from None
 
 
@@ -160,7 +160,7 @@ def remove(reference: Reference, context: ContextDependency) -> None:
     openapi_extra=_PNG,
     responses={
         **problems(404, 409, 413, 422, 507),
-        200: {"model": PredictionRead, "description": "the same label map was there already"},
+        200: {"model": PredictionRead, "description": "the same label map is stored already"},
     },
     summary="Upload the prediction of a frame, for functions of kind predictions",
 )

@@ -1,4 +1,4 @@
-"""For machines that watch: alive, ready, metrics."""
+"""Probes and metrics for monitoring."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNAVAILABLE = {
 _METRICS = '# HELP valerie_products Unfinished products\nvalerie_products{route="eval",state="ready"} 3.0\n'
 
 
-@router.get("/healthz", responses=example({"status": "ok", "checks": {}}), summary="The process answers")
+@router.get("/healthz", responses=example({"status": "ok", "checks": {}}), summary="Whether the process is alive")
 def alive() -> Health:
     return Health(status="ok")
 
@@ -34,7 +34,7 @@ def alive() -> Health:
             "content": {"application/json": {"example": _UNAVAILABLE}},
         },
     },
-    summary="Database, broker and artifact store answer",
+    summary="Whether database, broker and artifact store answer",
 )
 def ready(context: ContextDependency, response: Response) -> Health:
     checks = monitoring.check(context)

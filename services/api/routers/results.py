@@ -13,20 +13,20 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
-from valerie.db import results, runs
+from valerie.db import results
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput, UnknownName
+from valerie.errors import InvalidInput, UnknownName
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
+from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY, artifact_key
 from valerie.pipeline.reading.points import read_points
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import read_table, table_row, varied_types
 from valerie.runs.spec import ResolvedRun
-from valerie.storage.keys import run_key
 
 router = APIRouter(prefix="/v1/runs/{run_id}", tags=["results"])
 
 _FILTER = r"^[a-z_]+:(eq|ne|lt|le|gt|ge|null):[^\x00]{1,200}$"
-#: Columns that hold a name, and the column of the database that holds its position in the spec.
+#: Column of names to the column of the database with the position of the name in the spec.
 _NAMED = {"camera": "camera_index", "sensor": "sensor_index", "function": "function_index"}
 _ROW: dict[str, Any] = example_of(EvaluationRow.model_json_schema())
 _CSV = "".join(",".join(map(str, cells)) + "\n" for cells in (_ROW, _ROW.values()))
@@ -60,25 +60,27 @@ def list_evaluations(
         ),
     ] = None,
     sort: Annotated[
-        str, Query(max_length=60, description="a column; a leading - sorts downwards", examples=["-pacc"])
+        str, Query(max_length=60, description="a column; a leading - sorts in descending order", examples=["-pacc"])
     ] = "variant_index",
     limit: Limit = 100,
     cursor: Cursor = None,
     format_: Annotated[
-        Literal["json", "csv", "parquet"], Query(alias="format", description="csv and parquet hold the whole table")
+        Literal["json", "csv", "parquet"], Query(alias="format", description="csv and parquet give the whole table")
     ] = "json",
-) -> Any:
+) -> EvaluationPage | Response:
     run = read_run(context, run_id)
     if format_ != "json":
         if filter_ or cursor:
-            raise InvalidInput("the downloads hold the whole table", field="filter", limit="format=json")
+            raise InvalidInput("downloads give the whole table", field="filter", limit="format=json")
         return _download(context, run, format_)
     column, descending = sort.removeprefix("-"), sort.startswith("-")
     column = _NAMED.get(column, column)
-    filters = [_filter(one, run.resolved) for one in filter_ or ()]
+    filters = [_filter(text, run.resolved) for text in filter_ or ()]
     after = decode_cursor(cursor, value, *[index] * len(results.KEY))
     if after is not None and isinstance(after[0], str) is not (column == "undefined_reason") and after[0] is not None:
-        raise InvalidInput("the cursor belongs to another order", field="cursor", value=cursor, limit="sort unchanged")
+        raise InvalidInput(
+            "the cursor belongs to another sort order", field="cursor", value=cursor, limit="sort unchanged"
+        )
     with reading(context.engine) as connection:
         rows = results.page(
             connection, run_id, filters=filters, sort=column, descending=descending, limit=limit + 1, after=after
@@ -87,7 +89,7 @@ def list_evaluations(
     varied = varied_types(run.resolved)
     following = encode_cursor(*results.position(rows[limit - 1], column)) if len(rows) > limit else None
     items = [table_row(row, run, varied) for row in rows[:limit]]
-    return {"items": items, "total": total, "next": following}
+    return EvaluationPage.model_validate({"items": items, "total": total, "next": following})
 
 
 @router.get(
@@ -97,36 +99,30 @@ def points(
     run_id: RunId,
     context: ContextDependency,
     column: Annotated[
-        str, Query(max_length=200, description="one of the run's axes, which the answer lists", examples=["distance_m"])
+        str, Query(max_length=200, description="one of the run's `axes` in the answer", examples=["distance_m"])
     ] = "distance_m",
-    limit: Annotated[int, Query(ge=100, le=100_000, description="about so many points at most")] = 20_000,
+    limit: Annotated[
+        int, Query(ge=100, le=100_000, description="approximate upper limit of the number of points")
+    ] = 20_000,
 ) -> PointColumns:
     return PointColumns.model_validate(read_points(context, run_id, column, limit=limit))
 
 
 @router.get(
-    "/summary", responses=problems(404, 409, 422), summary="The table of the paper's section 6.2, with findings"
+    "/summary", responses=problems(404, 409, 422), summary="The table of the paper's section 6.2, and the findings"
 )
 def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
-    with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-    if run.summary is None:
-        raise Conflict(f"run {run_id} is {run.state}; it has a summary when it has ended")
-    return SummaryRead.model_validate(run.summary)
+    return SummaryRead.model_validate_json(context.store.get(artifact_key(context, run_id, SUMMARY)))
 
 
 @router.get(
     "/report",
     response_class=Response,
-    responses={**problems(404, 409, 422), **binary("text/html", "One file that needs nothing else")},
+    responses={**problems(404, 409, 422), **binary("text/html", "One self-contained file")},
     summary="The self-contained HTML report",
 )
 def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDependency) -> Response:
-    with reading(context.engine) as connection:
-        run = runs.get(connection, run_id)
-    if run.summary is None:
-        raise Conflict(f"run {run_id} is {run.state}; it has a report when it has ended")
-    key = run_key(run_id, "report.html")
+    key = artifact_key(context, run_id, REPORT)
     info = context.store.head(key)
     return send(
         conditions,
@@ -135,7 +131,7 @@ def report(run_id: RunId, context: ContextDependency, conditions: ConditionsDepe
         media_type="text/html; charset=utf-8",
         size=lambda: info.size,
         read=lambda start, length: context.store.get(key)[start : start + length],
-        # Its scripts are its own; whatever a name in it may do, it cannot act as this server's page.
+        # Sandboxed, so that no name in it can act as a page of this server.
         headers={"Content-Security-Policy": "sandbox allow-scripts allow-popups allow-downloads"},
     )
 
@@ -148,27 +144,27 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
     return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 
-def _filter(given: str, resolved: ResolvedRun) -> results.Filter:
-    column, comparison, wanted = given.split(":", 2)
+def _filter(text: str, resolved: ResolvedRun) -> results.Filter:
+    column, comparison, value_text = text.split(":", 2)
     if comparison == "null":
-        if wanted not in ("true", "false"):
-            raise InvalidInput("null is compared with true or false", field=f"filter.{column}", value=wanted)
-        return results.Filter(column, comparison, wanted == "true")
+        if value_text not in ("true", "false"):
+            raise InvalidInput("null is compared with true or false", field=f"filter.{column}", value=value_text)
+        return results.Filter(column, comparison, value_text == "true")
     if column in _NAMED:
-        return _named(column, comparison, wanted, resolved)
+        return _named(column, comparison, value_text, resolved)
     if column == "undefined_reason":
-        return results.Filter(column, comparison, wanted)
+        return results.Filter(column, comparison, value_text)
     try:
-        number = float(wanted)
+        number = float(value_text)
     except ValueError:
-        raise InvalidInput("not a number", field=f"filter.{column}", value=wanted) from None
+        raise InvalidInput("not a number", field=f"filter.{column}", value=value_text) from None
     if not math.isfinite(number):
-        raise InvalidInput("not a finite number", field=f"filter.{column}", value=wanted)
+        raise InvalidInput("not a finite number", field=f"filter.{column}", value=value_text)
     return results.Filter(column, comparison, number)
 
 
-def _named(column: str, comparison: str, wanted: str, resolved: ResolvedRun) -> results.Filter:
-    """A comparison with a name becomes one with its position in the spec."""
+def _named(column: str, comparison: str, name: str, resolved: ResolvedRun) -> results.Filter:
+    """Return a comparison with a name as one with its position in the spec."""
     spec = resolved.spec
     names = {
         "camera": resolved.cameras,
@@ -177,6 +173,6 @@ def _named(column: str, comparison: str, wanted: str, resolved: ResolvedRun) -> 
     }[column]
     if comparison not in ("eq", "ne"):
         raise InvalidInput("names have no order", field=f"filter.{column}", value=comparison, limit="eq or ne")
-    if wanted not in names:
-        raise UnknownName(column, wanted, names, field=f"filter.{column}")
-    return results.Filter(_NAMED[column], comparison, names.index(wanted))
+    if name not in names:
+        raise UnknownName(column, name, names, field=f"filter.{column}")
+    return results.Filter(_NAMED[column], comparison, names.index(name))

@@ -1,7 +1,8 @@
-"""Runs: plan, create, list, read, follow, stop, go on, delete."""
+"""Runs: plan, submit, list, read, follow, cancel, resume, retry, delete."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response, status
@@ -87,7 +88,7 @@ async def _body(request: Request) -> bytes:
 
 
 def _spec(body: Annotated[bytes, Depends(_body)]) -> RunSpec:
-    # In a thread, as everything that computes: a large document must not hold up other requests.
+    # Runs in a thread, so that a large document does not hold up other requests.
     return parse(body)
 
 
@@ -98,7 +99,7 @@ Spec = Annotated[RunSpec, Depends(_spec)]
     "/plan",
     openapi_extra=_SPEC_BODY,
     responses={**problems(413, 422), **example(_PLAN)},
-    summary="What a spec would cost; stores nothing",
+    summary="Size and cost of a run before it is submitted; stores nothing",
 )
 def plan(spec: Spec, context: ContextDependency) -> Plan:
     return plan_run(context, spec)
@@ -121,7 +122,7 @@ def create(
         str | None,
         Header(
             pattern=r"^[\x21-\x7e][\x20-\x7e]{0,199}$",
-            description="a repeated POST with it makes no second run; with another spec it is refused (409)",
+            description="a repeated POST with the same key makes no second run; with another spec it is refused (409)",
             examples=["4be1f0d2-first-run"],
         ),
     ] = None,
@@ -155,7 +156,7 @@ def read(run_id: RunId, context: ContextDependency) -> RunDetail:
         return RunDetail.model_validate(_members(runs.get(connection, run_id)))
 
 
-@router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="How far a run is; one cheap row")
+@router.get("/runs/{run_id}/progress", responses=_OF_RUN, summary="Progress of a run; cheap to poll")
 def progress(run_id: RunId, context: ContextDependency) -> Progress:
     with reading(context.engine) as connection:
         return Progress.model_validate(lifecycle.progress(connection, run_id))
@@ -164,11 +165,11 @@ def progress(run_id: RunId, context: ContextDependency) -> Progress:
 @router.get(
     "/runs/{run_id}/failures",
     responses=_OF_RUN,
-    summary="What failed for good, with stage, error and attempts",
+    summary="Products that failed for good, with stage, error and attempts",
 )
 def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> list[Failure]:
     with reading(context.engine) as connection:
-        runs.get(connection, run_id)
+        runs.require(connection, run_id)
         failed = results.failures(connection, run_id, limit=limit)
     return [
         Failure(
@@ -186,28 +187,28 @@ def failures(run_id: RunId, context: ContextDependency, limit: Limit = 100) -> l
 @router.get(
     "/runs/{run_id}/rejections",
     responses={**_OF_RUN, **example({"person-1 stands inside car-3": 2})},
-    summary="Rejected variants by reason",
+    summary="Number of rejected variants by reason",
 )
 def rejections(run_id: RunId, context: ContextDependency) -> dict[str, int]:
     with reading(context.engine) as connection:
-        runs.get(connection, run_id)
+        runs.require(connection, run_id)
         return runs.rejections(connection, run_id)
 
 
-@router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Stop a run; what is done stays")
+@router.post("/runs/{run_id}/cancel", responses=_OF_CHANGE, summary="Cancel a run; its results so far stay")
 def cancel(run_id: RunId, context: ContextDependency) -> RunRead:
     lifecycle.cancel(context, run_id)
     return _read(context, run_id)
 
 
-@router.post("/runs/{run_id}/resume", responses=_OF_CHANGE, summary="Let a paused or cancelled run go on")
+@router.post("/runs/{run_id}/resume", responses=_OF_CHANGE, summary="Resume a paused or cancelled run")
 def resume(run_id: RunId, request: Request, context: ContextDependency) -> RunRead:
     lifecycle.resume(context, run_id)
     wake_control(request)
     return _read(context, run_id)
 
 
-@router.post("/runs/{run_id}/retry", responses=_OF_CHANGE, summary="Try again what failed for good")
+@router.post("/runs/{run_id}/retry", responses=_OF_CHANGE, summary="Retry the products that failed for good")
 def retry(run_id: RunId, request: Request, context: ContextDependency) -> RunRead:
     lifecycle.retry(context, run_id)
     wake_control(request)
@@ -229,9 +230,13 @@ def _read(context: Context, run_id: str) -> RunRead:
         return _run(runs.get(connection, run_id))
 
 
-def _run(row: Any) -> RunRead:
+def _run(row: runs.RunRow) -> RunRead:
     return RunRead.model_validate(_members(row))
 
 
-def _members(row: Any) -> dict[str, Any]:
-    return {**row._mapping, "stages": (row.progress or {}).get("stages", {})}  # noqa: SLF001  # public in SQLAlchemy
+def _members(row: runs.RunRow) -> dict[str, Any]:
+    return {
+        **{field.name: getattr(row, field.name) for field in fields(row)},
+        "spec": row.spec.model_dump(mode="json"),
+        "stages": {} if row.progress is None else row.progress.stages,
+    }

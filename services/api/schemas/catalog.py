@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import ConfigDict, Field
 
 from services.api.schemas.base import CAMERAS, NUMERIC_CLASS, Digest, Read
 from valerie.measures import Source
 from valerie.parameters.definitions import ParameterDefinition
+from valerie.runs.pins import AnyOffer
 
 _PARAMETER = {
     "name": "person-1.pos.x",
@@ -79,9 +78,19 @@ class WorkerRead(Read):
     stage: str = Field(examples=["infer"])
     host: str = Field(examples=["workstation"])
     pid: int = Field(examples=[4711])
-    offers: list[dict[str, Any]] = Field(
-        description="engines or functions that it can run",
-        examples=[[{"stage": "infer", "name": "deeplabv3plus-small", "numeric_class": "torch-2.9.0-cpu-fp32"}]],
+    offers: list[AnyOffer] = Field(
+        description="engines and functions that it runs",
+        examples=[
+            [
+                {
+                    "stage": "infer",
+                    "name": "openvino/fp32",
+                    "numeric_class": "openvino-2026.4.1-cpu-fp32-amx-t2",
+                    "revision": 1,
+                    "route": "infer.openvino-2026.4.1-cpu-fp32-amx-t2",
+                }
+            ]
+        ],
     )
     started_at: float = Field(description="Unix seconds", examples=[1764000000.0])
     seen_at: float = Field(description="time of its last sign of life, Unix seconds", examples=[1764000042.0])

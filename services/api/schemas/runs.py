@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Final
 
 from pydantic import Field, JsonValue
 
 from services.api.schemas.base import DIGEST, NUMERIC_CLASS, RUN_ID, Digest, Moment, NextCursor, Read
-from valerie.runs.states import RunState
+from valerie.runs.pins import Pins
+from valerie.runs.products import ProductError
+from valerie.runs.states import RunState, Stage
 
 #: The paper's two lists (section 4) in its own notation.
 SPEC: Final[dict[str, JsonValue]] = {
@@ -21,7 +23,13 @@ SPEC: Final[dict[str, JsonValue]] = {
     "functions": ["deeplabv3plus-small"],
 }
 
-StageName = Literal["render", "infer", "eval"]
+_OFFER: Final = {
+    "stage": "render",
+    "name": "raster",
+    "numeric_class": NUMERIC_CLASS,
+    "revision": 1,
+    "route": f"render.raster.{NUMERIC_CLASS}",
+}
 
 
 class StageProgress(Read):
@@ -43,7 +51,7 @@ class Progress(Read):
     state: RunState = Field(examples=["running"])
     reason: str | None = Field(None, description="why the run waits, is paused or failed")
     variants: VariantProgress
-    stages: dict[StageName, StageProgress] = Field(description="render counts frames; infer and eval count evaluations")
+    stages: dict[Stage, StageProgress] = Field(description="render counts frames; infer and eval count evaluations")
     updated_at: float | None = Field(
         description="time of the count, Unix seconds; null before the first", examples=[1764000000.0]
     )
@@ -60,11 +68,11 @@ class RunRead(Read):
     iteration: int = Field(examples=[0])
     variant_count: int = Field(examples=[10])
     rejected_count: int = Field(examples=[0])
-    pins: dict[str, Any] | None = Field(
-        description="digests and numeric classes that the run keeps from its start",
-        examples=[{"engine": {"name": "raster", "numeric_class": NUMERIC_CLASS, "revision": 1}}],
+    pins: Pins | None = Field(
+        description="engines and functions in the numeric classes that the run keeps from its start; null before",
+        examples=[{"engine": _OFFER, "truth": {**_OFFER, "name": "truth"}, "functions": {}}],
     )
-    stages: dict[StageName, StageProgress] = Field(description="at the latest count; empty before the first")
+    stages: dict[Stage, StageProgress] = Field(description="at the latest count; empty before the first")
     created_at: Moment = Field(examples=["2026-11-21T02:43:08Z"])
     started_at: Moment | None = Field(examples=["2026-11-21T02:43:09Z"])
     finished_at: Moment | None
@@ -85,7 +93,7 @@ class Failure(Read):
     time_index: int = Field(examples=[0])
     digest: str = Field(description="of the product", examples=[DIGEST])
     kind: str = Field(description="of the product", examples=["layer"])
-    error: dict[str, Any] | None = Field(
+    error: ProductError = Field(
         description="stage, type, message and attempts; or the digest of the failed input as cause",
         examples=[
             {"stage": "layer", "type": "RenderingError", "message": "raster: the image is constant", "attempts": 1}

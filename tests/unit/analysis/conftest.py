@@ -1,4 +1,4 @@
-"""A synthetic run with a known answer: a pedestrian in a street, seen by cameras, judged by functions."""
+"""A synthetic run with known results: a pedestrian in a street, three cameras, several functions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def synthetic_rows(
     false_positives: int = 100,
     seed: int = 0,
 ) -> list[dict[str, object]]:
-    """Rows of a full grid; the noise has one part per (situation, character) and one per frame and function."""
+    """Return rows of a full grid; one part of the noise is per place, one per frame and function."""
     generator = np.random.default_rng(seed)
     rows: list[dict[str, object]] = []
     variant = -1
@@ -93,7 +93,7 @@ def synthetic_rows(
 
 @pytest.fixture
 def synthetic() -> Callable[..., list[dict[str, object]]]:
-    """`synthetic_rows`: rows of a run whose pACC follows a given law."""
+    """`synthetic_rows`, which returns rows of a run whose pACC follows a law."""
     return synthetic_rows
 
 

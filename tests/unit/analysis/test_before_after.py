@@ -20,7 +20,7 @@ DISTANCE = np.linspace(10.0, 49.0, N)
 
 
 def table(function: str, pacc: np.ndarray, *, fp: int = 10, order: np.ndarray | None = None) -> EvaluationTable:
-    """One person of 100 pixels per frame; the x of each is another situation."""
+    """One person of 100 pixels per frame; every frame is a situation of its own."""
     order = np.arange(N) if order is None else order
     tp = np.rint(100 * pacc).astype(int)[order]
     return EvaluationTable.from_columns(
@@ -89,7 +89,7 @@ def test_a_difference_is_paired_and_has_an_interval(comparison: Comparison) -> N
     assert {"distance 10–20 m", "character black", "camera camera-1", "not occluded (≤ 5 %)"} <= set(names)
 
 
-def test_what_got_worse_is_said_as_plainly_as_what_got_better(comparison: Comparison) -> None:
+def test_changes_for_the_worse_are_listed_like_changes_for_the_better(comparison: Comparison) -> None:
     changes = comparison.changes(1)
     better, worse = ([change_sentence(one) for one in changes if sign * one.step > 0] for sign in (1, -1))
     assert any("far: mean pACC 60.0 → 90.0 % (+30.0 points" in line for line in better)
@@ -111,7 +111,7 @@ def test_rows_are_matched_by_frame_and_person() -> None:
         compare({"old": (one, scores(1, 1)), "new": (other, scores(1, 1))})
 
 
-def test_one_version_is_no_comparison() -> None:
+def test_one_version_cannot_be_compared() -> None:
     with pytest.raises(InvalidInput, match="two"):
         compare({"old": (table("old", np.full(N, 0.5)), scores(1, 1))})
 
@@ -146,7 +146,7 @@ def classed(*numeric_classes: str) -> Comparison:
     return compare(versions, numeric_classes=numeric_classes)
 
 
-def test_the_numeric_class_of_every_version_is_told() -> None:
+def test_the_numeric_class_of_every_version_is_shown() -> None:
     alike, unlike = classed("torch-fp32", "torch-fp32"), classed("torch-fp32", "openvino-bf16")
     assert alike.as_document()["numeric_classes"] == ["torch-fp32", "torch-fp32"]
     assert "All ran as torch-fp32." in shown(alike)
@@ -154,14 +154,14 @@ def test_the_numeric_class_of_every_version_is_told() -> None:
     assert "old ran as torch-fp32; new ran as openvino-bf16" in shown(unlike)
 
 
-def test_versions_are_compared_by_the_classes_that_all_are_judged_by() -> None:
+def test_versions_are_compared_over_the_classes_that_all_are_judged_by() -> None:
     matrix = np.zeros((19, 20), np.int64)
     matrix[PERSON.train_id, PERSON.train_id], matrix[0, 19] = 100, 1000
     one = table("old", np.full(N, 1.0), fp=0)
     persons = collection_scores([matrix], [PERSON.train_id])
-    made = compare({"old": (one, persons), "new": (one, persons)})
-    assert made.judged_by == tuple(made.classes) == ("person",)
-    assert made.overall["miou"] == ((1.0, 1.0), (1.0, 1.0))
-    assert "person alone: mean / pooled" in shown(made)
+    comparison = compare({"old": (one, persons), "new": (one, persons)})
+    assert comparison.judged_by == tuple(comparison.classes) == ("person",)
+    assert comparison.overall["miou"] == ((1.0, 1.0), (1.0, 1.0))
+    assert "person alone: mean / pooled" in shown(comparison)
     with pytest.raises(InvalidInput, match="other classes"):
         compare({"old": (one, persons), "new": (one, scores(100, 0))})

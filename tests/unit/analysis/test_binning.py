@@ -21,7 +21,7 @@ def test_a_wide_range_gets_wider_bins_instead_of_too_many():
     assert edges[1] - edges[0] == pytest.approx(5)
 
 
-def test_one_value_has_one_bin():
+def test_a_single_value_has_one_bin():
     np.testing.assert_allclose(bin_edges(20.0, 20.0, 5), [20, 25])
 
 
@@ -30,15 +30,15 @@ def test_a_width_of_zero_is_refused():
         bin_edges(0, 1, 0)
 
 
-def test_bins_hold_the_means_and_counts_that_numpy_gives():
+def test_bins_have_the_means_and_counts_that_numpy_computes():
     generator = np.random.default_rng(0)
     x, pacc = generator.uniform(0, 30, 600), generator.uniform(0, 1, 600)
     x[::50], pacc[::70] = np.nan, np.nan
     rows = generator.random(600) < 0.7
     edges = np.array([0.0, 5, 10, 20, 30])
-    found = bins_of(x, pacc, rows, edges=edges, threshold=0.4, resampler=Resampler(np.arange(600), seed=0))
+    bins = bins_of(x, pacc, rows, edges=edges, threshold=0.4, resampler=Resampler(np.arange(600), seed=0))
 
-    for b, low, high in zip(found, edges[:-1], edges[1:], strict=True):
+    for b, low, high in zip(bins, edges[:-1], edges[1:], strict=True):
         inside = [i for i in range(600) if rows[i] and low <= x[i] < high and pacc[i] == pacc[i]]
         assert (b.low, b.high, b.n) == (low, high, len(inside))
         assert b.mean == pytest.approx(np.mean([pacc[i] for i in inside]))
@@ -52,7 +52,7 @@ def test_bins_hold_the_means_and_counts_that_numpy_gives():
 def test_empty_bins_are_left_out():
     x, pacc = np.array([1.0, 21.0]), np.array([0.5, 0.6])
     edges = np.array([0.0, 10, 20, 30])
-    found = bins_of(x, pacc, x > 0, edges=edges, threshold=0.5, resampler=Resampler(np.arange(2), seed=0))
+    bins = bins_of(x, pacc, x > 0, edges=edges, threshold=0.5, resampler=Resampler(np.arange(2), seed=0))
 
-    assert [(b.low, b.n) for b in found] == [(0.0, 1), (20.0, 1)]
-    assert found[0].mean_interval is None
+    assert [(b.low, b.n) for b in bins] == [(0.0, 1), (20.0, 1)]
+    assert bins[0].mean_interval is None

@@ -6,14 +6,14 @@ from valerie.analysis.table import EvaluationTable
 
 @pytest.fixture
 def rows(synthetic):
-    made = synthetic(lambda *_: 0.6, xs=[0.0, 1.0], ys=[5.0, 9.0])
-    for row in made:
+    grid = synthetic(lambda *_: 0.6, xs=[0.0, 1.0], ys=[5.0, 9.0])
+    for row in grid:
         row["occlusion_rate"] = 0.02
-    return made
+    return grid
 
 
 def change(rows, frame, **values):
-    """Give a frame's rows other values; ``pacc`` may differ by function."""
+    """Change values in the rows of a frame; ``pacc`` may be a mapping from function to value."""
     for row in rows:
         if row["frame_id"] == frame:
             pacc = values.get("pacc", row["pacc"])
@@ -27,24 +27,24 @@ def test_the_extremes_are_chosen_and_named(rows, parameters):
     change(rows, "000003-0", pacc=0.01, occlusion_rate=0.5)
     change(rows, "000004-0", pacc=0.3, occlusion_rate=0.9)
     change(rows, "000005-0", pacc={"a-net": 0.95, "b-net": 0.1})
-    found = {e.title: e for e in choose_examples(EvaluationTable.from_rows(rows, parameters))}
+    examples = {e.title: e for e in choose_examples(EvaluationTable.from_rows(rows, parameters))}
 
-    assert {title: e.frame_id for title, e in found.items()} == {
+    assert {title: e.frame_id for title, e in examples.items()} == {
         "Best seen": "000001-0",
         "Worst in plain sight": "000002-0",
         "Worst of all": "000003-0",
         "Most occluded": "000004-0",
         "Most disputed": "000005-0",
     }
-    assert found["Most disputed"].pacc == {"a-net": 0.95, "b-net": 0.1}
+    assert examples["Most disputed"].pacc == {"a-net": 0.95, "b-net": 0.1}
 
 
-def test_a_run_of_several_moments_says_when_and_one_of_a_single_moment_does_not(rows, parameters):
+def test_examples_have_a_time_only_in_runs_of_several_moments(rows, parameters):
     still = choose_examples(EvaluationTable.from_rows(rows, parameters))
     assert not any("time_s" in example.measures for example in still)
     change(rows, "000001-0", pacc=0.99, time_s=0.75)
-    found = choose_examples(EvaluationTable.from_rows(rows, parameters))
-    assert [example.measures["time_s"] for example in found if example.title == "Best seen"] == [0.75]
+    examples = choose_examples(EvaluationTable.from_rows(rows, parameters))
+    assert [example.measures["time_s"] for example in examples if example.title == "Best seen"] == [0.75]
 
 
 def test_no_frame_is_shown_twice(rows, parameters):
@@ -53,7 +53,7 @@ def test_no_frame_is_shown_twice(rows, parameters):
     assert len(frames) == len(set(frames)) >= 3
 
 
-def test_an_undefined_person_is_no_example(rows, parameters):
+def test_a_person_without_pacc_is_no_example(rows, parameters):
     change(rows, "000001-0", pacc=None, undefined_reason="fully hidden", occlusion_rate=1.0)
     frames = [e.frame_id for e in choose_examples(EvaluationTable.from_rows(rows, parameters))]
 

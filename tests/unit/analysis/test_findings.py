@@ -21,7 +21,7 @@ def of(request):
     return choose
 
 
-def test_the_drop_at_thirty_metres_is_found_and_said_with_its_numbers(dropping_table, of):
+def test_the_drop_at_thirty_metres_is_a_finding_with_its_numbers(dropping_table, of):
     analysis = analyze(dropping_table)
     (drop,) = [f for f in of(analysis, FindingKind.BINS) if f.column == "distance_m" and f.function == "a-net"]
 
@@ -32,25 +32,25 @@ def test_the_drop_at_thirty_metres_is_found_and_said_with_its_numbers(dropping_t
     assert f"n = {drop.n['second']:,}" in drop.sentence
 
 
-def test_a_function_without_a_drop_gets_no_sentence_about_distance(dropping_table, of):
-    found = of(analyze(dropping_table), FindingKind.BINS)
+def test_a_function_without_a_drop_has_no_finding_about_distance(dropping_table, of):
+    findings = of(analyze(dropping_table), FindingKind.BINS)
 
-    assert not [f for f in found if f.function == "b-net"]
+    assert not [f for f in findings if f.function == "b-net"]
 
 
 def sun_law(rows, path, values, drop):
-    """The same rows under several values of one more parameter; pACC drops under the last."""
-    made = []
+    """Return the rows repeated under several values of one more parameter; pACC drops under the last value."""
+    repeated = []
     for number, value in enumerate(values):
         for row in rows:
             pacc = max(0.0, row["pacc"] - (drop if value == values[-1] else 0.0))
             tp = round(pacc * row["pixel_area"])
             index = number * 10_000 + row["variant_index"]
-            made.append(
+            repeated.append(
                 {**row, path: value, "variant_index": index, "frame_id": f"{index}-{row['camera']}",
                  "tp": tp, "fn": row["pixel_area"] - tp, "pacc": tp / row["pixel_area"]}
             )  # fmt: skip
-    return made
+    return repeated
 
 
 @pytest.mark.parametrize(
@@ -62,26 +62,26 @@ def sun_law(rows, path, values, drop):
         ("FLOAT", "sensor.exposure_ev", (0.0, -1.0, -3.0), "where sensor.exposure_ev is -3 than elsewhere"),
     ],
 )
-def test_every_varied_parameter_is_looked_at(synthetic, parameters, of, kind, path, values, words):
+def test_values_of_every_varied_parameter_are_compared(synthetic, parameters, of, kind, path, values, words):
     rows = synthetic(lambda *law: 0.9 + 0.02 * law[-1], functions=("net",), xs=GRID["xs"][::3], ys=GRID["ys"][::2])
     rows = [row for row in rows if row["pacc"] is not None]
     table = EvaluationTable.from_rows(sun_law(rows, path, values, 0.3), {**parameters, path: kind})
-    (found,) = [f for f in of(analyze(table, resamples=500), FindingKind.VALUES) if f.column == path]
+    (finding,) = [f for f in of(analyze(table, resamples=500), FindingKind.VALUES) if f.column == path]
 
-    assert found.effect == pytest.approx(-0.3, abs=0.02)
-    assert found.interval.low < -0.3 < found.interval.high < 0
-    assert words in found.sentence
-    assert "pACC is lower by" in found.sentence
+    assert finding.effect == pytest.approx(-0.3, abs=0.02)
+    assert finding.interval.low < -0.3 < finding.interval.high < 0
+    assert words in finding.sentence
+    assert "pACC is lower by" in finding.sentence
 
 
 def test_characters_are_compared_within_the_same_situations(dropping_table, of):
-    (found,) = of(analyze(dropping_table), FindingKind.CHARACTERS)
+    (finding,) = of(analyze(dropping_table), FindingKind.CHARACTERS)
 
-    assert found.function == "b-net"
-    assert found.effect == pytest.approx(-0.1, abs=0.01)
-    assert found.n == {"pairs": 150 * 3}
-    assert "b-net sees yellow-shirt better than black-outfit in the same situations" in found.sentence
-    assert "10." in found.sentence or "9.9" in found.sentence
+    assert finding.function == "b-net"
+    assert finding.effect == pytest.approx(-0.1, abs=0.01)
+    assert finding.n == {"pairs": 150 * 3}
+    assert "b-net sees yellow-shirt better than black-outfit in the same situations" in finding.sentence
+    assert "10." in finding.sentence or "9.9" in finding.sentence
 
 
 def test_the_difference_is_that_of_the_pairs_even_where_one_half_is_missing(dropping_table, of):
@@ -89,53 +89,53 @@ def test_the_difference_is_that_of_the_pairs_even_where_one_half_is_missing(drop
     far = dropping_table.numbers("scene.person-1.pos.y") > 20
     keep[far & dropping_table.codes("character").where("yellow-shirt")] = False
     table = dropping_table.select(keep)
-    found = [f for f in of(analyze(table), FindingKind.CHARACTERS) if f.function == "a-net"]
+    findings = [f for f in of(analyze(table), FindingKind.CHARACTERS) if f.function == "a-net"]
 
-    assert found == []  # the mean of all black outfits is lower, for they also stand far away: no effect of the outfit
+    assert findings == []  # black outfits have the lower mean only because they also stand far away
 
 
 def test_functions_are_compared_on_the_same_pictures(dropping_table, of):
-    found = of(analyze(dropping_table), FindingKind.FUNCTIONS)
-    best = {f.sentence.split(" sees ")[1].split(" better")[0]: f.function for f in found}
+    findings = of(analyze(dropping_table), FindingKind.FUNCTIONS)
+    best = {f.sentence.split(" sees ")[1].split(" better")[0]: f.function for f in findings}
 
     pacc, functions = dropping_table.numbers("pacc"), dropping_table.codes("function")
     for character, function in best.items():
         rows = dropping_table.codes("character").where(character)
         means = {name: pacc[rows & functions.where(name)].mean() for name in functions.names}
         assert max(means, key=means.__getitem__) == function
-    assert found
+    assert findings
 
 
-def test_unpaired_designs_compare_averages_and_say_so(synthetic, parameters, of):
+def test_designs_without_pairs_compare_averages_and_say_so(synthetic, parameters, of):
     generator = np.random.default_rng(1)
     rows = []
     for number in range(80):
         character = ("black-outfit", "yellow-shirt")[number % 2]
         place = {"xs": [float(generator.uniform(-2, 7))], "ys": [float(generator.uniform(5, 33))]}
         low = 0.5 if character == "black-outfit" else 0.8
-        made = synthetic(
+        of_place = synthetic(
             lambda *law, low=low: low + 0.03 * law[-1],
             characters=(character,),
             functions=("net",),
             seed=number,
             **place,
         )
-        rows += [{**row, "variant_index": number, "frame_id": f"{number}-{row['camera']}"} for row in made]
-    (found,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.CHARACTERS)
+        rows += [{**row, "variant_index": number, "frame_id": f"{number}-{row['camera']}"} for row in of_place]
+    (finding,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.CHARACTERS)
 
-    assert found.n == {"first": 120, "second": 120}
-    assert "on average, in different situations" in found.sentence
+    assert finding.n == {"first": 120, "second": 120}
+    assert "on average, in different situations" in finding.sentence
 
 
-def test_a_function_that_sees_persons_everywhere_is_named(synthetic, parameters, of):
+def test_a_function_that_calls_everything_person_is_named(synthetic, parameters, of):
     rows = synthetic(lambda *_: 1.0, functions=("net",), false_positives=5000, **GRID)
-    (found,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.FALSE_POSITIVES)
+    (finding,) = of(analyze(EvaluationTable.from_rows(rows, parameters)), FindingKind.FALSE_POSITIVES)
     tp = sum(row["tp"] for row in rows)
     wrong = 5000 * len(rows)
 
-    assert found.effect == pytest.approx(wrong / (wrong + tp) - 0.5)
+    assert finding.effect == pytest.approx(wrong / (wrong + tp) - 0.5)
     assert (
-        f"{100 * wrong / (wrong + tp):.1f} % of the pixels that it calls person belong to no person" in found.sentence
+        f"{100 * wrong / (wrong + tp):.1f} % of the pixels that it calls person belong to no person" in finding.sentence
     )
 
 
@@ -143,14 +143,14 @@ def test_a_precise_function_is_not_named_for_its_precision(dropping_table, of):
     assert of(analyze(dropping_table), FindingKind.FALSE_POSITIVES) == []
 
 
-def test_noise_alone_says_nothing_in_nearly_every_run(synthetic, parameters):
+def test_noise_alone_gives_no_finding_in_nearly_every_run(synthetic, parameters):
     loud = 0
     for seed in range(12):
         rows = synthetic(lambda *law: 0.7 + 0.1 * law[-1], xs=GRID["xs"][::2], ys=GRID["ys"][::3], seed=seed)
         findings = analyze(EvaluationTable.from_rows(rows, parameters), seed=seed, resamples=1000).findings
         assert findings.examined > 3
         loud += bool(findings.items)
-    assert loud <= 3  # 0.6 expected
+    assert loud <= 3  # each run has a finding with probability 5 % at most; P(more than 3 of 12) is 0.2 %
 
 
 def test_findings_are_sorted_by_evidence_and_never_hold_zero(dropping_table):
@@ -169,28 +169,28 @@ def test_equal_input_gives_equal_findings_and_they_survive_json(dropping_table):
     assert Findings.from_json(json.loads(json.dumps(first.to_json()))) == first
 
 
-def test_names_with_braces_stay_as_they_are(synthetic, parameters):
+def test_names_with_braces_are_not_formatted(synthetic, parameters):
     rows = synthetic(lambda f, *_: 0.9 if f == "{0}" else 0.3, functions=("{0}", "{size}"), **GRID)
     sentences = [f.sentence for f in analyze(EvaluationTable.from_rows(rows, parameters)).findings.items]
 
     assert any("{0} sees" in sentence and "{size} does" in sentence for sentence in sentences)
 
 
-def test_a_handful_of_frames_is_not_examined(synthetic, parameters):
+def test_a_handful_of_frames_gives_no_comparison(synthetic, parameters):
     rows = synthetic(lambda *_: 0.5, xs=[0.0], ys=[5.0, 9.0])
     findings = analyze(EvaluationTable.from_rows(rows, parameters)).findings
 
     assert (findings.items, findings.examined) == ((), 0)
 
 
-def test_no_rows_no_findings(parameters):
+def test_an_empty_table_gives_no_findings(parameters):
     analysis = analyze(EvaluationTable.from_rows([], parameters))
 
     assert analysis.findings.items == ()
     assert analysis.trends.items == ()
 
 
-def test_functions_of_unequal_precision_are_not_held_against_each_other(dropping_table, of):
+def test_functions_of_different_precision_are_not_compared(dropping_table, of):
     names = dropping_table.codes("function").names
     assert len(names) == 2
     analysis = analyze(dropping_table, precisions={names[0]: "fp32", names[1]: "bf16"}, resamples=300)
@@ -202,8 +202,8 @@ def test_functions_of_unequal_precision_are_not_held_against_each_other(dropping
 
 
 @pytest.mark.parametrize("precisions", [("bf16", "bf16"), ("fp32", "uint8"), ("fp32", "remote")])
-def test_functions_are_held_against_each_other_where_neither_or_both_are_reduced_alike(dropping_table, of, precisions):
-    given = dict(zip(dropping_table.codes("function").names, precisions, strict=True))
-    analysis = analyze(dropping_table, precisions=given, resamples=300)
+def test_functions_of_full_or_equally_reduced_precision_are_compared(dropping_table, of, precisions):
+    by_function = dict(zip(dropping_table.codes("function").names, precisions, strict=True))
+    analysis = analyze(dropping_table, precisions=by_function, resamples=300)
     assert of(analysis, FindingKind.FUNCTIONS)
     assert analysis.findings.unpaired == ()

@@ -7,15 +7,15 @@ from valerie.analysis.intervals import MAX_GROUPS, Resampler, quantiles, simulta
 
 @pytest.mark.parametrize(("k", "n"), [(0, 5), (5, 5), (3, 40), (39, 40), (1, 1), (700, 1000)])
 def test_wilson_agrees_with_scipy(k, n):
-    found = wilson(k, n)
+    interval = wilson(k, n)
     expected = stats.binomtest(k, n).proportion_ci(method="wilson")
 
-    assert found is not None
-    assert found.low == pytest.approx(expected.low, abs=1e-12)
-    assert found.high == pytest.approx(expected.high, abs=1e-12)
+    assert interval is not None
+    assert interval.low == pytest.approx(expected.low, abs=1e-12)
+    assert interval.high == pytest.approx(expected.high, abs=1e-12)
 
 
-def test_wilson_of_nothing_is_nothing():
+def test_a_share_of_nothing_has_no_wilson_interval():
     assert wilson(0, 0) is None
 
 
@@ -32,7 +32,7 @@ def test_the_spread_of_the_mean_is_that_of_independent_situations():
     assert replicates.std() == pytest.approx(values.std() / 20, rel=0.06)
 
 
-def test_repeating_every_row_makes_nothing_surer():
+def test_repeated_rows_do_not_narrow_the_interval():
     values = np.random.default_rng(1).normal(size=100)
     once = Resampler(np.arange(100), seed=3)
     often = Resampler(np.repeat(np.arange(100), 12), seed=3)
@@ -51,7 +51,7 @@ def test_many_situations_in_random_groups_keep_the_spread():
     assert resampler.mean(values, everything(n))[1].std() == pytest.approx(values.std() / np.sqrt(n), rel=0.1)
 
 
-def test_the_seed_decides_the_draws_and_zero_is_a_seed():
+def test_the_seed_determines_the_draws_and_zero_is_a_seed():
     situations = np.arange(50)
     a, b, c = (Resampler(situations, seed=seed).weights for seed in (0, 0, 1))
 
@@ -67,7 +67,7 @@ def test_few_situations_give_no_interval():
     assert resampler.interval(resampler.mean(values, everything(5))[1], everything(5)) is None
 
 
-def test_an_interval_of_ten_situations_covers_as_often_as_it_says():
+def test_an_interval_of_ten_situations_has_its_stated_coverage():
     generator = np.random.default_rng(7)
     resampler = Resampler(np.arange(10), seed=0, resamples=1000)
     hits = 0
@@ -108,6 +108,6 @@ def test_a_single_comparison_gets_students_interval():
     assert error[0] == pytest.approx(stats.sem(values), rel=0.04)
 
 
-def test_no_comparison_is_no_interval():
+def test_without_comparisons_there_are_no_intervals():
     half, error = simultaneous(np.zeros(0), np.zeros((10, 0)), np.zeros(0, int))
     assert len(half) == len(error) == 0

@@ -1,4 +1,4 @@
-"""Values of varied parameters, grouped."""
+"""Groups of rows by the value of a varied parameter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def of(synthetic):
     return table
 
 
-def test_few_values_are_levels_of_their_own(of):
+def test_each_of_a_few_values_is_a_level(of):
     table = of(on=[True, False, True], heading=[90.0, 0.0, 90.0], colour=["red", "blue", "red"])
     assert [level.name for level in levels_of(table, "scene.lamp.on")] == ["false", "true"]
     assert [(level.low, level.high, level.unit) for level in levels_of(table, "scene.a.heading")] == [
@@ -38,7 +38,7 @@ def test_few_values_are_levels_of_their_own(of):
     assert levels_of(table, "scene.a.heading")[1].rows.tolist() == [True, False, True]
 
 
-def test_many_numbers_are_put_into_a_few_round_ranges_that_hold_each_row_once(of):
+def test_many_numbers_become_a_few_round_ranges_and_each_row_lies_in_one(of):
     x = np.linspace(-2.0, 7.0, 50).tolist()
     levels = levels_of(of(x=x), "scene.a.pos.x")
     assert [(level.low, level.high) for level in levels] == [(-2, 0), (0, 2), (2, 4), (4, 6), (6, 8)]

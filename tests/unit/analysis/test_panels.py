@@ -11,7 +11,7 @@ def trends_of():
     return lambda table: analyze(table, resamples=200).trends
 
 
-def test_a_panel_holds_every_person_of_its_function_in_shown_units(dropping_table, trends_of):
+def test_a_panel_has_a_point_for_every_person_in_shown_units(dropping_table, trends_of):
     panel = make_panel(dropping_table, trends_of(dropping_table), "occlusion_rate", "a-net", "default", seed=0)
     rows = dropping_table.codes("function").where("a-net") & dropping_table.codes("character").where("black-outfit")
     (points,) = [p for p in panel.points if p.character == "black-outfit"]
@@ -40,7 +40,7 @@ def test_characters_differ_by_colour_and_by_symbol(dropping_table, trends_of):
     assert len({style.color for style in styles}) == len({style.symbol for style in styles}) == 2
 
 
-def test_of_too_many_points_a_stated_share_is_drawn_and_the_seed_decides_which(synthetic, parameters, trends_of):
+def test_of_too_many_points_a_sample_is_drawn_that_the_seed_determines(synthetic, parameters, trends_of):
     rows = synthetic(lambda *_: 0.5, xs=np.arange(20.0).tolist(), ys=np.arange(5, 35.0).tolist(), functions=("net",))
     table = EvaluationTable.from_rows(rows, parameters)
     trends = trends_of(table)

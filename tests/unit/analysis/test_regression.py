@@ -54,7 +54,7 @@ def test_the_band_is_as_wide_as_theory_says():
     np.testing.assert_allclose(width, 2 * 1.96 * spread, rtol=0.25)
 
 
-def test_the_band_holds_the_true_law_nearly_always():
+def test_the_band_nearly_always_contains_the_true_law():
     hits = []
     for seed in range(40):
         x, y, resampler = noisy(LAWS[2], n=150, seed=seed)
@@ -78,7 +78,7 @@ def test_repeated_rows_of_one_situation_do_not_narrow_the_band():
     np.testing.assert_allclose(many.high, once.high, atol=1e-9)
 
 
-def test_gaps_are_ignored():
+def test_rows_with_gaps_are_left_out():
     x, y, resampler = noisy(LAWS[1])
     y[::3] = np.nan
     curve = fit_curve(x, y, np.ones(400, bool), resampler=resampler, seed=0)
@@ -94,7 +94,7 @@ def test_equal_seeds_give_equal_curves():
     assert fit_curve(x, y, rows, resampler=resampler, seed=4) == fit_curve(x, y, rows, resampler=resampler, seed=4)
 
 
-def test_one_place_has_no_curve():
+def test_a_single_x_has_no_curve():
     resampler = Resampler(np.arange(50), seed=0)
     assert fit_curve(np.full(50, 20.0), np.linspace(0, 1, 50), np.ones(50, bool), resampler=resampler, seed=0) is None
 
@@ -104,7 +104,7 @@ def test_few_situations_have_no_curve():
     assert fit_curve(x, x / 5, x >= 0, resampler=Resampler(np.arange(5), seed=0), seed=0) is None
 
 
-def test_two_places_have_at_most_a_line():
+def test_two_values_of_x_have_at_most_a_line():
     x = np.tile([20.0, 30.0], 30)
     y = np.where(x > 25, 0.4, 0.8) + np.random.default_rng(0).normal(0, 0.02, 60)
     curve = fit_curve(x, y, x > 0, resampler=Resampler(np.arange(60), seed=0), seed=0)

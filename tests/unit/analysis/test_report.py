@@ -22,7 +22,7 @@ PICTURE = b"\xff\xd8\xff\xe0 a picture"
 
 
 class Page(HTMLParser):
-    """Collects what the page holds, and refuses elements that are not closed in order."""
+    """Content of a page; elements must be closed in order."""
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)
@@ -96,14 +96,14 @@ def page(html):
     return Page(html)
 
 
-def test_the_page_is_well_formed_and_says_where_it_comes_from(page):
+def test_the_page_is_well_formed_and_states_its_provenance(page):
     facts = ("First run", "5b1e9f2e0d5c4b7a", "urban-street", "aa12bb34", "raster, revision 3", "llvmpipe-mesa-22.3.6")
 
     for fact in (*facts, "ab" * 32, "2026-01-02 03:04 UTC", "evidence to support a safety argument"):
         assert fact in page.words
 
 
-def test_the_page_asks_for_nothing_from_anywhere(page, html):
+def test_the_page_loads_nothing_from_elsewhere(page, html):
     links = [value for _, key, value in page.attributes if key in {"src", "href", "srcset", "action", "data"}]
 
     assert links
@@ -155,20 +155,20 @@ def test_names_from_outside_cannot_become_markup(source):
     assert "%{x}" not in hover.split("<br>")[0]
 
 
-def test_every_number_of_the_summary_stands_in_a_table(source, page):
+def test_every_number_of_the_summary_is_in_a_table(source, page):
     for row in source.summary.rows:
         for value in (row.pacc_mean, row.pacc_pooled, row.precision_pooled, row.iou_mean, row.detection_rate):
             assert f"{100 * value:.1f}" in page.words
         assert f"{row.detected:,}/{row.defined:,}" in page.words
 
 
-def test_every_finding_is_said(source, page):
+def test_every_finding_is_listed(source, page):
     assert source.findings.items
     assert all(finding.sentence in page.words for finding in source.findings.items)
     assert f"{source.findings.examined} comparisons were made" in page.words
 
 
-def test_where_every_frame_went_adds_up(page):
+def test_the_account_of_frames_adds_up(page):
     assert "rejected before rendering 9 7 × person-1 stands inside building-3; 2 × outside the asset" in page.words
     assert "Frames planned 902 of 300 variants" in page.words
     assert "evaluated by at least one function 900" in page.words
@@ -198,7 +198,7 @@ def test_the_gallery_shows_picture_truth_and_each_prediction(page):
     assert base64.b64decode(shown[0].split(",")[1]) == PICTURE
 
 
-def test_a_picture_that_is_gone_is_said_to_be(source):
+def test_a_picture_that_is_gone_is_marked(source):
     source = dataclasses.replace(source, picture=lambda *_, **__: None)
     assert "not stored any more" in Page(build_report(source)).words
 
@@ -226,7 +226,7 @@ def test_a_run_without_any_evaluation_still_has_a_report(source):
 
 
 def classes_of(function, iou, judged_by=()):
-    """Classes of a function: road on 100 pixels with the given IoU, person on 40 pixels with IoU 0.4."""
+    """Classes of a function: road on 100 pixels with this IoU, person on 40 pixels with IoU 0.4."""
     road = PooledClass("road", 100, iou, iou, iou)
     return AllClasses(
         function, "default", 3, 0.6, 0.5909, 0.9, (road, PooledClass("person", 40, 0.5, 0.5, 0.4)), judged_by

@@ -42,45 +42,45 @@ def table_of(*rows):
 
 
 def only(summary, character="black-outfit"):
-    (found,) = [r for r in summary.rows if r.character == character]
-    return found
+    (group,) = [r for r in summary.rows if r.character == character]
+    return group
 
 
-def test_means_weigh_persons_and_pooled_counts_weigh_pixels():
-    found = only(summarize(table_of(row("a", 90, 10, 10), row("b", 0, 20, 0), row("c", 300, 100, 0))))
+def test_means_weight_persons_equally_and_pooled_counts_weight_pixels_equally():
+    group = only(summarize(table_of(row("a", 90, 10, 10), row("b", 0, 20, 0), row("c", 300, 100, 0))))
 
-    assert found.pacc_mean == pytest.approx((0.9 + 0 + 0.75) / 3)
-    assert found.pacc_pooled == pytest.approx(390 / 520)
-    assert (found.pacc_min, found.pacc_max) == (0.0, 0.9)
-    assert found.precision_mean == pytest.approx((0.9 + 1.0) / 2)  # frame b calls nothing person
-    assert found.precision_pooled == pytest.approx(390 / 400)
-    assert found.iou_mean == pytest.approx((90 / 110 + 0 + 0.75) / 3)
-    assert found.iou_pooled == pytest.approx(390 / 530)
+    assert group.pacc_mean == pytest.approx((0.9 + 0 + 0.75) / 3)
+    assert group.pacc_pooled == pytest.approx(390 / 520)
+    assert (group.pacc_min, group.pacc_max) == (0.0, 0.9)
+    assert group.precision_mean == pytest.approx((0.9 + 1.0) / 2)  # frame b calls nothing person
+    assert group.precision_pooled == pytest.approx(390 / 400)
+    assert group.iou_mean == pytest.approx((90 / 110 + 0 + 0.75) / 3)
+    assert group.iou_pooled == pytest.approx(390 / 530)
 
 
 def test_an_undefined_person_is_counted_with_its_reason_and_never_as_zero():
-    found = only(summarize(table_of(row("a", 90, 10, 0), hidden("b"), hidden("c"))))
+    group = only(summarize(table_of(row("a", 90, 10, 0), hidden("b"), hidden("c"))))
 
-    assert (found.frames, found.persons, found.defined) == (3, 3, 1)
-    assert found.undefined == {"fully hidden": 2}
-    assert found.pacc_mean == found.pacc_min == 0.9
+    assert (group.frames, group.persons, group.defined) == (3, 3, 1)
+    assert group.undefined == {"fully hidden": 2}
+    assert group.pacc_mean == group.pacc_min == 0.9
 
 
-def test_the_detection_rate_is_the_share_of_defined_persons_from_the_threshold_on():
+def test_the_detection_rate_is_the_share_of_defined_persons_that_reach_the_threshold():
     table = table_of(row("a", 50, 50, 0), row("b", 49, 51, 0), row("c", 90, 10, 0), hidden("d"))
-    found = only(summarize(table, threshold=0.5))
+    group = only(summarize(table, threshold=0.5))
 
-    assert (found.detected, found.defined) == (2, 3)
-    assert found.detection_rate == pytest.approx(2 / 3)
-    assert found.detection_interval == wilson(2, 3)
+    assert (group.detected, group.defined) == (2, 3)
+    assert group.detection_rate == pytest.approx(2 / 3)
+    assert group.detection_interval == wilson(2, 3)
     assert only(summarize(table, threshold=0.95)).detected == 0
 
 
-def test_a_function_that_never_saw_a_person_has_no_numbers_but_counts():
-    found = only(summarize(table_of(hidden("a"), hidden("b"))))
+def test_a_function_without_a_defined_pacc_has_counts_but_no_means():
+    group = only(summarize(table_of(hidden("a"), hidden("b"))))
 
-    assert found.pacc_mean is found.pacc_pooled is found.detection_rate is found.pacc_mean_interval is None
-    assert found.undefined == {"fully hidden": 2}
+    assert group.pacc_mean is group.pacc_pooled is group.detection_rate is group.pacc_mean_interval is None
+    assert group.undefined == {"fully hidden": 2}
 
 
 def test_characters_are_listed_and_then_taken_together():
@@ -97,14 +97,14 @@ def test_two_persons_of_one_frame_share_its_false_positives_once():
     table = table_of(
         row("a", 90, 10, 30, **frame), row("a", 30, 70, 30, instance_id=24002, character="yellow-shirt", **frame)
     )
-    found = only(summarize(table), "all")
+    group = only(summarize(table), "all")
 
-    assert (found.frames, found.persons) == (1, 2)
-    assert found.precision_pooled == found.precision_mean == pytest.approx(120 / 150)
-    assert found.iou_pooled == pytest.approx(120 / 230)
+    assert (group.frames, group.persons) == (1, 2)
+    assert group.precision_pooled == group.precision_mean == pytest.approx(120 / 150)
+    assert group.iou_pooled == pytest.approx(120 / 230)
 
 
-def test_occlusion_counts_each_person_of_each_frame_once_whoever_looks():
+def test_occlusion_counts_each_person_of_each_frame_once_for_all_functions():
     rows = [
         row("a", 9, 1, 0),
         row("b", 9, 1, 0, occlusion_rate=0.05),
@@ -118,7 +118,7 @@ def test_occlusion_counts_each_person_of_each_frame_once_whoever_looks():
     assert share.share == 0.5
 
 
-def test_frames_without_a_person_are_summarized_apart():
+def test_frames_without_a_person_are_summarized_separately():
     nobody = {"instance_id": None, "character": None, "undefined_reason": "absent", "occlusion_rate": None}
     summary = summarize(table_of(row("a", 90, 10, 5), row("b", 0, 0, 7, **nobody), row("c", 0, 0, 0, **nobody)))
 
@@ -130,16 +130,16 @@ def test_frames_without_a_person_are_summarized_apart():
 
 def test_sensors_and_functions_are_never_mixed():
     table = table_of(row("a", 90, 10, 0), row("a", 20, 80, 0, sensor="dark"), row("a", 70, 30, 0, function="other"))
-    found = {(r.function, r.sensor): r.pacc_mean for r in summarize(table).rows}
+    group = {(r.function, r.sensor): r.pacc_mean for r in summarize(table).rows}
 
-    assert found == {("net", "dark"): 0.2, ("net", "default"): 0.9, ("other", "default"): 0.7}
+    assert group == {("net", "dark"): 0.2, ("net", "default"): 0.9, ("other", "default"): 0.7}
 
 
 def test_the_mean_has_an_interval_where_situations_suffice(dropping_table):
     resampler = Resampler(dropping_table.situations, seed=0)
-    for found in summarize(dropping_table, resampler=resampler).rows:
-        assert found.pacc_mean_interval is not None
-        assert found.pacc_mean_interval.low < found.pacc_mean < found.pacc_mean_interval.high
+    for group in summarize(dropping_table, resampler=resampler).rows:
+        assert group.pacc_mean_interval is not None
+        assert group.pacc_mean_interval.low < group.pacc_mean < group.pacc_mean_interval.high
 
 
 @pytest.mark.parametrize("threshold", [0.0, 1.1, -1, float("nan")])
@@ -149,7 +149,7 @@ def test_a_threshold_out_of_bounds_is_refused(threshold):
     assert caught.value.field == "detection_threshold"
 
 
-def test_a_summary_survives_a_trip_through_json(dropping_table):
+def test_a_summary_survives_json(dropping_table):
     summary = summarize(dropping_table, resampler=Resampler(dropping_table.situations, seed=0))
 
     assert Summary.from_json(json.loads(json.dumps(summary.to_json()))) == summary
@@ -184,7 +184,7 @@ def test_no_number_is_cut_whatever_the_width_of_the_terminal(width, dropping_tab
             assert number in text
 
 
-def test_names_in_the_text_are_no_markup():
+def test_names_in_the_text_are_not_markup():
     text = summary_text(summarize(table_of(row("a", 9, 1, 0, function="[red]net[/red]"))))
 
     assert "[red]net[/red]" in text

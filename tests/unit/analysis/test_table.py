@@ -130,7 +130,7 @@ def test_an_unknown_parameter_type_is_refused(rows):
         EvaluationTable.from_rows(rows, {"scene.person-1.pos.x": "REAL"})
 
 
-def test_no_rows_are_a_table_too(parameters):
+def test_a_table_may_be_empty(parameters):
     table = EvaluationTable.from_rows([], parameters)
 
     assert len(table) == 0
@@ -138,7 +138,7 @@ def test_no_rows_are_a_table_too(parameters):
     assert len(table.situations) == len(table.evaluations) == 0
 
 
-def test_something_else_is_no_evaluation_table():
+def test_another_file_is_refused():
     with pytest.raises(CorruptArtifact, match="not a Parquet"):
         EvaluationTable.from_parquet(io.BytesIO(b"not parquet at all"))
     sink = io.BytesIO()
@@ -167,7 +167,7 @@ def test_codes_of_a_selection_name_only_what_is_left(rows, parameters):
     assert len(selected) == len(table) // 2
 
 
-def test_names_are_no_numbers(rows, parameters):
+def test_a_column_of_names_has_no_numbers(rows, parameters):
     table = EvaluationTable.from_rows(rows, parameters)
     with pytest.raises(InvalidInput, match="names, not numbers"):
         table.numbers("camera")

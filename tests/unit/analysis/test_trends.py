@@ -12,17 +12,17 @@ def trends(dropping_table):
 
 
 def test_there_is_a_trend_per_axis_function_and_character_and_combined(trends):
-    found = {(t.column, t.function, t.character) for t in trends.items}
+    result = {(t.column, t.function, t.character) for t in trends.items}
     expected = {
         (axis.name, function, character)
         for axis in AXES
-        # Empty in this run, and of one value.
+        # Light is empty in this run, and time has a single value.
         if axis.name not in ("irradiance", "shadow_share", "contrast", "time_s")
         for function in ("a-net", "b-net")
         for character in ("black-outfit", "yellow-shirt", "all")
     }
 
-    assert found == expected
+    assert result == expected
 
 
 def test_time_is_an_axis_of_runs_that_know_several_moments(synthetic, parameters):
@@ -31,8 +31,8 @@ def test_time_is_an_axis_of_runs_that_know_several_moments(synthetic, parameters
     for row in rows:
         row["time_s"] = row["scene.person-1.pos.y"] / 10  # as if the person walked away
     table = EvaluationTable.from_rows(rows, parameters)
-    found = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
-    trend = next(t for t in found.of("time_s", "a-net", "default") if t.character == "all")
+    result = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
+    trend = next(t for t in result.of("time_s", "a-net", "default") if t.character == "all")
     assert [b.low for b in trend.bins][:2] == [0.5, 1.0]
     assert trend.bins[0].mean > trend.bins[-1].mean
 
@@ -61,7 +61,7 @@ def test_all_characters_of_an_axis_share_their_edges(trends):
     assert bins["black-outfit"] == bins["yellow-shirt"] == bins["all"]
 
 
-def test_one_character_has_no_combined_twin(synthetic, parameters):
+def test_a_single_character_has_no_trend_of_all_together(synthetic, parameters):
     rows = synthetic(lambda *law: 0.7 + 0.1 * law[-1], xs=[0.0, 2.0], ys=[5.0, 9.0, 13.0, 20.0], characters=("only",))
     table = EvaluationTable.from_rows(rows, parameters)
     trends = find_trends(table, resampler=Resampler(table.situations, seed=0), seed=0)
@@ -69,7 +69,7 @@ def test_one_character_has_no_combined_twin(synthetic, parameters):
     assert {t.character for t in trends.items} == {"only"}
 
 
-def test_undefined_persons_bend_no_curve(dropping_table):
+def test_persons_without_pacc_do_not_bend_the_curve(dropping_table):
     hidden = np.zeros(len(dropping_table), bool)
     hidden[::7] = True
     columns = {name: dropping_table.arrow[name].to_pylist() for name in dropping_table.arrow.column_names}

@@ -21,14 +21,14 @@ def test_columns_and_parameters_are_compared() -> None:
     assert holds("sun-1.elevation == 40")  # its default
 
 
-def test_a_missing_value_selects_nothing_and_neither_does_its_opposite() -> None:
+def test_neither_a_condition_on_a_missing_value_nor_its_negation_selects_a_row() -> None:
     assert not holds("pacc < 0.5")
     assert not holds("not pacc < 0.5")
     assert not holds("pacc + 1 < 5 and -pacc < 3")
     assert not holds("0 <= pacc <= 1")
 
 
-def test_what_does_not_depend_on_a_missing_value_holds() -> None:
+def test_a_condition_that_does_not_depend_on_a_missing_value_holds() -> None:
     assert holds("pacc < 0.5 or distance_m > 25")
     assert not holds("not (pacc < 0.5 and distance_m > 25)")
     assert holds("not (pacc < 0.5 and distance_m > 35)")
@@ -41,7 +41,7 @@ def test_a_selection_knows_whether_it_needs_a_function() -> None:
     assert not any(compile_where(f"{name} == {name}").scored for name in METADATA)
 
 
-def test_a_misspelt_column_or_camera_is_told_with_what_is_near() -> None:
+def test_a_misspelt_column_or_camera_is_refused_with_near_matches() -> None:
     with pytest.raises(UnknownName, match="unknown column 'occlusion_rat'; did you mean occlusion_rate"):
         compile_where("occlusion_rat < 1")
     with pytest.raises(UnknownName, match="camera-1"):

@@ -84,7 +84,7 @@ def test_training_against_a_weakness_says_what_is_missing(
         assert match in str(found)
     (tmp_path / "there.safetensors").write_bytes(b"kept")
     there = ["--where", "pacc < 1", "--out", str(tmp_path / "there.safetensors")]
-    assert "never written over" in str(invoke.invoke(app, [*begin, *there]).exception)
+    assert "never overwritten" in str(invoke.invoke(app, [*begin, *there]).exception)
     assert "Usage" in invoke.invoke(app, ["train"]).stdout
 
 

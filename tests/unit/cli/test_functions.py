@@ -54,7 +54,7 @@ def test_import_prints_the_card_and_the_line_for_a_spec(  # type: ignore[no-unty
     assert "runs: onnxruntime-" in printed
 
 
-def test_what_is_registered_is_listed_shown_exported_and_removed(  # type: ignore[no-untyped-def]
+def test_a_registered_function_is_listed_shown_exported_and_removed(  # type: ignore[no-untyped-def]
     valerie, onnx: Path, side: Path, tmp_path: Path
 ) -> None:
     found = json.loads(valerie("function", "import", onnx, "--document", side, "--json"))
@@ -88,7 +88,7 @@ def test_without_a_deployment_the_installed_functions_are_listed_and_nothing_is_
     assert not (tmp_path / "data").exists()
 
 
-def test_the_card_of_a_shipped_function_says_what_it_takes_and_answers(valerie) -> None:  # type: ignore[no-untyped-def]
+def test_the_card_of_a_shipped_function_shows_input_and_output(valerie) -> None:  # type: ignore[no-untyped-def]
     printed = valerie("function", "show", "semantic-fpn-small")
     for title in ("digest", "classes", "input size", "reduction", "normalisation", "channel order", "precision"):
         assert re.search(rf"^{title} +\S", printed, re.MULTILINE), title
@@ -152,7 +152,7 @@ def test_a_name_that_looks_like_a_file_is_a_name_while_there_is_no_such_file(tmp
 
 
 class Registered:
-    """A registry that notes what it is given."""
+    """A registry that records its arguments."""
 
     def __init__(self) -> None:
         self.given: list[tuple[dict[str, str], Path | None]] = []

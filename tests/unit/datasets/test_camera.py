@@ -34,8 +34,8 @@ def test_a_point_of_the_world_is_projected_to_the_same_pixel(angles: tuple[float
     rotation = _rotation(2, out["yaw"]) @ _rotation(1, out["pitch"]) @ _rotation(0, out["roll"])
     vehicle = np.array([point[1], -point[0], point[2]])  # x forward, y left
     ahead, left, up = rotation.T @ (vehicle - [out["x"], out["y"], out["z"]])
-    found = (inner["u0"] - inner["fx"] * left / ahead, inner["v0"] - inner["fy"] * up / ahead)
-    assert found == pytest.approx(expected, abs=1e-6)
+    projected = (inner["u0"] - inner["fx"] * left / ahead, inner["v0"] - inner["fy"] * up / ahead)
+    assert projected == pytest.approx(expected, abs=1e-6)
 
 
 def test_cityscapes_scripts_project_a_point_of_the_vehicle_to_the_pixel_of_the_scene() -> None:

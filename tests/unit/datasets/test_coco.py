@@ -64,7 +64,7 @@ def test_panoptic_segments_cover_what_is_evaluated_and_nothing_else() -> None:
     assert set(segments) == {7, 8, 23, 33, 24_001, 24_002, 26_001}
     assert (ids == 0).sum() == (frame.class_map == 4).sum()
     assert sum(segment["area"] for segment in segments.values()) == (ids > 0).sum()
-    assert segments[33]["iscrowd"] == 1  # a bicycle of which nobody said which
+    assert segments[33]["iscrowd"] == 1  # bicycles that no label tells apart
     assert segments[24_001]["iscrowd"] == segments[7]["iscrowd"] == 0
     assert segments[24_002]["category_id"] == 24
     assert segments[24_001]["bbox"] == [6, 9, 3, 12]

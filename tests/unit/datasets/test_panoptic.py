@@ -44,9 +44,9 @@ def test_cityscapes_scripts_make_the_same_pictures_segments_and_categories_from_
 def test_a_frame_against_itself_has_panoptic_quality_one(tmp_path: Path) -> None:
     annotation = written(tmp_path, 0)
     everything, classes = quality(annotation, annotation, tmp_path).pq_average(CATEGORIES, isthing=None)
-    # The bicycles that nobody told apart are a crowd, which counts neither as found nor as missed.
+    # Bicycles that no label tells apart are a crowd, which counts neither as a hit nor as a miss.
     assert everything == {"pq": 1.0, "sq": 1.0, "rq": 1.0, "n": 5}
-    assert {label for label, found in classes.items() if found["pq"] == 1.0} == {ROAD, SIDEWALK, SKY, PERSON, CAR}
+    assert {label for label, quality in classes.items() if quality["pq"] == 1.0} == {ROAD, SIDEWALK, SKY, PERSON, CAR}
 
 
 def test_a_frame_whose_objects_stand_one_pixel_beside_has_the_quality_that_a_hand_computes(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ from typing import Any
 
 from sqlalchemy import Engine, insert
 
-from valerie.db import products
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, Product, Run, Variant
+from valerie.db.statements import insert_ignoring
+from valerie.runs.spec import parse
 
 
 def digest(name: str) -> str:
@@ -28,7 +29,7 @@ def run(run_id: str, state: str = "running") -> dict[str, Any]:
         "id": run_id,
         "name": run_id,
         "state": state,
-        "spec": {},
+        "spec": parse({"name": run_id, "asset": "urban-street"}),
         "spec_digest": "s",
         "asset_digest": "a",
         "iteration": 0,
@@ -44,7 +45,7 @@ def write_run(engine: Engine, run_id: str = "r1", state: str = "running") -> Non
     with writing(engine) as connection:
         connection.execute(insert(Run), run(run_id, state))
         connection.execute(insert(Variant), {"run_id": run_id, "index": 0, "block": 0, "assignment": {"x": 1}})
-        products.insert_ignoring(
+        insert_ignoring(
             connection,
             Product,
             [

@@ -1,62 +1,74 @@
-"""Databases of earlier versions, brought to this one's tables."""
+"""Databases of this version, of a newer one, and of the time before the first release."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from alembic import command
-from alembic.config import Config
-from sqlalchemy import Engine, inspect, text
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import Engine, text
 
 from valerie.db.engine import open_engine
-from valerie.db.migrate import migrate
-
-MIGRATIONS = Path(__file__).parents[3] / "migrations"
-DIGEST = "0" * 32
-
-
-def to(engine: Engine, revision: str, *, back: bool = False) -> None:
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS))
-    with engine.begin() as connection:
-        config.attributes["connection"] = connection
-        (command.downgrade if back else command.upgrade)(config, revision)
+from valerie.db.migrate import migrate, require_current
+from valerie.db.models import Base
+from valerie.errors import Conflict
 
 
 @pytest.fixture
-def first(tmp_path: Path) -> Engine:
-    """A database of the first revision with a truth that has a person."""
-    engine = open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
-    to(engine, "0001")
+def empty(tmp_path: Path) -> Engine:
+    return open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
+
+
+def at_revision(engine: Engine, revision: str) -> None:
+    """Make a database with a run that another version wrote."""
     with engine.begin() as connection:
-        connection.execute(
-            text(
-                "INSERT INTO products (digest, kind, state, route, cache_group, attempts)"
-                " VALUES (:d, 'truth', 'done', 'r', '', 1)"
-            ),
-            {"d": DIGEST},
-        )
-        connection.execute(
-            text(
-                "INSERT INTO person_views (truth, instance_id, pixel_area, pixel_area_percent, pixel_area_amodal)"
-                " VALUES (:d, 24001, 5, 0.1, 5)"
-            ),
-            {"d": DIGEST},
-        )
-    return engine
+        connection.execute(text("CREATE TABLE alembic_version (version_num VARCHAR(32) NOT NULL PRIMARY KEY)"))
+        connection.execute(text("INSERT INTO alembic_version VALUES (:revision)"), {"revision": revision})
+        connection.execute(text("CREATE TABLE runs (id VARCHAR(32) PRIMARY KEY, spec JSON)"))
+        connection.execute(text("INSERT INTO runs VALUES ('r1', '{}')"))
 
 
-def views(engine: Engine) -> int:
+def contents(engine: Engine) -> dict[str, list[tuple[object, ...]]]:
     with engine.begin() as connection:
-        return int(connection.scalar(text("SELECT count(*) FROM person_views WHERE pixel_area = 5")) or 0)
+        tables = list(connection.execute(text("SELECT name, sql FROM sqlite_master ORDER BY name")))
+        rows = {name: [tuple(row) for row in connection.execute(text(f'SELECT * FROM "{name}"'))]
+                for name, sql in tables if sql and sql.startswith("CREATE TABLE")}  # fmt: skip
+        return {"": [tuple(table) for table in tables], **rows}
 
 
-def test_what_was_measured_survives_the_way_up_and_back(first: Engine) -> None:
-    migrate(first)
-    assert views(first) == 1
-    assert "input_c" in {column["name"] for column in inspect(first).get_columns("products")}
-    to(first, "0001", back=True)
-    assert views(first) == 1
-    assert "input_c" not in {column["name"] for column in inspect(first).get_columns("products")}
-    first.dispose()
+def test_the_migrations_make_the_tables_of_the_models(empty: Engine) -> None:
+    migrate(empty)
+    with empty.begin() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_a_second_migration_changes_nothing(empty: Engine) -> None:
+    migrate(empty)
+    before = contents(empty)
+    migrate(empty)
+    assert contents(empty) == before
+
+
+@pytest.mark.parametrize("revision", ["0001", "0002", "0003", "0004", "0006"])
+def test_a_database_from_before_the_first_release_is_refused_unchanged(empty: Engine, revision: str) -> None:
+    at_revision(empty, revision)
+    before = contents(empty)
+    for use in (migrate, require_current):
+        with pytest.raises(Conflict, match=r"before VALERIE 0\.1\.0.*VALERIE_DATABASE_URL.*submit its specs again"):
+            use(empty)
+    assert contents(empty) == before
+
+
+def test_a_database_of_a_newer_version_is_refused_unchanged(empty: Engine) -> None:
+    at_revision(empty, "0099_of_tomorrow")
+    before = contents(empty)
+    for use in (migrate, require_current):
+        with pytest.raises(Conflict, match="written by a newer one"):
+            use(empty)
+    assert contents(empty) == before
+
+
+def test_a_worker_does_not_start_on_an_empty_database(empty: Engine) -> None:
+    with pytest.raises(Conflict, match="run `valerie migrate`"):
+        require_current(empty)

@@ -2,22 +2,26 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import Connection, Engine, event, select, update
 
-from valerie.db import products, runs
+from valerie.db import products, runs, sweeping, totals
 from valerie.db.engine import reading, writing
-from valerie.db.models import Product
-from valerie.db.products import Finished
+from valerie.db.models import PersonView, Product
+from valerie.db.products import Finished, Part, Wanted
+from valerie.db.statements import insert_ignoring
 from valerie.runs.frames import FrameKey, FrameProducts
+from valerie.runs.products import FailedInput, Fault
 from valerie.runs.states import UPLOADED_ROUTE, ProductKind
 
 sys.path.insert(0, str(Path(__file__).parent))
 from rows import digest, product, write_run
 
+NO = Fault(stage=ProductKind.LAYER, type="RenderingError", message="no", attempts=1)
 ALL = [digest(name) for name in "bltpe"]
 
 
@@ -33,7 +37,7 @@ def attempts_of(engine: Engine, name: str) -> int:
 
 def make_ready(engine: Engine) -> list[str]:
     with writing(engine) as connection:
-        return [item[0] for item in products.promote(connection, ALL, now=100.0)]
+        return [item.digest for item in products.promote(connection, ALL, now=100.0)]
 
 
 def claim(engine: Engine, *names: str, owner: str = "w1", now: float = 100.0) -> list[str]:
@@ -44,10 +48,33 @@ def claim(engine: Engine, *names: str, owner: str = "w1", now: float = 100.0) ->
 
 def finish(engine: Engine, *names: str, owner: str = "w1") -> list[str]:
     with writing(engine) as connection:
-        done = [Finished(digest(n), bytes=1, pixels=1, cpu_seconds=0.1) for n in names]
-        products.publish(connection, done, owner=owner, now=101.0)
+        products.publish(connection, [done(name) for name in names], owner=owner, now=101.0)
     with writing(engine) as connection:
-        return [item[0] for item in products.promote_dependents(connection, [digest(n) for n in names], 101.0)]
+        return [item.digest for item in products.promote_dependents(connection, [digest(n) for n in names], 101.0)]
+
+
+def done(name: str) -> Finished:
+    return Finished(digest(name), bytes=1, pixels=1, cpu_seconds=0.1)
+
+
+def seen(name: str) -> Finished:
+    """A truth with one person, stored over the statics ``s``."""
+    view = {"truth": digest(name), "instance_id": 24001, "pixel_area": 5, "pixel_area_percent": 0.1}
+    return replace(
+        done(name),
+        person_views=({**view, "pixel_area_amodal": 5},),
+        part=Part(digest("s"), bytes=1, pixels=1),
+    )
+
+
+def views(engine: Engine) -> list[tuple[str, int]]:
+    with reading(engine) as connection:
+        return [(row.truth, row.instance_id) for row in connection.execute(select(PersonView))]
+
+
+def known(engine: Engine, name: str) -> bool:
+    with reading(engine) as connection:
+        return totals.known_digests(connection, [digest(name)]) == {digest(name)}
 
 
 class TestPromote:
@@ -71,21 +98,21 @@ class TestPromote:
         assert finish(engine, "p") == [digest("e")]
 
 
-WANTED: list[products.Wanted] = [
-    (digest("b"), "background", "render", "g", None, None, None),
-    (digest("l"), "layer", "render", "g", None, None, None),
-    (digest("p"), "prediction", "infer", "g", digest("l"), digest("b"), None),
+WANTED: list[Wanted] = [
+    Wanted(digest("b"), ProductKind.BACKGROUND, "render", "g"),
+    Wanted(digest("l"), ProductKind.LAYER, "render", "g"),
+    Wanted(digest("p"), ProductKind.PREDICTION, "infer", "g", digest("l"), digest("b")),
 ]
 
 
-def want(engine: Engine, rows: list[products.Wanted], now: float = 100.0) -> list[str]:
+def want(engine: Engine, rows: list[Wanted], now: float = 100.0) -> list[str]:
     with writing(engine) as connection:
-        return [item[0] for item in products.want(connection, rows, now)]
+        return [item.digest for item in products.want(connection, rows, now)]
 
 
 def set_state(engine: Engine, name: str, state: str) -> None:
     with writing(engine) as connection:
-        values = {"state": state, "attempts": 2, "error": {"message": "no"}, "sent_at": 1.0}
+        values = {"state": state, "attempts": 2, "error": NO, "sent_at": 1.0}
         connection.execute(update(Product).where(Product.digest == digest(name)).values(**values))
 
 
@@ -124,8 +151,8 @@ class TestWant:
         assert [state_of(engine, name) for name in "blp"] == ["ready", "ready", "waiting"]
         assert [attempts_of(engine, name) for name in "blp"] == [0, 0, 0]
 
-    def test_nobody_is_rung_for_what_people_bring(self, engine: Engine) -> None:
-        uploaded: products.Wanted = (digest("p"), "prediction", UPLOADED_ROUTE, "g", None, None, None)
+    def test_no_message_is_sent_for_predictions_that_are_to_be_uploaded(self, engine: Engine) -> None:
+        uploaded = Wanted(digest("p"), ProductKind.PREDICTION, UPLOADED_ROUTE, "g")
         assert want(engine, [uploaded]) == []
         assert state_of(engine, "p") == "ready"
 
@@ -175,12 +202,37 @@ class TestPublish:
         make_ready(engine)
         claim(engine, "b", owner="w1")
         with writing(engine) as connection:
-            products.take_back_expired(connection, now=111.0, max_attempts=3)
+            sweeping.take_back_expired(connection, now=111.0, max_attempts=3)
         claim(engine, "b", owner="w2", now=112.0)
         finish(engine, "b", owner="w1")
         assert state_of(engine, "b") == "running"
         finish(engine, "b", owner="w2")
         assert state_of(engine, "b") == "done"
+
+    def test_a_product_freed_after_its_lease_was_lost_harms_no_other(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "b", "t")
+        with writing(engine) as connection:
+            sweeping.free(connection, [digest("t")])
+            published = products.publish(connection, [done("b"), seen("t")], owner="w1", now=101.0)
+        assert published == [digest("b")]
+        assert state_of(engine, "b") == "done"
+        assert views(engine) == []
+
+    def test_a_worker_that_lost_its_lease_writes_no_rows_beside_the_new_holder(self, engine: Engine) -> None:
+        write_run(engine)
+        make_ready(engine)
+        claim(engine, "t", owner="w1")
+        with writing(engine) as connection:
+            sweeping.take_back_expired(connection, now=111.0, max_attempts=3)
+        claim(engine, "t", owner="w2", now=112.0)
+        with writing(engine) as connection:
+            assert products.publish(connection, [seen("t")], owner="w1", now=113.0) == []
+        assert (views(engine), known(engine, "s")) == ([], False)
+        with writing(engine) as connection:
+            assert products.publish(connection, [seen("t")], owner="w2", now=114.0) == [digest("t")]
+        assert (views(engine), known(engine, "s")) == ([(digest("t"), 24001)], True)
 
 
 class TestTakeBackExpired:
@@ -190,7 +242,7 @@ class TestTakeBackExpired:
         claim(engine, "b")
         with writing(engine) as connection:
             products.renew(connection, [digest("b")], owner="w1", until=120.0)
-            assert products.take_back_expired(connection, now=115.0, max_attempts=3) == []
+            assert sweeping.take_back_expired(connection, now=115.0, max_attempts=3) == []
 
     def test_what_killed_its_worker_too_often_fails_with_all_that_waits_for_it(self, engine: Engine) -> None:
         write_run(engine)
@@ -198,13 +250,13 @@ class TestTakeBackExpired:
         for attempt in range(2):
             assert claim(engine, "l", now=100.0 + 20 * attempt) == [digest("l")]
             with writing(engine) as connection:
-                products.take_back_expired(connection, now=115.0 + 20 * attempt, max_attempts=2)
+                sweeping.take_back_expired(connection, now=115.0 + 20 * attempt, max_attempts=2)
         assert [state_of(engine, name) for name in "lpe"] == ["failed", "failed", "failed"]
         with reading(engine) as connection:
             errors = {row.digest: row.error for row in connection.execute(select(Product.digest, Product.error))}
-        assert errors[digest("l")]["type"] == "WorkerLost"
-        assert errors[digest("p")] == {"cause": digest("l")}
-        assert errors[digest("e")] == {"cause": digest("p")}
+        assert errors[digest("l")].type == "WorkerLost"
+        assert errors[digest("p")] == FailedInput(cause=digest("l"))
+        assert errors[digest("e")] == FailedInput(cause=digest("p"))
 
 
 class TestRevive:
@@ -213,12 +265,12 @@ class TestRevive:
         make_ready(engine)
         claim(engine, "l")
         with writing(engine) as connection:
-            products.fail(connection, digest("l"), owner="w1", error={"message": "no"}, now=1.0)
+            products.fail(connection, digest("l"), owner="w1", error=NO, now=1.0)
         assert state_of(engine, "e") == "failed"
         with writing(engine) as connection:
             products.revive(connection, ALL)
             ready = products.promote(connection, ALL, now=2.0)
-        assert digest("l") in [item[0] for item in ready]
+        assert digest("l") in [item.digest for item in ready]
         assert attempts_of(engine, "l") == 0
         assert [state_of(engine, name) for name in "pe"] == ["waiting", "waiting"]
 
@@ -245,7 +297,7 @@ class TestForget:
             products.await_inputs(connection, [digest("p")], owner="w1")
             products.forget(connection, [digest("l")])
             ready = products.promote(connection, [digest("l")], now=3.0)
-        assert [item[0] for item in ready] == [digest("l")]
+        assert [item.digest for item in ready] == [digest("l")]
         assert state_of(engine, "p") == "waiting"
         claim(engine, "l")
         assert finish(engine, "l") == [digest("p")]
@@ -255,10 +307,10 @@ class TestUnlinked:
     def test_only_what_no_run_links_is_free(self, engine: Engine) -> None:
         write_run(engine)
         with writing(engine) as connection:
-            products.insert_ignoring(connection, Product, [product("x", "layer", state="done")])
-            assert products.unlinked(connection, limit=10) == [(digest("x"), "layer")]
+            insert_ignoring(connection, Product, [product("x", "layer", state="done")])
+            assert sweeping.unlinked(connection, limit=10) == [(digest("x"), "layer")]
             runs.remove(connection, "r1")
-            assert {d for d, _ in products.unlinked(connection, limit=10)} == {*ALL, digest("x")}
+            assert {one.digest for one in sweeping.unlinked(connection, limit=10)} == {*ALL, digest("x")}
 
 
 class TestTotals:
@@ -269,15 +321,15 @@ class TestTotals:
         with writing(engine) as connection:
             for name, kind, state, seconds in ends:
                 row = {**product(name, kind, state=state), "cpu_seconds": seconds, "finished_at": 5.0}
-                products.insert_ignoring(connection, Product, [row])
-            totals = products.totals(connection)
+                insert_ignoring(connection, Product, [row])
+            found = totals.totals(connection)
             rows = connection.execute(select(Product.kind, Product.state, Product.cpu_seconds)).all()
-        scanned = {kind.value: [0, 0, 0.0] for kind in ProductKind}
+        scanned = {kind: [0, 0, 0.0] for kind in ProductKind}
         for kind, state, seconds in rows:
             scanned[kind][0] += state == "done"
             scanned[kind][1] += state == "failed"
             scanned[kind][2] += seconds if state == "done" else 0.0
-        assert {kind: [*rest] for kind, *rest in totals} == scanned
+        assert {kind: [*rest] for kind, *rest in found} == scanned
 
 
 class TestRecordedCosts:
@@ -285,18 +337,18 @@ class TestRecordedCosts:
         with writing(engine) as connection:
             for number, seconds in enumerate([20.0, 1.0, 3.0]):
                 row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number), "pixels": 100}
-                products.insert_ignoring(connection, Product, [row | {"cpu_seconds": seconds, "bytes": 10}])
-            assert [(one.count, one.cpu_seconds) for one in products.recorded_costs(connection)] == [(3, 2.0)]
-            assert [(one.count, one.cpu_seconds) for one in products.recorded_costs(connection, sample=1)] == [(1, 3.0)]
+                insert_ignoring(connection, Product, [row | {"cpu_seconds": seconds, "bytes": 10}])
+            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection)] == [(3, 2.0)]
+            assert [(one.count, one.cpu_seconds) for one in totals.recorded_costs(connection, sample=1)] == [(1, 3.0)]
 
     def test_they_are_means_over_the_newest_of_each_kind(self, engine: Engine) -> None:
         with writing(engine) as connection:
             for number in range(6):
                 row = {**product(f"x{number}", "layer", state="done"), "finished_at": float(number)}
                 row |= {"cpu_seconds": float(number), "bytes": 10 * number, "pixels": 100}
-                products.insert_ignoring(connection, Product, [row])
-            costs = products.recorded_costs(connection, sample=2)
-        assert costs == [products.RecordedCost("layer", "render", "", 100, 2, 4.0, 45.0)]
+                insert_ignoring(connection, Product, [row])
+            costs = totals.recorded_costs(connection, sample=2)
+        assert costs == [totals.RecordedCost(ProductKind.LAYER, "render", "", 100, 2, 4.0, 45.0)]
 
 
 def plans_of(engine: Engine, ask: Callable[[Connection], object]) -> list[tuple[str, list[str]]]:
@@ -322,15 +374,15 @@ class TestCost:
     @pytest.mark.parametrize(
         "ask",
         [
-            products.unfinished_count,
-            products.unfinished_by_route,
-            lambda connection: products.take_back_expired(connection, now=100.0, max_attempts=3),
+            totals.unfinished_count,
+            totals.backlog,
+            lambda connection: sweeping.take_back_expired(connection, now=100.0, max_attempts=3),
             lambda connection: products.promote_all(connection, 100.0),
-            lambda connection: products.stale_ready(connection, before=100.0, limit=10),
-            lambda connection: products.fail_orphaned_dependents(connection, 100.0),
+            lambda connection: sweeping.stale_ready(connection, before=100.0, limit=10),
+            lambda connection: sweeping.fail_orphaned_dependents(connection, 100.0),
             lambda connection: products.promote_dependents(connection, [digest("l")], 100.0),
             lambda connection: products.fail_dependents(connection, [digest("l")], 100.0),
-            products.recorded_costs,
+            totals.recorded_costs,
         ],
     )
     def test_what_is_asked_all_the_time_does_not_read_finished_products(
@@ -353,5 +405,5 @@ class TestCost:
         }, (sql, steps)
 
     def test_totals_read_an_index_alone(self, engine: Engine) -> None:
-        ((sql, steps),) = plans_of(engine, products.totals)
+        ((sql, steps),) = plans_of(engine, totals.totals)
         assert any("COVERING INDEX ix_products_ended" in step for step in steps), (sql, steps)

@@ -25,7 +25,7 @@ def test_undefined_frames_are_counted_and_not_averaged() -> None:
     assert frame_mean([0.5, None, 1.0, None]) == FrameMean(0.75, 0.5, 1.0, defined=2, undefined=2)
 
 
-def test_a_mean_over_nothing_defined_is_undefined() -> None:
+def test_a_mean_without_defined_values_is_undefined() -> None:
     assert frame_mean([None]) == FrameMean(None, None, None, defined=0, undefined=1)
 
 
@@ -34,16 +34,16 @@ def test_nan_is_refused_because_undefined_is_none() -> None:
         frame_mean([0.5, math.nan])
 
 
-def test_pooling_nothing_gives_an_empty_matrix() -> None:
+def test_pooling_no_matrices_gives_zeros() -> None:
     assert pooled([]).sum() == 0
 
 
-def test_pooling_leaves_the_frames_alone() -> None:
+def test_pooling_does_not_change_the_matrices_of_frames() -> None:
     frame = person_frame(1, 1)
     pooled([frame, frame])
     assert frame.sum() == 2
 
 
-def test_pooling_something_else_is_refused() -> None:
+def test_pooling_refuses_matrices_of_another_shape() -> None:
     with pytest.raises(InvalidInput, match="confusion matrix"):
         pooled([np.zeros((19, 19), np.int64)])

@@ -29,11 +29,11 @@ def test_pooled_scores_are_those_of_torchmetrics() -> None:
     assert scores.overall["miou"].pooled == pytest.approx(float(iou.mean()), abs=1e-6)
 
 
-def test_frame_means_weigh_frames_and_pooled_weighs_pixels() -> None:
+def test_frame_means_weight_frames_equally_and_pooled_scores_weight_pixels_equally() -> None:
     person, road = PERSON.train_id, BY_NAME["road"].train_id
     small = np.full((4, 4), road, np.uint8)
-    small[0, 0] = person  # one pixel, missed
-    large = np.full((4, 4), person, np.uint8)  # sixteen, found
+    small[0, 0] = person  # one pixel, a miss
+    large = np.full((4, 4), person, np.uint8)  # sixteen pixels, all correct
     matrices = [confusion_matrix(small, np.full_like(small, road)), confusion_matrix(large, large)]
     scores = collection_scores([*matrices, confusion_matrix(np.full_like(small, road), np.full_like(small, road))])
     pacc = scores.of(PERSON).pacc
@@ -52,7 +52,7 @@ def test_a_class_that_is_only_predicted_counts_in_the_average_of_cityscapes_alon
     assert scores.overall["miou_cityscapes"].pooled == pytest.approx((7 / 8 + 0.0) / 2)
 
 
-def test_nothing_labelled_is_undefined_and_not_zero() -> None:
+def test_without_labelled_pixels_scores_are_undefined_and_not_zero() -> None:
     void = np.full((2, 2), VOID, np.uint8)
     document = collection_scores([confusion_matrix(void, void)]).as_document()
     assert document["overall"]["miou"]["pooled"] is None
@@ -81,7 +81,7 @@ def test_scores_of_some_classes_are_those_of_scikit_learn_over_their_labels() ->
     assert np.sum(document["confusion"]) == len(truth), "what was counted stays whole"
 
 
-def test_who_knows_persons_alone_is_right_with_void_elsewhere_and_wrong_with_person_everywhere() -> None:
+def test_a_function_that_knows_persons_alone_may_predict_void_but_not_person_elsewhere() -> None:
     truth, _ = _maps(1)
     person = PERSON.train_id
     perfect = collection_scores([confusion_matrix(truth, np.where(truth == person, truth, VOID))], [person])

@@ -30,14 +30,14 @@ def test_a_hand_counted_image() -> None:
     assert matrix.shape == (19, 20)
 
 
-def test_scikit_learn_counts_the_same() -> None:
+def test_scikit_learn_gives_the_same_counts() -> None:
     truth, predicted = random_map(0), random_map(1)
     labelled = truth != 255
     oracle = sklearn_confusion_matrix(truth[labelled], predicted[labelled], labels=TRAIN_IDS)
     np.testing.assert_array_equal(confusion_matrix(truth, predicted), oracle[:19])
 
 
-def test_torchmetrics_counts_the_same_where_nothing_was_predicted_void() -> None:
+def test_torchmetrics_gives_the_same_counts_without_predicted_void() -> None:
     torch = pytest.importorskip("torch")
     from torchmetrics.functional.classification import multiclass_confusion_matrix
 

@@ -37,13 +37,13 @@ def test_a_hidden_person_is_listed_without_pixels() -> None:
     assert (24007, 0, 0) in person_counts(truth, np.zeros((3, 3), np.uint8))
 
 
-def test_neighbouring_classes_are_no_persons() -> None:
+def test_neighbouring_classes_are_not_counted_as_persons() -> None:
     instances = np.array([[23999, 24000, 24999, 25000, 0, 65535]], np.uint16)
     predicted = np.full((1, 6), 11, np.uint8)
     assert person_counts(Truth(instances, []), predicted) == ((24000, 1, 0), (24999, 1, 0))
 
 
-def test_a_rider_that_is_taken_for_a_person_is_not_a_hit_of_the_person() -> None:
+def test_a_rider_predicted_as_person_is_no_true_positive_of_a_person() -> None:
     predicted = np.full((3, 3), 12, np.uint8)
     assert all(tp == 0 for _, tp, _ in person_counts(Truth(INSTANCES, []), predicted))
 

@@ -20,7 +20,7 @@ def matrix_of(cells: dict[tuple[int, int], int]) -> np.ndarray:
 
 
 def detectron2_scores(matrix: np.ndarray) -> dict[str, float]:
-    """SemSegEvaluator's arithmetic, written anew: rows prediction, columns truth, no predicted void."""
+    """Return the scores by the arithmetic of SemSegEvaluator: rows prediction, columns truth, no predicted void."""
     conf = matrix[:, :19].T.astype(float)
     tp, gt, pred = conf.diagonal(), conf.sum(axis=0), conf.sum(axis=1)
     acc, iou = [], []
@@ -54,7 +54,7 @@ def test_hand_computed_scores_of_a_three_by_three_image() -> None:
 
 
 @given(MATRICES)
-def test_all_class_scores_equal_detectron2s_where_nothing_was_predicted_void(matrix: np.ndarray) -> None:
+def test_scores_over_all_classes_equal_those_of_detectron2_without_predicted_void(matrix: np.ndarray) -> None:
     matrix[:, 19] = 0
     matrix[0, 0] += 1
     for name, expected in detectron2_scores(matrix).items():

@@ -24,6 +24,6 @@ def test_all_classes_are_spelt_in_one_way() -> None:
     assert card().judged_ids == judged_ids(()) == tuple(range(19))
 
 
-def test_a_card_that_is_judged_by_no_evaluated_class_is_refused() -> None:
+def test_a_card_that_is_judged_by_an_unknown_class_is_refused() -> None:
     with pytest.raises(UnknownName, match=r"judged_by: unknown evaluated class 'persons'; did you mean person"):
         card("persons")

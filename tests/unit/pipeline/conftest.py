@@ -18,7 +18,7 @@ def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def pipelines(tmp_path: Path, assets: Path) -> Callable[..., Pipeline]:
-    """Makes pipelines with a data folder of their own."""
+    """Return a function that makes pipelines, each with its own data folder."""
     return lambda name="one", **settings: Pipeline(tmp_path / name, assets, **settings)
 
 

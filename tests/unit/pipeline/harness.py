@@ -11,12 +11,13 @@ from typing import Any
 from sqlalchemy import select
 
 from tests.acceptance.system import spec, write_box_street
-from valerie.broker import route_of
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
 from valerie.db.migrate import migrate
 from valerie.db.models import Product
-from valerie.db.products import Finished, Job, Ready
+from valerie.db.processes import WorkerRow
+from valerie.db.products import Finished, Job
+from valerie.db.runs import RunRow
 from valerie.errors import TransientError
 from valerie.pipeline.base.context import Context, open_context
 from valerie.pipeline.control.loop import ControlLoop
@@ -27,7 +28,10 @@ from valerie.pipeline.work.makers.evaluation import EvaluateMaker
 from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import LooksAhead, MayEnd, run_stage
+from valerie.runs.pins import AnyOffer
+from valerie.runs.products import Ready
 from valerie.runs.spec import parse
+from valerie.runs.states import Stage, stage_of
 from valerie.settings import load_settings
 
 #: 12 places, two cameras: 24 frames.
@@ -53,11 +57,11 @@ class RecordingBroker:
         self.finish.append(run_id)
 
     def queue_length(self, route: str) -> int:
-        return sum(1 for item in self.ready if item[2] == route)
+        return sum(1 for item in self.ready if item.route == route)
 
 
 class Watched:
-    """A maker that counts, and fails as it is told."""
+    """A maker that counts its products, and fails where a test wants it."""
 
     def __init__(self, maker: Any) -> None:
         self._maker = maker
@@ -80,13 +84,13 @@ class Watched:
 
 
 class Pipeline:
-    """One process that is everything."""
+    """A whole deployment in one process."""
 
     def __init__(self, folder: Path, assets: Path, *, workers: bool = True, **settings: Any) -> None:
-        given = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
-        given |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
+        values = {"resend_seconds": 0.1, "sweep_seconds": 0.01, "max_attempts": 2, "min_free_mb": 0}
+        values |= {"infer_memory_mb": 0, **settings}  # by default no limit on the process that runs the tests
         self.settings = load_settings(
-            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **given
+            {}, data_dir=folder, asset_dir=assets, broker_url="memory://", testing_engines=True, **values
         )
         folder.mkdir(parents=True, exist_ok=True)
         self.broker = RecordingBroker()
@@ -102,15 +106,14 @@ class Pipeline:
             self.add_worker()
 
     def add_worker(self) -> None:
-        offers = [
-            {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
-            for o in probe_engine("blank")
-        ]
-        offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
+        self.offer("w", *probe_engine("blank"), *probe_function("blank"))
+
+    def offer(self, worker: str, *offers: AnyOffer) -> None:
+        """Register a worker that never dies."""
         now = time.time()
-        row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": now}
+        row = WorkerRow(worker, Stage.RENDER, "h", 1, offers, started_at=now, seen_at=now + 1e6)
         with writing(self.context.engine) as connection:
-            processes.register_worker(connection, {**row, "seen_at": now + 1e6})
+            processes.register_worker(connection, row)
 
     def submit(self, document: dict[str, Any] = SMALL, **keywords: Any) -> str:
         return submit(self.context, parse(document), **keywords)
@@ -121,7 +124,7 @@ class Pipeline:
         self.loop.tick()
         batch, self.broker.ready = self.broker.ready, []
         for stage, maker in self.makers.items():
-            digests = [digest for digest, _, route, _ in batch if route.partition(".")[0] == stage]
+            digests = [ready.digest for ready in batch if stage_of(ready.route) == stage]
             if digests:
                 run_stage(self.context, maker, digests)
         finishing, self.broker.finish = self.broker.finish, []
@@ -129,7 +132,7 @@ class Pipeline:
             finish_run(self.context, run_id)
 
     def run(self, run_id: str, *, until: Sequence[str] = ()) -> str:
-        """Step until the run ended, or is in one of ``until``; its state."""
+        """Step until the run ended, or is in one of ``until``; return its state."""
         # Pauses before another attempt are of the clock, however many steps fit into them.
         latest = time.monotonic() + 60.0
         while time.monotonic() < latest:
@@ -140,19 +143,19 @@ class Pipeline:
             time.sleep(0.01)
         raise AssertionError(f"still {self.state(run_id)}: {self.row(run_id).progress}")
 
-    def row(self, run_id: str) -> Any:
+    def row(self, run_id: str) -> RunRow:
         with reading(self.context.engine) as connection:
             return runs.get(connection, run_id)
 
     def state(self, run_id: str) -> str:
-        return str(self.row(run_id).state)
+        return self.row(run_id).state
 
     def products(self) -> list[Any]:
         with reading(self.context.engine) as connection:
             return list(connection.execute(select(*Product.__table__.columns).order_by(Product.digest)))
 
     def made(self) -> dict[str, int]:
-        """Number of products made so far, by kind; resets the count."""
+        """Return the number of products made so far, by kind; reset the count."""
         counts: dict[str, int] = {}
         for maker in self.makers.values():
             for kind, _ in maker.made:

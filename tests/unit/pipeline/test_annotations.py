@@ -17,6 +17,7 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Job
 from valerie.errors import Conflict, RenderingError, UnknownName
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.export.datasets import export_run
@@ -24,12 +25,12 @@ from valerie.pipeline.export.plan import ExportSettings
 from valerie.pipeline.reading.annotation_files import key_points
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.rendering.annotations.joints import HIDDEN, LIMBS, OUTSIDE, SELF_HIDDEN, VISIBLE, Joints
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import parse
+from valerie.runs.states import Stage
 from valerie.scene.graph.model import JOINTS
 
 FRAMES = 8
@@ -41,9 +42,10 @@ def test_a_run_that_asks_gets_one_product_per_frame_and_kind(pipeline: Pipeline)
     run = pipeline.submit(ASKED)
     assert pipeline.run(run) == "completed"
     assert pipeline.made() == {**ALL, "normals": FRAMES, "boxes": FRAMES}
-    assert pipeline.row(run).progress["stages"]["render"] | {"rate_per_s": 0} == {
-        "done": FRAMES, "total": FRAMES, "failed": 0, "running": 0, "rate_per_s": 0, "eta_s": 0.0,
-    }  # fmt: skip
+    progress = pipeline.row(run).progress
+    assert progress is not None
+    stage = progress.stages[Stage.RENDER]
+    assert (stage.done, stage.total, stage.failed, stage.running, stage.eta_s) == (FRAMES, FRAMES, 0, 0, 0.0)
 
 
 def test_asking_afterwards_makes_the_annotations_and_nothing_else(pipeline: Pipeline) -> None:
@@ -183,9 +185,10 @@ def test_a_failed_annotation_is_a_recorded_failure_of_its_frame_alone(pipeline: 
     pipeline.makers["render"].before = refuse
     run = pipeline.submit(ASKED)
     assert pipeline.run(run) == "completed-with-failures"
-    stages = pipeline.row(run).progress["stages"]
-    assert (stages["render"]["done"], stages["render"]["failed"]) == (FRAMES - 1, 1)
-    assert stages["eval"]["done"] == FRAMES
+    progress = pipeline.row(run).progress
+    assert progress is not None
+    assert (progress.stages[Stage.RENDER].done, progress.stages[Stage.RENDER].failed) == (FRAMES - 1, 1)
+    assert progress.stages[Stage.EVAL].done == FRAMES
     with reading(pipeline.context.engine) as connection:
         (failure,) = results.failures(connection, run)
     assert (failure.kind, failure.frame.variant) == ("boxes", 0)

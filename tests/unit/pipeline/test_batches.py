@@ -18,7 +18,7 @@ Picture = NDArray[np.uint8]
 
 
 class Alone(BlankFunction):
-    """The blank function, which fails as it is told."""
+    """The blank function, which fails where a test wants it."""
 
     def __init__(self, refuse: Callable[[Picture], Exception | None] = lambda _: None) -> None:
         self.alone = 0
@@ -33,7 +33,7 @@ class Alone(BlankFunction):
 
 
 class Batches(Alone):
-    """The same on a pretended GPU; notes what it is given together."""
+    """The same on a pretended GPU; records which pictures come together."""
 
     batch_size = 4
 
@@ -78,11 +78,11 @@ def test_pictures_of_one_message_are_predicted_together_with_the_same_results(op
 
 
 def test_a_picture_that_fails_harms_no_other(opened) -> None:  # type: ignore[no-untyped-def]
-    seen: list[bytes] = []
+    pictures: list[bytes] = []
 
     def refuse(picture: Picture) -> Exception | None:
-        seen.append(picture.tobytes())
-        return ValueError("not this one") if seen[-1] == seen[0] else None
+        pictures.append(picture.tobytes())
+        return ValueError("not this one") if pictures[-1] == pictures[0] else None
 
     failed = []
     for number, function in enumerate((Batches(refuse), Alone(refuse))):

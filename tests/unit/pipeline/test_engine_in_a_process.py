@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,12 @@ from sqlalchemy import select
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
-from valerie.broker import route_of
-from valerie.db import processes
-from valerie.db.engine import reading, writing
+from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.pipeline.functions.probe import probe_engine, probe_function
 from valerie.rendering.cycles.blender import process_blender
+from valerie.runs.pins import Offer
+from valerie.runs.states import Stage, route_of
 
 FAKE = Path(__file__).parents[1] / "rendering" / "cycles" / "fake_blender.py"
 SMALL = {**spec(xs=2, ys=1), "renderer": {"name": "cycles", "samples": 2}, "resolution": {"width": 24, "height": 16}}
@@ -38,18 +37,14 @@ def with_blender(
         monkeypatch.setenv("VALERIE_CYCLES_PYTHON", str(python))
         monkeypatch.setenv("VALERIE_CYCLES_SILENCE_SECONDS", "0.6")
         process_blender.cache_clear()
-        made = pipelines(workers=False)
-        engine = {"name": "cycles", "numeric_class": "bpy-9.9.9-cpu-avx2", "revision": 1}
+        pipeline = pipelines(workers=False)
+        numeric_class = "bpy-9.9.9-cpu-avx2"
+        route = route_of(Stage.RENDER, "cycles", numeric_class)
+        cycles = Offer(stage=Stage.RENDER, name="cycles", numeric_class=numeric_class, revision=1, route=route)
         monkeypatch.setattr("valerie.rendering.cycles.renderer._instruction_set", lambda: "avx2")
-        offers = [
-            {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
-            for o in (engine, *(o for o in probe_engine("blank") if o["name"] == "truth"))
-        ]
-        offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
-        row = {"id": "w", "stage": "render", "host": "h", "pid": 1, "offers": offers, "started_at": time.time()}
-        with writing(made.context.engine) as connection:
-            processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
-        return made
+        truth = (offer for offer in probe_engine("blank") if offer.name == "truth")
+        pipeline.offer("w", cycles, *truth, *probe_function("blank"))
+        return pipeline
 
     yield make
     import os
@@ -69,16 +64,16 @@ def test_a_run_completes_and_blenders_cpu_seconds_count(with_blender: Callable[[
     assert min(row.cpu_seconds for row in products(pipeline, "layer")) > 0.25
 
 
-@pytest.mark.parametrize(("behaviour", "said"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
+@pytest.mark.parametrize(("behaviour", "message"), [("crashes", "Segmentation fault"), ("hangs", "no sign of life")])
 def test_an_engine_that_never_answers_is_tried_again_and_then_a_recorded_failure(
-    with_blender: Callable[[str], Pipeline], behaviour: str, said: str
+    with_blender: Callable[[str], Pipeline], behaviour: str, message: str
 ) -> None:
     pipeline = with_blender(behaviour)
     assert pipeline.run(pipeline.submit(SMALL)) == "completed-with-failures"
     for row in products(pipeline, "background"):
-        assert row.error["type"] == "TransientError"
-        assert said in row.error["message"]
-        assert row.attempts == row.error["attempts"] == 2
+        assert row.error.type == "TransientError"
+        assert message in row.error.message
+        assert row.attempts == row.error.attempts == 2
 
 
 def test_one_crash_costs_nothing_but_time(with_blender: Callable[[str], Pipeline]) -> None:

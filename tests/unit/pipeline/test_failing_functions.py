@@ -9,20 +9,23 @@ from http.server import BaseHTTPRequestHandler
 from typing import Any
 
 import numpy as np
+import orjson
 import pytest
 from numpy.typing import NDArray
 
 from tests.acceptance.system import spec
 from tests.unit.label_server import Server
 from tests.unit.pipeline.harness import Pipeline
-from valerie.db import processes, results
-from valerie.db.engine import reading, writing
+from valerie.db import results
+from valerie.db.engine import reading
 from valerie.db.products import Finished, Job
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.loader import FunctionLoader
+from valerie.runs.pins import Offer
+from valerie.runs.states import Stage
 from valerie.storage.keys import run_key
 from valerie.testing.blank import BlankFunction
 
@@ -30,11 +33,7 @@ from valerie.testing.blank import BlankFunction
 FOUR = spec(xs=2, ys=1)
 
 
-def offer(pipeline: Pipeline, *offers: dict[str, Any]) -> None:
-    """A second worker of the stage of inference."""
-    row = {"id": "i", "stage": "infer", "host": "h", "pid": 2, "offers": list(offers), "started_at": time.time()}
-    with writing(pipeline.context.engine) as connection:
-        processes.register_worker(connection, {**row, "seen_at": time.time() + 1e6})
+HTTP = Offer(stage=Stage.INFER, name="http", numeric_class="http", revision=1, route="infer.http")
 
 
 def failures(pipeline: Pipeline, run_id: str) -> list[results.FailedLink]:
@@ -50,7 +49,7 @@ class TestAnEndpointThatDoesNotAnswerInTime:
         server.close()
 
     @pytest.fixture
-    def asked(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
+    def run_with_a_timeout(self, server: Server, pipelines: Callable[..., Pipeline]) -> tuple[Pipeline, str]:
         """A finished run of which the endpoint left the second picture without an answer."""
 
         def answer(handler: BaseHTTPRequestHandler, picture: NDArray[np.uint8]) -> None:
@@ -68,35 +67,34 @@ class TestAnEndpointThatDoesNotAnswerInTime:
             "output": {"kind": "labels", "classes": ["road", "person"]},
         }
         registry.register(pipeline.context, parse_function(text), None)
-        offer(
-            pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"}
-        )
+        pipeline.offer("i", HTTP)
         run_id = pipeline.submit({**FOUR, "functions": ["remote", "blank"]})
         assert pipeline.run(run_id) == "completed-with-failures"
         return pipeline, run_id
 
     def test_is_a_counted_failure_with_its_reason_and_was_asked_once(
-        self, asked: tuple[Pipeline, str], server: Server
+        self, run_with_a_timeout: tuple[Pipeline, str], server: Server
     ) -> None:
-        pipeline, run_id = asked
+        pipeline, run_id = run_with_a_timeout
         assert len(server.requests) == 4, "each picture is sent once, answered or not"
 
         (lost,) = (link for link in failures(pipeline, run_id) if link.kind == "prediction")
-        assert (lost.error["type"], lost.error["attempts"]) == ("InferenceError", 1)
-        assert lost.error["message"].endswith(": no answer within 2 s")
+        assert (lost.error.type, lost.error.attempts) == ("InferenceError", 1)
+        assert lost.error.message.endswith(": no answer within 2 s")
 
         row = pipeline.row(run_id)
         assert row.reason.startswith("1 products failed for good")
-        assert row.progress["stages"]["infer"]["failed"] == 1
-        assert row.progress["stages"]["infer"]["done"] == 7
-        counted = {one["function"]: one["frames"] for one in row.summary["summary"]["rows"]}
+        assert row.progress.stages[Stage.INFER].failed == 1
+        assert row.progress.stages[Stage.INFER].done == 7
+        summary = orjson.loads(pipeline.context.store.get(run_key(run_id, "summary.json")))
+        counted = {one["function"]: one["frames"] for one in summary["summary"]["rows"]}
         assert counted["remote"] == counted["blank"] - 1 == 3
         report = pipeline.context.store.get(run_key(run_id, "report.html")).decode()
         assert "no answer within 2 s" in report
 
 
 class Noted(BlankFunction):
-    """Notes when it is opened and closed."""
+    """Records when it is opened and closed."""
 
     def __init__(self, name: str, book: list[str]) -> None:
         card = BlankFunction.card
@@ -124,7 +122,7 @@ def test_one_network_is_closed_and_forgotten_before_the_next_is_opened(
     for number, name in enumerate(("one", "two")):
         text = f"{{name: {name}, kind: http, provenance: {{number: '{number}'}}, options: {{url: 'http://h:1/'}}}}"
         registry.register(pipeline.context, parse_function(text), None)
-    offer(pipeline, {"stage": "infer", "route": "infer.http", "name": "http", "revision": 1, "numeric_class": "http"})
+    pipeline.offer("i", HTTP)
     run_id = pipeline.submit({**FOUR, "functions": ["one", "two", "blank"]})
     assert pipeline.run(run_id) == "completed"
     names = [entry.partition(" ")[2] for entry in book[::2]]
@@ -138,7 +136,7 @@ class Ended(BaseException):
 
 
 class Ending:
-    """A maker whose process ends in the middle of one product, told beforehand."""
+    """A maker whose process ends in the middle of one product, with a reason given before."""
 
     def __init__(self, maker: Any, victim: Callable[[Sequence[str]], str]) -> None:
         self._maker, self._choose = maker, victim
@@ -175,6 +173,6 @@ def test_a_process_that_ends_over_one_picture_keeps_the_reason_and_costs_its_nei
     assert ends == 2, "as many as there are attempts"
     products = {one.digest: one for one in pipeline.products() if one.kind == "prediction"}
     failed = products.pop(ending.victim)
-    assert (failed.state, failed.error["attempts"]) == ("failed", 2)
-    assert failed.error["message"] == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
+    assert (failed.state, failed.error.attempts) == ("failed", 2)
+    assert failed.error.message == "f took longer than 2 s (VALERIE_INFER_SECONDS)"
     assert {(one.state, one.attempts) for one in products.values()} == {("done", 1)}

@@ -8,19 +8,21 @@ from sqlalchemy import select
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import SMALL, Pipeline
-from valerie.db import results, runs
-from valerie.db.engine import reading
+from valerie.db import results, runs, sweeping
+from valerie.db.engine import reading, writing
 from valerie.db.models import Block
 from valerie.errors import Conflict, InvalidInput, NotFound, RenderingError, StorageFull, TransientError
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import feeding, gc, lifecycle
 from valerie.pipeline.control.loop import ControlLoop
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.products import FailedInput, Fault
 from valerie.runs.spec import parse
+from valerie.runs.states import ProductKind, Stage
 from valerie.storage import codecs
 from valerie.storage.envelope import intact
 from valerie.storage.keys import product_key
@@ -35,11 +37,11 @@ def rows(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
 
 
 def blocks(pipeline: Pipeline, run_id: str) -> list[tuple[int, int, int]]:
-    """(number, first, last) of each block."""
+    """Return number, first and last variant of each block."""
     columns = (Block.number, Block.first, Block.last)
     with reading(pipeline.context.engine) as connection:
-        found = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
-        return [(row[0], row[1], row[2]) for row in found]
+        rows = connection.execute(select(*columns).where(Block.run_id == run_id).order_by(Block.number))
+        return [(row[0], row[1], row[2]) for row in rows]
 
 
 class TestAnUndisturbedRun:
@@ -51,9 +53,8 @@ class TestAnUndisturbedRun:
         names = {info.key.rpartition("/")[2] for info in pipeline.context.store.list(f"runs/{run}")}
         assert names == {"report.html", "summary.json", "evaluations.csv", "evaluations.parquet"}
         progress = pipeline.row(run).progress
-        assert {name: stage["done"] for name, stage in progress["stages"].items()} == dict.fromkeys(
-            ("render", "infer", "eval"), FRAMES
-        )
+        assert progress is not None
+        assert {stage: done.done for stage, done in progress.stages.items()} == dict.fromkeys(Stage, FRAMES)
 
     def test_a_small_window_feeds_a_run_piece_by_piece(
         self, pipelines: Callable[..., Pipeline], monkeypatch: pytest.MonkeyPatch
@@ -137,14 +138,11 @@ class TestFailures:
         assert len(rows(pipeline, run)) == 2 * (FRAMES - 1)
         with reading(pipeline.context.engine) as connection:
             failures = {link.kind: link.error for link in results.failures(connection, run)}
-        assert failures["layer"] == {
-            "stage": "layer",
-            "type": "RenderingError",
-            "message": "the image is constant",
-            "attempts": 1,
-        }
-        assert failures["prediction"] == {"cause": broken[0]}
-        assert set(failures) == {"layer", "prediction", "evaluation"}
+        layer, prediction, evaluation = ProductKind.LAYER, ProductKind.PREDICTION, ProductKind.EVALUATION
+        fault = Fault(stage=layer, type="RenderingError", message="the image is constant", attempts=1)
+        assert failures[layer] == fault
+        assert failures[prediction] == FailedInput(cause=broken[0])
+        assert set(failures) == {layer, prediction, evaluation}
 
         pipeline.makers["render"].before = lambda _job: None
         lifecycle.retry(pipeline.context, run)
@@ -172,7 +170,7 @@ class TestFailures:
         run = pipeline.submit()
         assert pipeline.run(run) == "completed-with-failures"
         with reading(pipeline.context.engine) as connection:
-            errors = {link.error["type"] for link in results.failures(connection, run)}
+            errors = {link.error.type for link in results.failures(connection, run) if isinstance(link.error, Fault)}
         assert errors == {"ZeroDivisionError"}
 
     def test_a_lost_object_is_made_again(self, pipeline: Pipeline) -> None:
@@ -188,22 +186,40 @@ class TestFailures:
         assert pipeline.run(pipeline.submit()) == "completed"
         assert pipeline.made() == {**ALL, "layer": FRAMES + 1}
 
+    def test_a_product_freed_while_it_is_made_costs_no_other_product(self, pipeline: Pipeline) -> None:
+        freed: list[str] = []
+
+        def free_first_truth(job: Any) -> None:
+            if job.kind == "truth" and not freed:
+                freed.append(job.digest)
+                with writing(pipeline.context.engine) as connection:
+                    sweeping.free(connection, freed)
+
+        pipeline.makers["render"].before = free_first_truth
+        pipeline.submit()
+        pipeline.step()
+        done = [product for product in pipeline.products() if product.state == "done"]
+        assert (
+            len([product for product in done if product.kind in ("background", "layer", "truth")]) == 2 + 2 * FRAMES - 1
+        )
+        assert freed[0] not in {product.digest for product in done}
+
     @pytest.mark.parametrize("damage", ["lost", "broken"])
     def test_the_statics_of_a_truth_are_stored_again(self, pipeline: Pipeline, damage: str) -> None:
         run = pipeline.submit(spec(xs=2, ys=1))
-        found: list[str] = []
+        keys: list[str] = []
 
         def harm(job: Any) -> None:
-            if not found and job.kind == "evaluation":
-                found.extend(info.key for info in pipeline.context.store.list("products/statics"))
-                pipeline.context.store.delete(found)
+            if not keys and job.kind == "evaluation":
+                keys.extend(info.key for info in pipeline.context.store.list("products/statics"))
+                pipeline.context.store.delete(keys)
                 if damage == "broken":
-                    pipeline.context.store.put(found[0], b"nothing of it", replace=True)
+                    pipeline.context.store.put(keys[0], b"nothing of it", replace=True)
 
         pipeline.makers["eval"].before = harm
         assert pipeline.run(run) == "completed"
-        assert len(found) == 1
-        assert intact(pipeline.context.store.get(found[0]))
+        assert len(keys) == 1
+        assert intact(pipeline.context.store.get(keys[0]))
 
     def test_a_damaged_object_is_made_again(self, pipeline: Pipeline) -> None:
         spoilt: list[str] = []
@@ -300,7 +316,7 @@ class TestTheControlLoop:
         assert killed is not pipeline.loop
         assert len(rows(pipeline, run)) == 2 * 1200
 
-    def test_messages_that_a_stopped_broker_refused_are_rung_again(self, pipeline: Pipeline) -> None:
+    def test_messages_that_a_stopped_broker_refused_are_sent_again(self, pipeline: Pipeline) -> None:
         run = pipeline.submit()
         pipeline.broker.down = True
         pipeline.step()

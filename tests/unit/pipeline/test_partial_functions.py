@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import orjson
 import pytest
 from sqlalchemy import select
 
@@ -68,7 +69,7 @@ def test_a_perfect_person_or_not_is_perfect_in_every_figure(finished: tuple[Pipe
     assert {name: getattr(narrowed, name) for name in figures} == dict.fromkeys(figures, 1.0)
     assert blank.pixel_accuracy < 1.0, "it is judged by all classes"
 
-    summary = pipeline.row(run).summary
+    summary = orjson.loads(pipeline.context.store.get(run_key(run, "summary.json")))
     text = summary_text(Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"]))
     both = "person-or-not 100.0 / 100.0, narrowed 100.0 / 100.0"
     assert f"Mean IoU of person alone, frame mean / pooled: {both}." in text
@@ -91,9 +92,9 @@ def test_it_is_compared_with_others_by_what_it_knows(finished: tuple[Pipeline, s
     versions = ["blank", "person-or-not"]
     with pytest.raises(Conflict, match="blank ran as blank; person-or-not ran as uploaded"):
         compare_versions(pipeline.context, run, versions, open_function=nothing)
-    made = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
-    assert made.judged_by == tuple(made.classes) == ("person",)
-    before, after = made.overall["miou"]
+    comparison = compare_versions(pipeline.context, run, versions, open_function=nothing, mixed=True)
+    assert comparison.judged_by == tuple(comparison.classes) == ("person",)
+    before, after = comparison.overall["miou"]
     assert before[1] is not None
     assert before[1] < 1.0
     assert after == (1.0, 1.0)

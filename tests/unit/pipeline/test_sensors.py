@@ -13,11 +13,11 @@ from tests.acceptance.system import spec, write_box_street
 from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
@@ -154,8 +154,8 @@ def test_pictures_for_people_show_truth_in_step_with_the_sensor(pipeline: Pipeli
 
 
 def test_a_picture_with_defocus_waits_for_the_truth(pipeline: Pipeline) -> None:
-    given = [{"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}}]
-    run = pipeline.submit(small(sensors=given))
+    sensors = [{"name": "deep", "lens": {"f_number": 1.4, "focus_distance_m": 2}}]
+    run = pipeline.submit(small(sensors=sensors))
     pipeline.step()
     waiting = [row for row in pipeline.products() if row.kind == "prediction"]
     truths = {row.digest for row in pipeline.products() if row.kind == "truth"}

@@ -11,13 +11,14 @@ from tests.unit.pipeline.harness import Pipeline
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.selection import choose_frames, run_where
 from valerie.pipeline.reading.tables import read_table
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.states import Stage
 
 
 def moving(**more: Any) -> dict[str, Any]:
@@ -38,8 +39,9 @@ def test_each_moment_is_a_frame_and_equal_moments_share_their_products(pipeline:
         ("0", 0.0), ("1", 0.5), ("2", 1.0), ("3", 1.5), ("4", 2.0),
     ]  # fmt: skip
     assert len({row["distance_m"] for row in rows if row["instance_id"] == 24001}) == 3
-    assert pipeline.row(run_id).progress["stages"]["render"]["done"] == 5
-    assert pipeline.row(run_id).summary is not None
+    progress = pipeline.row(run_id).progress
+    assert progress is not None
+    assert progress.stages[Stage.RENDER].done == 5
 
 
 def test_every_frame_of_a_sequence_can_be_made_again(pipeline: Pipeline) -> None:
@@ -47,9 +49,9 @@ def test_every_frame_of_a_sequence_can_be_made_again(pipeline: Pipeline) -> None
     pipeline.run(run_id)
     digests = set()
     for index in range(5):
-        made = replay_frame(pipeline.context, FrameKey(run_id, 0, 0, index))
-        assert all(one.agrees for one in made), made
-        digests.add(next(one.digest for one in made if one.kind == "truth"))
+        replayed = replay_frame(pipeline.context, FrameKey(run_id, 0, 0, index))
+        assert all(product.agrees for product in replayed), replayed
+        digests.add(next(product.digest for product in replayed if product.kind == "truth"))
     assert len(digests) == 3
 
 
@@ -66,9 +68,9 @@ def test_frames_are_chosen_by_time_and_by_where_things_are_then(pipeline: Pipeli
         assert chosen("time_s > 0.7") == [2, 3, 4]
         assert chosen("person-1.pos.x < 0.5") == [0, 1]
         assert chosen("pacc >= 0 and time_s <= 0.5") == [0, 1]
-        found = choose_frames(connection, run)
-    assert [frame.moment["scene.person-1.pos.x"] for frame in found] == pytest.approx([-1, 0, 1, 1, 1])
-    assert {frame.moment["scene.person-1.heading"] for frame in found} == {270.0}
+        frames = choose_frames(connection, run)
+    assert [frame.moment["scene.person-1.pos.x"] for frame in frames] == pytest.approx([-1, 0, 1, 1, 1])
+    assert {frame.moment["scene.person-1.heading"] for frame in frames} == {270.0}
 
 
 def test_a_variant_that_is_illegal_at_one_moment_has_no_frames(pipeline: Pipeline) -> None:
@@ -99,7 +101,7 @@ def test_flow_leads_to_the_next_frame_and_velocity_is_per_second(pipeline: Pipel
     assert speeds == pytest.approx([2, 2, 0, 0, 0], abs=1e-3)
     painted = paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run_id, 0, 0, 0), kind="flow"))
     assert [painted[18, 32].tolist(), painted[0, 0].tolist()] == [[255, 0, 0], [255, 255, 255]]
-    assert all(one.agrees for one in replay_frame(pipeline.context, FrameKey(run_id, 0, 0, 4)))
+    assert all(product.agrees for product in replay_frame(pipeline.context, FrameKey(run_id, 0, 0, 4)))
 
 
 def test_what_flow_needs_is_asked_for(pipeline: Pipeline) -> None:

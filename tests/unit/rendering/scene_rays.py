@@ -55,23 +55,23 @@ def pixel_rays(camera: Camera, view: View) -> NDArray[np.float64]:
 def trace(
     triangles: Triangles, camera: Camera, view: View
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float64]]:
-    """Class map, instance map and depth along the optical axis."""
+    """Trace class map, instance map and depth along the optical axis."""
     rays = pixel_rays(camera, view).reshape(-1, 3)
     origins = np.broadcast_to(camera.position, rays.shape)
     hit = triangles.intersector.intersects_first(origins, rays)
-    found = hit >= 0
-    classes = np.where(found, triangles.labels[hit], SKY.id).astype(np.uint8)
-    instances = np.where(found, triangles.instances[hit], 0).astype(np.uint16)
+    hits = hit >= 0
+    classes = np.where(hits, triangles.labels[hit], SKY.id).astype(np.uint8)
+    instances = np.where(hits, triangles.instances[hit], 0).astype(np.uint16)
     plane = triangles.intersector.mesh.triangles[hit]
     normal = np.cross(plane[:, 1] - plane[:, 0], plane[:, 2] - plane[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = ((plane[:, 0] - origins) * normal).sum(axis=1) / (rays * normal).sum(axis=1)
     shape = (view.height, view.width)
-    return classes.reshape(shape), instances.reshape(shape), np.where(found, depth, np.inf).reshape(shape)
+    return classes.reshape(shape), instances.reshape(shape), np.where(hits, depth, np.inf).reshape(shape)
 
 
 def blocked(triangles: Triangles, points: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether something lies in a direction from each of (N, 3) points."""
+    """Return (N,) bool, True if a surface lies in a direction from the point."""
     hits: NDArray[np.bool_] = triangles.intersector.intersects_any(points, np.broadcast_to(direction, points.shape))
     return hits
 
@@ -85,7 +85,7 @@ def near_edges(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
 def assert_agrees(
     truth: GroundTruth, classes: NDArray[np.uint8], instances: NDArray[np.uint16], depth: NDArray[np.float64]
 ) -> None:
-    """Rendered truth and what rays found: labels differ beside their edges alone and seldom, depths by rounding."""
+    """Compare rendered truth with traced rays: labels may differ rarely and only at edges, depths by rounding."""
     for drawn, traced in ((truth.class_map, classes), (truth.instance_map, instances)):
         wrong = drawn != traced
         assert not (wrong & ~near_edges(drawn) & ~near_edges(traced)).any()

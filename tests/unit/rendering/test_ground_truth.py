@@ -56,7 +56,7 @@ def test_a_hidden_person_is_whole_in_the_amodal_mask(truth_pass: TruthPass) -> N
     assert person.padded_pixels == person.amodal.sum()
 
 
-def test_what_the_border_cuts_counts_on_the_padded_canvas(truth_pass: TruthPass) -> None:
+def test_pixels_beyond_the_border_count_on_the_padded_canvas(truth_pass: TruthPass) -> None:
     scene = apply({"scene.person-1.pos.x": -3.05, "scene.person-1.pos.y": 4.0}, simple_asset())
     (person,) = truth_pass.truth(scene, VIEW).persons
     # The same person seen by a camera with the same pixels per radian and twice the sensor and image.

@@ -82,26 +82,26 @@ def test_places_follow_the_person_and_the_pin_hole_formula() -> None:
         (0, 30.0, VISIBLE),  # nothing is before it, though the mask has a gap there
     ],
 )
-def test_what_is_before_a_joint_decides_whether_it_is_seen(instance: int, depth: float, expected: int) -> None:
+def test_a_surface_in_front_of_a_joint_decides_its_visibility(instance: int, depth: float, expected: int) -> None:
     joints = one(with_joints(at((0.0, 0.0, 1.0))), truth_of(instance, depth))
     assert (joints.visibility == expected).all()
 
 
 @pytest.mark.parametrize("x", [-8.0, 8.0])
-def test_beyond_the_border_a_joint_has_a_place_and_is_not_seen(x: float) -> None:
+def test_a_joint_beyond_the_border_has_a_place_and_is_not_visible(x: float) -> None:
     joints = one(with_joints(at((0.0, 0.0, 1.0)), x=x), truth_of(PERSON, 9.9))
     assert (joints.visibility == OUTSIDE).all()
     assert (joints.pixels[0, 0, 0] < 0) == (x < 0)
 
 
-def test_behind_the_camera_a_joint_is_projected_nowhere() -> None:
+def test_a_joint_behind_the_camera_has_no_pixel() -> None:
     joints = one(with_joints(at((0.0, 0.0, 1.0)), y=-3.0), truth_of(PERSON, 9.9))
     assert (joints.visibility == OUTSIDE).all()
     assert np.isnan(joints.pixels).all()
     assert joints.camera_places[0, 0, 2] == pytest.approx(3.0)
 
 
-def test_a_person_without_a_skeleton_is_said_and_not_guessed() -> None:
+def test_a_person_without_a_skeleton_is_reported_without_joints() -> None:
     joints = one(simple_asset().base, truth_of(PERSON, 9.9))
     assert joints.known.tolist() == [0]
     assert np.isnan(joints.places).all()
@@ -184,7 +184,7 @@ def test_a_riders_joints_are_seen_where_rays_from_the_camera_meet_its_body(truth
     assert len(judged) > len(JOINTS) / 2
 
 
-def test_a_rider_without_a_skeleton_is_said_and_not_guessed() -> None:
+def test_a_rider_without_a_skeleton_is_reported_without_joints() -> None:
     base = simple_asset().base
     box = base.nodes["scene.car-1"].meshes
     nodes = classified([Node("scene.rider-1", place(0, 12), box)], {}, ())

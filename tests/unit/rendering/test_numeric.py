@@ -18,5 +18,5 @@ from valerie.rendering.numeric import numeric_class
         ),
     ],
 )
-def test_renderer_and_driver_make_the_class(renderer: str, version: str, expected: str) -> None:
+def test_the_class_names_renderer_and_driver(renderer: str, version: str, expected: str) -> None:
     assert numeric_class(renderer, version) == expected

@@ -69,14 +69,14 @@ def square(*, body: float, around: float) -> tuple[NDArray[np.float32], NDArray[
     return luminance, mask, Rectangle(20, 15, 10, 10)
 
 
-class Told:
-    """A light pass that says what it is told."""
+class FixedLight:
+    """A light pass that returns fixed samples."""
 
     def __init__(self, samples: NDArray[np.float32], *, sunny: bool = True) -> None:
         self._samples, self._sunny = samples, sunny
 
     def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
-        return [Received(one, self._samples[one.slices], 2.0, self._sunny) for one in rectangles]
+        return [Received(box, self._samples[box.slices], 2.0, self._sunny) for box in rectangles]
 
 
 class TestMeans:
@@ -86,19 +86,19 @@ class TestMeans:
         samples[10:20, 20:25] = (1.0, 0.2, 1.0, 10.0)
         samples[10:20, 25:30] = (0.0, 0.2, 0.2, 10.0)
         samples[10:13, 20:30, 3] = 30.0  # an edge: the sample missed the body
-        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, Told(samples))
+        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, FixedLight(samples))
         assert person.irradiance == pytest.approx((1.2 + 0.2) / 2 / 2.0)
         assert person.shadow_share == pytest.approx(0.5)
 
     def test_without_a_sun_there_is_no_share_in_its_shadow(self) -> None:
         samples = np.full((36, 64, 4), (0.0, 0.2, 0.0, 10.0), np.float32)
-        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, Told(samples, sunny=False))
+        (person,) = measure_light(truth(), grey(), simple_asset().base, VIEW, FixedLight(samples, sunny=False))
         assert person.shadow_share is None
         assert person.irradiance == pytest.approx(0.1)
 
     def test_a_person_of_whom_nothing_is_seen_has_no_values(self) -> None:
         unseen = replace(truth(), instance_map=np.zeros((36, 64), np.uint16))
-        nobody = Told(np.zeros((36, 64, 4), np.float32))
+        nobody = FixedLight(np.zeros((36, 64, 4), np.float32))
         assert measure_light(unseen, grey(), simple_asset().base, VIEW, nobody) == (
             PersonLight(PERSON, None, None, None),
         )

@@ -51,7 +51,7 @@ def test_the_streaks_are_those_of_the_raster_engine() -> None:
     share = OPACITY * streaks(sky.drops, WHOLE, 180).astype(np.float64)
 
     def fine(image: np.ndarray) -> np.ndarray:
-        """What differs from its neighbours to the left and right, on a wall."""
+        """Return the fine detail of a wall: its difference from the neighbours to the left and right."""
         return (image - (np.roll(image, 3, axis=1) + np.roll(image, -3, axis=1)) / 2)[5:80, 5:60].ravel()
 
     brighter = fine(wet[..., 1])

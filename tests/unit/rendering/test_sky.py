@@ -104,7 +104,7 @@ def test_light_falls_steadily_and_without_a_jump_from_day_to_night() -> None:
     lux = np.array([sky_of(scene_with(float(e))).lux for e in elevations])
     below = elevations < DUSK
     assert (np.diff(lux[below]) <= 0).all()
-    # Where it falls fastest, in civil twilight, the tables lose a factor of 2.6 in half a degree.
+    # The light falls fastest in civil twilight: by a factor of 2.6 in half a degree in the tables.
     assert (lux[1:] / lux[:-1] > 0.7).all()
     assert (lux[1:] / lux[:-1] < 1.05).all()
 
@@ -124,7 +124,7 @@ def test_twilight_is_bluer_than_the_day_and_has_no_sun() -> None:
     assert not dusk.sun.any()
 
 
-def test_from_three_degrees_on_the_day_is_as_it_always_was() -> None:
+def test_from_three_degrees_on_the_sky_is_that_of_the_day() -> None:
     day, just_before = sky_of(scene_with(DUSK + 1e-6)), sky_of(scene_with(DUSK - 1e-6))
     np.testing.assert_allclose(day.table, just_before.table, rtol=1e-4, atol=3e-6)
     np.testing.assert_allclose(day.sun, just_before.sun, rtol=1e-4)

@@ -28,7 +28,7 @@ COUNTED = range(24, 34)
 #: Those that networks are evaluated on, but for the train (31).
 EVALUATED = {7, 8, 11, 12, 13, 17, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 32, 33}
 
-#: Where each class can be seen well: the place of a driver, and four further along.
+#: Places with a good view of each class: that of a driver, and four further along.
 CAMERAS = {
     "as a driver": ((2.5, -12.0, 1.4), 0.0, 50.0),
     "walls and heavy vehicles": ((2.5, 80.0, 2.0), 0.0, 35.0),

@@ -61,7 +61,7 @@ def test_bearing_is_measured_from_the_axis_and_grows_to_the_right(x: float, y: f
 @pytest.mark.parametrize(
     ("heading", "expected"), [(180.0, 0.0), (270.0, 90.0), (90.0, -90.0), (0.0, 180.0), (190.0, 10.0)]
 )
-def test_aspect_is_zero_for_who_faces_the_camera_and_positive_where_the_right_side_shows(
+def test_aspect_is_zero_for_a_person_who_faces_the_camera_and_positive_if_the_right_side_shows(
     heading: float, expected: float
 ) -> None:
     # From (0, 10) the camera lies towards −y, where a heading of 180° looks; 270° faces +x, the right hand to the camera.

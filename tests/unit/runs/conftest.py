@@ -5,6 +5,9 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from valerie.perception.base import FunctionCard
+from valerie.runs.pins import FunctionPin, Offer, Pins
+from valerie.runs.states import Stage
 from valerie.scene.assets.manifest import Manifest, parse_manifest
 
 settings.register_profile("no deadline", deadline=None)
@@ -68,12 +71,16 @@ def street() -> Manifest:
 
 
 @pytest.fixture
-def pins() -> dict[str, Any]:
-    return {
-        "engine": {"name": "raster", "numeric_class": "llvmpipe-mesa-22", "revision": 1, "route": "render.a"},
-        "truth": {"name": "truth", "numeric_class": "llvmpipe-mesa-22", "revision": 1, "route": "render.a"},
-        "functions": {
-            "deeplabv3plus-small": {"digest": "a" * 64, "numeric_class": "torch-cpu-fp32", "route": "infer.a"},
-            "semantic-fpn-small": {"digest": "b" * 64, "numeric_class": "torch-cpu-fp32", "route": "infer.a"},
-        },
-    }
+def pins() -> Pins:
+    def rendering(name: str) -> Offer:
+        return Offer(stage=Stage.RENDER, name=name, numeric_class="llvmpipe-mesa-22", revision=1, route="render.a")
+
+    def function(name: str, digest: str) -> FunctionPin:
+        return FunctionPin(
+            stage=Stage.INFER, name=name, numeric_class="torch-cpu-fp32", revision=1, route="infer.a", digest=digest,
+            card=FunctionCard(name, digest, name, "fp32", "torch", {}),
+        )  # fmt: skip
+
+    names = {"deeplabv3plus-small": "a" * 64, "semantic-fpn-small": "b" * 64}
+    functions = {name: function(name, digest) for name, digest in names.items()}
+    return Pins(engine=rendering("raster"), truth=rendering("truth"), functions=functions)

@@ -5,6 +5,7 @@ import pytest
 
 from valerie.runs.forecast import Plan, plan
 from valerie.runs.inputs import ProductInputs
+from valerie.runs.pins import Pins
 from valerie.runs.spec import parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.legality.ground import ground_height
@@ -47,10 +48,7 @@ def test_the_papers_pattern_has_its_size() -> None:
     assert all(reason.startswith("person-1 ") for reason in found.rejected)
 
 
-def test_the_sensor_example_renders_nothing_after_the_first_run() -> None:
-    pin = {"numeric_class": "", "revision": 0}
-    pins = {"engine": pin, "truth": pin, "functions": {name: {**pin, "digest": name} for name in FUNCTIONS}}
-
+def test_the_sensor_example_renders_nothing_after_the_first_run(pins: Pins) -> None:
     def rendered(name: str) -> set[str]:
         spec = parse((EXAMPLES / name).read_text("utf-8"))
         manifest, digest = asset_manifest(spec.asset)
@@ -59,8 +57,7 @@ def test_the_sensor_example_renders_nothing_after_the_first_run() -> None:
         found: set[str] = set()
         for _, values in run.space.values(0, run.space.size):
             for camera in range(len(run.cameras)):
-                products = inputs.frame(values, camera).products
-                found.update((products.background, products.layer, products.truth))
+                found.update(inputs.frame(values, camera).products.required)
         return found
 
     assert rendered("sensor.yaml") < rendered("first-run.yaml")

@@ -7,6 +7,7 @@ import pytest
 from valerie.runs.costs import Basis, Cost, CostKey, CostTable
 from valerie.runs.forecast import Plan, plan
 from valerie.runs.inputs import ProductInputs
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.runs.states import ProductKind
 from valerie.scene.assets.asset import asset_manifest
@@ -30,7 +31,7 @@ def products(run: Plan) -> dict[str, tuple[int, int]]:
     return {f"{one.kind}{one.maker and ' '}{one.maker}": (one.needed, one.present) for one in run.products}
 
 
-def every_digest(run: ResolvedRun, pins: dict[str, Any]) -> dict[str, set[str]]:
+def every_digest(run: ResolvedRun, pins: Pins) -> dict[str, set[str]]:
     """The oracle: each product of each legal frame, one by one."""
     inputs = ProductInputs(run, asset_digest=run.asset_digest, pins=pins)
     found: dict[str, set[str]] = {kind: set() for kind in ("background", "layer", "truth", "prediction", "evaluation")}
@@ -46,7 +47,7 @@ def every_digest(run: ResolvedRun, pins: dict[str, Any]) -> dict[str, set[str]]:
     return found
 
 
-def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: dict[str, Any]) -> None:
+def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: Pins) -> None:
     street, _ = asset_manifest("urban-street")
     places = {"car-101.pos.x": {"choice": [-3, 2.5]}, "car-101.pos.y": {"choice": [20, 40, 57]}}
     run = resolved(street, vary=places, constants={"car-101.kind": "suv", "person-1.pos.x": 2.5})
@@ -59,7 +60,7 @@ def test_a_plan_counts_the_places_that_a_car_cannot_take(pins: dict[str, Any]) -
     assert found.accepted == 1
 
 
-def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES, constraints=["person-1.pos.x != 4"])
     found = plan(run, pins=pins)
     # Of 5 × 2 places, the building takes (-4, 50), (-2, 50) and (0, 50), the constraint (4, 30) and (4, 50).
@@ -82,7 +83,7 @@ def test_a_plan_counts_variants_frames_and_products(street: Manifest, pins: dict
     assert found.units == {"sun-1.azimuth": "deg", "person-1.pos.x": "m", "person-1.pos.y": "m"}
 
 
-def test_the_counts_are_those_of_all_frames_one_by_one(street: Manifest, pins: dict[str, Any]) -> None:
+def test_the_counts_are_those_of_all_frames_one_by_one(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}])
     expected = {kind: len(digests) for kind, digests in every_digest(run, pins).items()}
     found: dict[str, int] = dict.fromkeys(expected, 0)
@@ -91,7 +92,7 @@ def test_the_counts_are_those_of_all_frames_one_by_one(street: Manifest, pins: d
     assert found == expected
 
 
-def test_what_is_there_already_is_not_made_again(street: Manifest, pins: dict[str, Any]) -> None:
+def test_what_is_there_already_is_not_made_again(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES)
     stored = set().union(*every_digest(run, pins).values())
     again = plan(run, pins=pins, present=lambda digests: digests & stored)
@@ -99,7 +100,7 @@ def test_what_is_there_already_is_not_made_again(street: Manifest, pins: dict[st
     assert all(one.needed == one.present for one in again.products)
 
 
-def test_adding_a_function_only_infers(street: Manifest, pins: dict[str, Any]) -> None:
+def test_adding_a_function_only_infers(street: Manifest, pins: Pins) -> None:
     before = resolved(street, vary=PLACES, functions=FUNCTIONS[:1])
     stored = set().union(*every_digest(before, pins).values())
     more = plan(resolved(street, vary=PLACES), pins=pins, present=lambda digests: digests & stored)
@@ -116,7 +117,7 @@ def test_without_workers_it_is_unknown_what_is_there_already_and_the_plan_says_s
     assert "it is not known what is already there" in found.warnings[-1]
 
 
-def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: Manifest, pins: dict[str, Any]) -> None:
+def test_recorded_timings_are_preferred_and_the_plan_says_which_it_took(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=PLACES)
     shipped = plan(run, pins=pins)
     recorded = plan(
@@ -163,7 +164,7 @@ def test_shipped_costs_grow_with_pixels_and_are_all_positive() -> None:
         assert 0 < small.bytes < large.bytes
 
 
-def test_truths_share_their_statics_wherever_a_camera_stands(street: Manifest, pins: dict[str, Any]) -> None:
+def test_truths_share_their_statics_wherever_a_camera_stands(street: Manifest, pins: Pins) -> None:
     def truth(**more: Any) -> Any:
         found = plan(
             resolved(street, vary={"person-1.pos.y": {"choice": [8, 9, 10]}, **more}, cameras=["camera-1"]), pins=pins
@@ -179,7 +180,7 @@ def test_truths_share_their_statics_wherever_a_camera_stands(street: Manifest, p
     assert statics.bytes > 10 * each.bytes
 
 
-def test_a_start_is_part_of_a_plan_where_no_workers_run(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_start_is_part_of_a_plan_where_no_workers_run(street: Manifest, pins: Pins) -> None:
     running, cold = plan(resolved(street), pins=pins), plan(resolved(street))
     assert running.start_cpu_seconds == 0
     assert cold.start_cpu_seconds > 10
@@ -195,7 +196,7 @@ def test_what_few_products_cost_is_believed_only_where_the_shipped_table_is_sile
     assert CostTable(few).cost(known) == (Cost(99.0, 9.0), Basis.RECORDED)
 
 
-def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: Manifest, pins: dict[str, Any]) -> None:
+def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: Manifest, pins: Pins) -> None:
     run = resolved(
         street,
         parameters=[["p1", "scene.person-1.pos.x", "FLOAT", 0, 20]],
@@ -211,7 +212,7 @@ def test_the_first_and_last_variants_are_shown_by_the_names_of_the_spec(street: 
     assert [one.index for one in (*single.first, *single.last)] == [0]
 
 
-def test_a_run_whose_variants_are_all_rejected_is_warned_of(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_run_whose_variants_are_all_rejected_is_warned_of(street: Manifest, pins: Pins) -> None:
     found = plan(resolved(street, constants={"person-1.pos.x": -5, "person-1.pos.y": 50}), pins=pins)
     assert (found.accepted, found.frames, found.renders) == (0, 0, 0)
     assert "every variant is rejected" in found.warnings[-1]
@@ -224,7 +225,7 @@ LARGE = [
 ]
 
 
-def test_a_large_run_is_estimated_from_a_seeded_sample_and_marked_so(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_large_run_is_estimated_from_a_seeded_sample_and_marked_so(street: Manifest, pins: Pins) -> None:
     run = resolved(street, vary=LARGE)
     found, again = plan(run, pins=pins), plan(run, pins=pins)
     assert found == again
@@ -241,7 +242,7 @@ def test_a_large_run_is_estimated_from_a_seeded_sample_and_marked_so(street: Man
     assert any("estimated from a sample of 2,000" in warning for warning in found.warnings)
 
 
-def test_reuse_is_estimated_from_the_sample_as_well(street: Manifest, pins: dict[str, Any]) -> None:
+def test_reuse_is_estimated_from_the_sample_as_well(street: Manifest, pins: Pins) -> None:
     def half(digests: set[str]) -> set[str]:
         return {digest for digest in digests if digest[0] in "01234567"}
 
@@ -250,7 +251,7 @@ def test_reuse_is_estimated_from_the_sample_as_well(street: Manifest, pins: dict
     assert present / needed == pytest.approx(0.5, abs=0.03)
 
 
-def test_estimated_products_that_repeat_are_not_counted_in_proportion(street: Manifest, pins: dict[str, Any]) -> None:
+def test_estimated_products_that_repeat_are_not_counted_in_proportion(street: Manifest, pins: Pins) -> None:
     # A place, seen under a thousand suns: one truth for each camera and place, however large the space.
     run = resolved(
         street,
@@ -265,7 +266,7 @@ def test_estimated_products_that_repeat_are_not_counted_in_proportion(street: Ma
     assert products(found)["truth"][0] == pytest.approx(19 * 3, abs=2)
 
 
-def test_the_estimate_of_distinct_products_is_near_the_truth(street: Manifest, pins: dict[str, Any]) -> None:
+def test_the_estimate_of_distinct_products_is_near_the_truth(street: Manifest, pins: Pins) -> None:
     """Half-way between all different and all seen: 3 × 1000 truths, each seen about twice in the sample."""
     run = resolved(
         street,
@@ -277,7 +278,7 @@ def test_the_estimate_of_distinct_products_is_near_the_truth(street: Manifest, p
     assert products(plan(run, pins=pins))["truth"][0] == pytest.approx(3 * 1001, rel=0.15)
 
 
-def test_a_billion_variants_are_planned_without_being_listed(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_billion_variants_are_planned_without_being_listed(street: Manifest, pins: Pins) -> None:
     run = resolved(
         street,
         vary=[["person-1.pos.x", "HOMOGENEOUS", 0, 19.9999, 0.0001], ["person-1.pos.y", "HOMOGENEOUS", 0, 99.99, 0.01]],
@@ -287,7 +288,7 @@ def test_a_billion_variants_are_planned_without_being_listed(street: Manifest, p
     assert found.last[-1].index == 2 * 10**9 - 1
 
 
-def test_digests_that_end_in_zero_bytes_are_asked_for_whole(street: Manifest, pins: dict[str, Any]) -> None:
+def test_digests_that_end_in_zero_bytes_are_asked_for_whole(street: Manifest, pins: Pins) -> None:
     asked: set[str] = set()
 
     def remember(digests: set[str]) -> set[str]:
@@ -301,7 +302,7 @@ def test_digests_that_end_in_zero_bytes_are_asked_for_whole(street: Manifest, pi
     assert np.any([digest.endswith("00") for digest in expected]), "the case must occur"
 
 
-def test_a_plan_survives_json(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_plan_survives_json(street: Manifest, pins: Pins) -> None:
     found = plan(resolved(street, vary=PLACES), pins=pins)
     assert Plan.model_validate_json(found.model_dump_json()) == found
     assert {"variants", "frames", "renders", "cpu_seconds", "bytes", "warnings"} <= set(found.model_dump())

@@ -1,9 +1,11 @@
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from valerie.parameters.assignment import digest
 from valerie.runs.inputs import FrameDigests, ProductInputs
+from valerie.runs.pins import Pins
 from valerie.runs.spec import parse, resolve
 from valerie.scene.assets.manifest import Manifest
 from valerie.scene.variation.variant import split
@@ -14,7 +16,7 @@ FUNCTIONS = ["deeplabv3plus-small", "semantic-fpn-small"]
 
 def frame(
     street: Manifest,
-    pins: dict[str, Any],
+    pins: Pins,
     values: dict[str, Any],
     camera: int = 0,
     asset_digest: str = "a",
@@ -22,6 +24,11 @@ def frame(
 ) -> FrameDigests:
     spec = parse({"name": "one", "asset": "urban-street", "functions": FUNCTIONS, **given})
     return ProductInputs(resolve(spec, street), asset_digest=asset_digest, pins=pins).frame(values, camera)
+
+
+def with_function(pins: Pins, name: str, **changes: Any) -> Pins:
+    pin = pins.functions[name].model_copy(update=changes)
+    return pins.model_copy(update={"functions": {**pins.functions, name: pin}})
 
 
 def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
@@ -35,7 +42,7 @@ def changed(before: FrameDigests, after: FrameDigests) -> set[str]:
     return found | {"evaluation" for a, b in pairs if a.scores != b.scores}
 
 
-def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, pins: dict[str, Any]) -> None:
+def test_annotations_follow_the_truth_and_change_nothing_else(street: Manifest, pins: Pins) -> None:
     without, asked = frame(street, pins, {}), frame(street, pins, {}, annotations=["normals", "boxes"])
     assert without.annotations == ()
     assert changed(without, asked) == set()
@@ -69,7 +76,7 @@ MADE = {"prediction", "evaluation"}
     ],
 )
 def test_a_value_changes_only_the_products_that_depend_on_it(
-    street: Manifest, pins: dict[str, Any], values: dict[str, Any], expected: set[str]
+    street: Manifest, pins: Pins, values: dict[str, Any], expected: set[str]
 ) -> None:
     # Person 2 is absent: where it would stand is no input of anything. Defaults that are spelled out change nothing.
     assert changed(frame(street, pins, {}), frame(street, pins, values)) == expected
@@ -91,7 +98,7 @@ def test_a_value_changes_only_the_products_that_depend_on_it(
     ],
 )
 def test_a_spec_changes_only_the_products_that_depend_on_it(
-    street: Manifest, pins: dict[str, Any], given: dict[str, Any], expected: set[str]
+    street: Manifest, pins: Pins, given: dict[str, Any], expected: set[str]
 ) -> None:
     # The asset counts by its digest, which is the same here.
     assert changed(frame(street, pins, {}), frame(street, pins, {}, **given)) == expected
@@ -108,31 +115,32 @@ def test_a_spec_changes_only_the_products_that_depend_on_it(
     ],
 )
 def test_revisions_and_numeric_classes_count_and_queues_do_not(
-    street: Manifest, pins: dict[str, Any], role: str, key: str, expected: set[str]
+    street: Manifest, pins: Pins, role: str, key: str, expected: set[str]
 ) -> None:
-    other = {**pins, role: {**pins[role], key: 2 if key == "revision" else "other"}}
+    changes = {key: 2 if key == "revision" else "other"}
+    other = pins.model_copy(update={role: getattr(pins, role).model_copy(update=changes)})
     assert changed(frame(street, pins, {}), frame(street, other, {})) == expected
 
 
 @pytest.mark.parametrize("key", ["digest", "numeric_class", "revision"])
 def test_a_functions_weights_revision_and_numeric_class_count_for_its_own_predictions(
-    street: Manifest, pins: dict[str, Any], key: str
+    street: Manifest, pins: Pins, key: str
 ) -> None:
     name = FUNCTIONS[1]
-    other = {**pins, "functions": {**pins["functions"], name: {**pins["functions"][name], key: "other"}}}
+    other = with_function(pins, name, **{key: 2 if key == "revision" else "other"})
     before, after = frame(street, pins, {}), frame(street, other, {})
     assert changed(before, after) == MADE
     assert before.evaluations[0] == after.evaluations[0]
 
 
-def test_another_asset_changes_everything(street: Manifest, pins: dict[str, Any]) -> None:
+def test_another_asset_changes_everything(street: Manifest, pins: Pins) -> None:
     assert changed(frame(street, pins, {}), frame(street, pins, {}, asset_digest="b")) == (
         {"background", "layer", "truth"} | MADE
     )
 
 
 def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_default_does_not(
-    street: Manifest, pins: dict[str, Any]
+    street: Manifest, pins: Pins
 ) -> None:
     dark = frame(street, pins, {}, sensors=[{"exposure_ev": -2}])
     assert changed(dark, frame(street, pins, {}, sensors=[{"exposure_ev": 0}])) == MADE
@@ -140,25 +148,25 @@ def test_a_sensor_value_of_the_variant_overrides_the_setting_and_the_assets_defa
     assert changed(dark, as_value) == set()
 
 
-def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: dict[str, Any]) -> None:
+def test_every_sensor_and_function_has_its_prediction(street: Manifest, pins: Pins) -> None:
     found = frame(street, pins, {}, sensors=[{"name": "a"}, {"name": "b", "gamma": 2}]).evaluations
     assert [(one.sensor_index, one.function_index) for one in found] == [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert len({one.prediction for one in found} | {one.scores for one in found}) == 8
 
 
-def test_each_camera_has_its_own_products(street: Manifest, pins: dict[str, Any]) -> None:
+def test_each_camera_has_its_own_products(street: Manifest, pins: Pins) -> None:
     assert changed(frame(street, pins, {}, 0), frame(street, pins, {}, 1)) == ({"background", "layer", "truth"} | MADE)
     alone = frame(street, pins, {}, 0, cameras=["camera-2"])
     assert changed(alone, frame(street, pins, {}, 1)) == set()
 
 
-def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: dict[str, Any]) -> None:
+def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest, pins: Pins) -> None:
     found = frame(street, pins, {})
     assert found.evaluations[0].scores == digest(
         1, "evaluation", 1, found.evaluations[0].prediction, found.products.truth
     )
     inputs = split({}, street, "camera-1")
-    engine = {"name": "raster", "revision": 1, "numeric_class": pins["engine"]["numeric_class"]}
+    engine = {"name": "raster", "revision": 1, "numeric_class": pins.engine.numeric_class}
     assert found.products.layer == digest(1, "layer", engine, found.products.background, inputs.layer)
 
 
@@ -173,19 +181,17 @@ def test_an_evaluation_follows_from_prediction_and_truth_alone(street: Manifest,
     ],
 )
 def test_settings_of_an_engine_are_inputs_of_its_pictures_however_they_were_said(
-    street: Manifest, pins: dict[str, Any], given: dict[str, Any], expected: set[str]
+    street: Manifest, pins: Pins, given: dict[str, Any], expected: set[str]
 ) -> None:
     plain = frame(street, pins, {}, renderer="cycles")
     assert changed(plain, frame(street, pins, {}, renderer=given)) == expected
 
 
-def test_classes_that_a_function_is_judged_by_change_its_evaluations_alone(
-    street: Manifest, pins: dict[str, Any]
-) -> None:
+def test_classes_that_a_function_is_judged_by_change_its_evaluations_alone(street: Manifest, pins: Pins) -> None:
     def judged(*judged_by: str) -> FrameDigests:
         first = FUNCTIONS[0]
-        pin = {**pins["functions"][first], "card": {"judged_by": list(judged_by)}}
-        return frame(street, {**pins, "functions": {**pins["functions"], first: pin}}, {})
+        card = replace(pins.functions[first].card, judged_by=judged_by)
+        return frame(street, with_function(pins, first, card=card), {})
 
     whole = frame(street, pins, {})
     assert judged() == whole

@@ -7,6 +7,7 @@ import pytest
 from valerie.errors import InvalidInputs
 from valerie.runs.forecast import plan
 from valerie.runs.inputs import ProductInputs
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.scene.assets.manifest import Manifest
@@ -101,7 +102,7 @@ def test_a_car_that_meets_a_cyclist_on_its_way_is_rejected_with_the_moment() -> 
     assert alone.rejection(next(iter(alone.space)).values) is None
 
 
-def test_what_stands_still_is_rendered_once(street: Manifest, pins: dict[str, Any]) -> None:
+def test_what_stands_still_is_rendered_once(street: Manifest, pins: Pins) -> None:
     resolved = run(street, sequence=[4, "500 ms"], trajectories=WALK, cameras=["camera-1", "camera-2"])
     planned = plan(resolved, pins=pins)
     assert (planned.moments, planned.frames) == (4, 8)
@@ -112,7 +113,7 @@ def test_what_stands_still_is_rendered_once(street: Manifest, pins: dict[str, An
     assert (standing.frames, needed["background"], needed["layer"], needed["truth"]) == (4, 1, 1, 1)
 
 
-def test_a_moment_shares_its_products_with_a_run_without_time(street: Manifest, pins: dict[str, Any]) -> None:
+def test_a_moment_shares_its_products_with_a_run_without_time(street: Manifest, pins: Pins) -> None:
     moving = run(
         street, sequence=[2, "1 s"], trajectories={"person-1": {"keyframes": WALK["person-1"], "facing": "kept"}}
     )

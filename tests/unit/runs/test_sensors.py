@@ -4,6 +4,7 @@ import pytest
 
 from valerie.errors import InvalidInputs
 from valerie.runs.inputs import ProductInputs
+from valerie.runs.pins import Pins
 from valerie.runs.sensors import focal_length_mm
 from valerie.runs.spec import ResolvedRun, parse, resolve
 from valerie.scene.assets.asset import asset_manifest
@@ -99,13 +100,13 @@ def test_a_plan_warns_of_values_that_change_nothing(street: Manifest, vary: dict
     ],
 )
 def test_a_prediction_depends_on_seed_and_truth_only_where_its_sensor_does(
-    street: Manifest, pins: dict[str, Any], sensor: dict[str, Any], *, seeded: bool, with_truth: bool
+    street: Manifest, pins: Pins, sensor: dict[str, Any], *, seeded: bool, with_truth: bool
 ) -> None:
-    pins = {**pins, "functions": {"f": next(iter(pins["functions"].values()))}}
+    pins = pins.model_copy(update={"functions": {"f": next(iter(pins.functions.values()))}})
 
     def prediction(seed: int = 0, revision: int = 1) -> str:
         run = resolved(street, sensors=[sensor], seed=seed)
-        own = {**pins, "truth": {**pins["truth"], "revision": revision}}
+        own = pins.model_copy(update={"truth": pins.truth.model_copy(update={"revision": revision})})
         return ProductInputs(run, asset_digest="a", pins=own).frame({}, 0).evaluations[0].prediction
 
     assert (prediction(seed=1) != prediction()) is seeded

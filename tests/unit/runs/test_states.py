@@ -12,6 +12,7 @@ def test_every_product_has_the_stage_that_makes_it() -> None:
         "background": Stage.RENDER,
         "layer": Stage.RENDER,
         "truth": Stage.RENDER,
+        "statics": Stage.RENDER,
         "normals": Stage.RENDER,
         "boxes": Stage.RENDER,
         "joints": Stage.RENDER,

@@ -62,7 +62,7 @@ def test_blur_preserves_energy() -> None:
     np.testing.assert_allclose(defocus(even, depth_steps), 0.7, rtol=1e-3)
 
 
-def test_what_is_behind_does_not_bleed_over_what_is_sharp_in_front() -> None:
+def test_a_blurred_background_does_not_bleed_over_a_sharp_foreground() -> None:
     image = np.zeros((40, 60, 3), np.float32)
     image[:, 30:] = 1.0  # bright and far
     radius = np.zeros((40, 60), np.float32)
@@ -71,7 +71,7 @@ def test_what_is_behind_does_not_bleed_over_what_is_sharp_in_front() -> None:
     np.testing.assert_allclose(found[:, :30], 0.0, atol=1e-5)
 
 
-def test_what_is_in_front_bleeds_over_what_is_sharp_behind() -> None:
+def test_a_blurred_foreground_bleeds_over_a_sharp_background() -> None:
     image = np.zeros((40, 60, 3), np.float32)
     image[:, 30:] = 1.0
     radius = np.zeros((40, 60), np.float32)

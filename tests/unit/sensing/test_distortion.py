@@ -47,7 +47,7 @@ def test_opencv_undistorts_the_distorted_picture_back_to_the_pinhole_image(d: Di
     back_x, back_y = cv2.initUndistortRectifyMap(
         camera(FOCAL * found.zoom), opencv(d), None, camera(FOCAL), (WIDTH, HEIGHT), cv2.CV_32FC1
     )
-    # Where a pixel of the distorted picture comes from, read at where OpenCV says a pinhole pixel is shown.
+    # The source of a distorted pixel, read at the place to which OpenCV maps a pinhole pixel.
     again_x = cv2.remap(found.x.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
     again_y = cv2.remap(found.y.astype(np.float32), back_x, back_y, cv2.INTER_LINEAR, borderValue=np.nan)
     inside = (back_x > 1) & (back_x < WIDTH - 2) & (back_y > 1) & (back_y < HEIGHT - 2)

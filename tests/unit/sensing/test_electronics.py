@@ -83,7 +83,7 @@ def test_gain_multiplies_signal_and_noise_and_saturates_earlier() -> None:
 
 
 @given(st.floats(0, 0.05), st.floats(0, 0.05), st.integers(0, 3))
-def test_more_faults_keep_those_that_were_there(dead: float, hot: float, seed: int) -> None:
+def test_a_higher_rate_keeps_the_faults_of_a_lower_one(dead: float, hot: float, seed: int) -> None:
     values = np.full((80, 90, 3), 0.5, np.float32)
 
     def broken(d: float, h: float) -> np.ndarray:

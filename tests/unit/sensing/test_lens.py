@@ -52,7 +52,7 @@ def test_a_clean_glass_changes_nothing(soil) -> None:  # type: ignore[no-untyped
     np.testing.assert_array_equal(soil(image, 0.0, 3), image)
 
 
-def test_dust_darkens_what_is_bright_and_veils_what_is_dark() -> None:
+def test_dust_darkens_bright_areas_and_veils_dark_ones() -> None:
     image = np.zeros((90, 160, 3), np.float32)
     image[:, 80:] = 1.0
     seen = dirty(image, 0.2, 1)

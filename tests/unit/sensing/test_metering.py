@@ -1,4 +1,4 @@
-"""The exposure that a camera chooses itself."""
+"""Automatic exposure."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_every_stop_less_light_is_a_stop_more_exposure(stops: float) -> None:
     assert metered_ev(grey(DAYLIGHT * 2.0**stops)) == pytest.approx(-stops, abs=0.02)
 
 
-def test_the_choice_has_ends() -> None:
+def test_automatic_exposure_stays_in_its_range() -> None:
     assert metered_ev(grey(0.0)) == BRIGHTEST_EV
     assert metered_ev(grey(np.inf)) == DARKEST_EV
     assert metered_ev(grey(np.nan)) == BRIGHTEST_EV

@@ -53,7 +53,7 @@ def test_a_longer_exposure_blurs_more() -> None:
     assert len(set(spread)) == 4
 
 
-def test_a_rolling_shutter_leans_what_moves_sideways_and_nothing_else() -> None:
+def test_a_rolling_shutter_leans_only_objects_that_move_sideways() -> None:
     light, movement = square(speed_x=200.0)
     times = read_times(HEIGHT, 2e-3)
     found = taken(light, movement, times, 0.0)[..., 0]
@@ -65,7 +65,7 @@ def test_a_rolling_shutter_leans_what_moves_sideways_and_nothing_else() -> None:
     assert found[:20].max() == found[40:].max() == 0.0
 
 
-def test_what_falls_is_stretched_and_what_rises_is_squeezed() -> None:
+def test_a_falling_object_is_stretched_and_a_rising_one_squeezed() -> None:
     heights = []
     for speed in (-100.0, 0.0, 100.0):
         light, movement = square(speed_y=speed)
@@ -74,7 +74,7 @@ def test_what_falls_is_stretched_and_what_rises_is_squeezed() -> None:
     assert heights == pytest.approx([20 / 1.2, 20, 20 / 0.8], abs=1.5)
 
 
-def test_a_standing_thing_in_front_is_not_drawn_out_over_what_moves_behind_it() -> None:
+def test_a_static_object_in_front_is_not_smeared_over_a_moving_background() -> None:
     light, velocity = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.zeros((HEIGHT, WIDTH, 2), np.float32)
     depth = np.full((HEIGHT, WIDTH), 20.0, np.float32)
     velocity[...] = (100.0, 0.0)  # the camera turns, and follows the square
@@ -84,7 +84,7 @@ def test_a_standing_thing_in_front_is_not_drawn_out_over_what_moves_behind_it() 
     assert found.sum() == pytest.approx(light.sum(), rel=0.02)
 
 
-def test_a_picture_in_which_everything_moves_alike_is_shifted_row_by_row() -> None:
+def test_an_image_with_uniform_motion_is_shifted_row_by_row() -> None:
     light = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), np.float32)
     velocity = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     velocity[..., 0] = 50.0
@@ -95,6 +95,6 @@ def test_a_picture_in_which_everything_moves_alike_is_shifted_row_by_row() -> No
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-def test_the_middle_of_the_image_is_read_at_the_frame_s_own_moment() -> None:
+def test_the_middle_row_is_read_at_the_frames_moment() -> None:
     times = read_times(5, 1e-3)
     assert times[:, 0] == pytest.approx([-2e-3, -1e-3, 0.0, 1e-3, 2e-3])

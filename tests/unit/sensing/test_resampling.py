@@ -7,7 +7,7 @@ from valerie.sensing.resampling import bilinear
 
 
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 5))
-def test_between_pixels_it_reads_as_scipy_does(height: int, width: int, seed: int) -> None:
+def test_values_between_pixels_are_those_of_scipy(height: int, width: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     image = rng.random((height, width, 3), np.float32)
     x, y = rng.uniform(-2, width + 1, 40), rng.uniform(-2, height + 1, 40)

@@ -35,7 +35,7 @@ def reference(value: float, setting: SensorSetting) -> int:
 
 
 @pytest.mark.parametrize("curve", CURVE_NAMES)
-def test_every_finite_float16_is_developed_as_the_formula_says(curve: str) -> None:
+def test_every_finite_float16_gets_the_value_of_the_formula(curve: str) -> None:
     setting = SensorSetting.model_validate({"curve": curve, "exposure_ev": 0.5, "gamma": 1.5})
     codes = np.arange(0, 0x7C00, 7, dtype=np.uint16)  # non-negative and finite
     values = codes.view(np.float16)

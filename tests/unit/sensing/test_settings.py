@@ -63,7 +63,7 @@ def test_a_wrong_setting_is_refused(wrong: dict[str, object]) -> None:
         ({"exposure_ev": -2, "curve": "aces"}, {"curve": "aces", "exposure_ev": -2, "gamma": 1}),
     ],
 )
-def test_settings_that_were_there_first_keep_their_identity(given: dict[str, Any], expected: dict[str, Any]) -> None:
+def test_settings_of_the_first_effects_keep_their_identity(given: dict[str, Any], expected: dict[str, Any]) -> None:
     # Digests of everything that was ever computed hang on these bytes.
     assert (
         canonical_json(SensorSetting.model_validate(given).response())
@@ -82,7 +82,7 @@ def test_settings_that_were_there_first_keep_their_identity(given: dict[str, Any
         ({"specimen": 4, "soiling": {"dirt": 0.1}}, {"specimen", "soiling.dirt"}),
     ],
 )
-def test_what_makes_no_difference_is_no_part_of_a_response(given: dict[str, Any], kept: set[str]) -> None:
+def test_values_without_effect_are_no_part_of_a_response(given: dict[str, Any], kept: set[str]) -> None:
     found = set(SensorSetting.model_validate(given).response())
     assert found - {"curve", "exposure_ev", "gamma"} == kept
 

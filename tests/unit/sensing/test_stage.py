@@ -1,4 +1,4 @@
-"""What holds for all effects together."""
+"""Properties of all effects together."""
 
 import hashlib
 import subprocess
@@ -64,7 +64,7 @@ def test_equal_input_gives_equal_pictures_and_leaves_the_input_alone(
         {"gain_db": 0, "jpeg_quality": 0, "white_balance": {"temperature_k": 6504, "tint": 0}},
     ],
 )
-def test_what_has_no_effect_alone_leaves_the_picture_bit_for_bit(
+def test_a_value_without_effect_alone_leaves_the_image_bit_for_bit(
     neutral: dict[str, Any], linear: NDArray[np.float16], shot: Shot
 ) -> None:
     np.testing.assert_array_equal(develop(linear, setting(**neutral), shot), develop(linear, setting()))
@@ -104,7 +104,9 @@ def test_places_belong_to_the_specimen_and_not_to_the_frame(
         ({"lens": {"f_number": 2}}, "focal length"),
     ],
 )
-def test_a_setting_says_what_it_needs_to_know(given: dict[str, Any], missing: str, linear: NDArray[np.float16]) -> None:
+def test_a_setting_declares_the_data_that_it_needs(
+    given: dict[str, Any], missing: str, linear: NDArray[np.float16]
+) -> None:
     with pytest.raises(InvalidInput, match=missing):
         develop(linear, setting(**given))
 

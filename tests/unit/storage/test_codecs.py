@@ -17,7 +17,7 @@ sides = st.integers(1, 12)
 
 
 def _same(left: NDArray[Any], right: NDArray[Any]) -> None:
-    """Equal to the bit: also NaN payloads and the sign of zero."""
+    """Return whether arrays are equal to the bit, with NaN payloads and the sign of zero."""
     assert left.dtype == right.dtype
     assert left.shape == right.shape
     assert left.tobytes() == right.tobytes()
@@ -84,10 +84,10 @@ def truth_layers(draw: st.DrawFn) -> tuple[GroundTruth, TruthLayer]:
     )
 
 
-@given(found=truth_layers())
+@given(parts=truth_layers())
 @settings(deadline=None)
-def test_a_stored_layer_over_its_statics_is_the_layer_over_its_statics(found: tuple[GroundTruth, TruthLayer]) -> None:
-    statics, layer = found
+def test_a_stored_layer_over_its_statics_is_the_layer_over_its_statics(parts: tuple[GroundTruth, TruthLayer]) -> None:
+    statics, layer = parts
     stored = codecs.decode_stored_truth(codecs.encode_truth_layer(layer, "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"))
     assert isinstance(stored, codecs.StoredTruthLayer)
     assert stored.statics == "5f0c3a9be1d24c7788a6e0f1b2c3d4e5"

@@ -65,13 +65,13 @@ def test_equal_input_gives_equal_bytes_in_every_process() -> None:
         "arrays = {'b': np.arange(12, dtype=np.uint8), 'a': np.ones(3, np.float16)}\n"
         "sys.stdout.buffer.write(envelope.pack('image', arrays, {'z': 1, 'a': 2, 'm': 3, 'q': 4}))"
     )
-    made = {
+    encodings = {
         subprocess.run(
             [sys.executable, "-c", program], check=True, capture_output=True, env={**os.environ, "PYTHONHASHSEED": seed}
         ).stdout
         for seed in ("0", "1", "2", "3")
     }
-    assert len(made) == 1
+    assert len(encodings) == 1
 
 
 def test_every_flipped_byte_is_noticed() -> None:

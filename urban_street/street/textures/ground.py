@@ -23,12 +23,12 @@ _SIZE = 1024
 _OLD, _POLISHED, _FRESH = 0.92, 0.76, 0.82
 _OILY, _BITUMEN, _PAINT, _JOINT = 0.68, 0.62, 0.74, 0.96
 _IRON, _DIRT = 0.50, 0.92
-#: How metallic worn iron is: partly rust.
+#: Metallic share of worn iron; the rest is rust.
 _BARE = 0.6
 
 
 def _road_axes(width: float) -> tuple[Field, Field]:
-    """Metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
+    """Return metres across (1, W) and along (H, 1) at the pixel centres of a road texture."""
     centre = ((np.arange(_SIZE) + 0.5) / _SIZE).astype(np.float32)
     across: Field = (centre * np.float32(width))[None]
     along: Field = (centre * np.float32(ROAD_TILE[1]))[:, None]
@@ -37,7 +37,7 @@ def _road_axes(width: float) -> tuple[Field, Field]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layer:
-    """What a road is made of at each pixel.
+    """The surface of a road at each pixel.
 
     Attributes:
         color: (H, W, 3) linear reflectance.
@@ -49,14 +49,14 @@ class _Layer:
     metallic: Field
 
     def images(self) -> tuple[Image, Image]:
-        """Colour and roughness map."""
+        """Return colour and roughness map."""
         return srgb8(self.color), roughness_map(self.roughness, self.metallic)
 
 
 def asphalt(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
 ) -> tuple[Image, Image]:
-    """Colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway, edges and markings included.
+    """Return colour (1024, 1024, 3) and roughness (512, 512, 3) of one piece of carriageway, edges and markings included.
 
     It is ``width`` × `ROAD_TILE`[1] metres. Tyres polish two bands of a lane; oil, the bitumen of repairs and seams, and
     markings are smoother than old asphalt, cracks rougher; lids are of worn iron.
@@ -72,7 +72,9 @@ def asphalt(
     """
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
-    ends = smoothstep(0.0, 0.8, along) * smoothstep(0.0, 0.8, ROAD_TILE[1] - along)  # pieces must meet: no patch there
+    ends = smoothstep(0.0, 0.8, along) * smoothstep(
+        0.0, 0.8, ROAD_TILE[1] - along
+    )  # Pieces must meet, so the ends get no patch.
     albedo = np.full(shape, 0.115, np.float32)
     albedo *= 1.0 + 0.05 * band_noise(shape, rng, longest=700, shortest=40) * ends
     grain = band_noise(shape, rng, longest=6, slope=0.0)
@@ -111,7 +113,7 @@ def asphalt(
 
 
 def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field) -> _Layer:
-    """White markings, worn by traffic."""
+    """Return white markings, worn by traffic."""
     worn = 0.5 * band_noise((_SIZE, _SIZE), rng, longest=60, shortest=3, slope=0.8) + 0.22 * grain
     wear = smoothstep(-1.65, -0.25, worn)
     cover = paint * (0.25 + 0.63 * wear)
@@ -121,7 +123,7 @@ def _painted(road: _Layer, rng: np.random.Generator, grain: Field, paint: Field)
 
 
 def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *, zebra: bool) -> Field:
-    """(H, W) 0…1 where markings are."""
+    """Return (H, W) 0…1 where markings are."""
     if zebra:
         return _zebra_paint(across, along, width)
     return _lane_paint(across, along, lane) if lane else np.zeros((_SIZE, _SIZE), np.float32)
@@ -130,7 +132,7 @@ def _paint(across: Field, along: Field, lane: tuple[float, ...], width: float, *
 def setts(
     rng: np.random.Generator, *, zebra: bool, lane: tuple[float, ...], width: float = ROAD_TILE[0]
 ) -> tuple[Image, Image, Image]:
-    """Colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts; arguments as for `asphalt`."""
+    """Return colour, normals (1024, 1024, 3) and roughness (512, 512, 3) of granite setts; arguments as for `asphalt`."""
     shape = (_SIZE, _SIZE)
     across, along = _road_axes(width)
     columns, rows = round(width / 0.16), 120  # 11 cm courses in 13.2 m
@@ -166,7 +168,7 @@ def setts(
 def _patches(
     albedo: Field, roughness: Field, rng: np.random.Generator, grain: Field, road: float
 ) -> tuple[Field, Field]:
-    """Rectangles cut open and filled again, with a tarred seam around each."""
+    """Return rectangles cut open and filled again, with a tarred seam around each."""
     across, along = _road_axes(road)
     for _ in range(int(rng.integers(2, 5))):
         width, length = rng.uniform(0.7, 2.2), rng.uniform(0.9, 3.6)
@@ -177,13 +179,13 @@ def _patches(
         albedo = albedo * (1.0 + fill * (tone * (1.0 + 0.04 * grain) - 1.0))
         seam = np.exp(-((inside / 0.02) ** 2))
         albedo *= 1.0 - 0.5 * seam
-        # What is darker than the road is fresh, and still covered with its binder.
+        # Patches darker than the road are fresh, and still covered with binder.
         roughness = toward(toward(roughness, _FRESH if tone < 1.0 else _OLD, fill), _BITUMEN, seam)
     return albedo, roughness
 
 
 def _cracks(rng: np.random.Generator, width: float) -> Field:
-    """(H, W) 0…1: wandering cracks, now and then forking."""
+    """Return (H, W) 0…1: wandering cracks, now and then forking."""
     mark = np.zeros((_SIZE, _SIZE), np.float32)
     for _ in range(9):
         steps = int(rng.integers(150, 700))
@@ -197,7 +199,7 @@ def _cracks(rng: np.random.Generator, width: float) -> Field:
 
 
 def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
-    """Two rows of setts along each kerb, and the dirt that collects there."""
+    """Return two rows of setts along each kerb, and the dirt that collects there."""
     color, roughness = layer.color, layer.roughness
     for edge in (across, width - across):
         row = np.floor(edge / 0.16)
@@ -219,7 +221,7 @@ def _gutters(layer: _Layer, rng: np.random.Generator, across: Field, along: Fiel
 
 
 def _ironwork(layer: _Layer, rng: np.random.Generator, across: Field, along: Field, width: float) -> _Layer:
-    """A manhole in the lane and gullies in the gutters: worn iron, dirty where it lies low."""
+    """Return a manhole in the lane and gullies in the gutters: worn iron, dirty where it lies low."""
     color, roughness, metallic = layer.color, layer.roughness, layer.metallic
     iron = np.array([0.075, 0.07, 0.066], np.float32)
     x, y = width * 0.5 + rng.uniform(-0.9, 0.9), rng.uniform(1.5, ROAD_TILE[1] - 1.5)
@@ -248,7 +250,7 @@ def _soft(edge_distance: NDArray[np.floating], softness: float = 0.012) -> Field
 
 
 def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
-    """Broken lines between lanes and parking bays, two dashes to a piece, and the bays' cross marks."""
+    """Return broken lines between lanes and parking bays, two dashes to a piece, and the bays' cross marks."""
     dash = _soft(1.15 - np.abs((along % 6.6) - 3.3))
     paint = np.zeros((_SIZE, _SIZE), np.float32)
     for x in lane:
@@ -260,14 +262,14 @@ def _lane_paint(across: Field, along: Field, lane: tuple[float, ...]) -> Field:
 
 
 def _zebra_paint(across: Field, along: Field, width: float) -> Field:
-    """Bars of half a metre, four metres long, seven on the narrowest road."""
+    """Return bars of half a metre, four metres long, seven on the narrowest road."""
     bars = _soft(0.25 - np.abs(((across - 0.35) % 1.0) - 0.25))
     bars = bars * _soft(np.minimum(across - 0.33, width - 0.33 - across))
     return (bars * _soft(2.0 - np.abs(along - 0.5 * ROAD_TILE[1]))).astype(np.float32)
 
 
 def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) -> Image:
-    """(1024, 1024, 3) normals that belong to one road picture.
+    """Return (1024, 1024, 3) normals that belong to one road picture.
 
     They hold the aggregate, and grooves where the picture has cracks, seams, joints and the edges of lids: what is much
     darker than its surroundings within a hand's breadth lies lower, by up to 5 mm; markings lie a little higher.
@@ -288,7 +290,7 @@ def relief(color: Image, rng: np.random.Generator, width: float = ROAD_TILE[0]) 
 
 
 def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
-    """Colour, normals (1024²) and roughness (512²) of a footway: granite slabs in the middle, small setts on both sides."""
+    """Return colour, normals (1024²) and roughness (512²) of a footway: granite slabs in the middle, setts on both sides."""
     shape = (_SIZE, _SIZE)
     centre = (np.arange(_SIZE, dtype=np.float32) + 0.5) / _SIZE
     across, along = (centre * PAVING_TILE[0])[None], (centre * PAVING_TILE[1])[:, None]
@@ -331,7 +333,7 @@ def paving(rng: np.random.Generator) -> tuple[Image, Image, Image]:
 
 
 def turf(rng: np.random.Generator) -> Image:
-    """(256, 256, 3) sRGB: short grass, 2 m."""
+    """Return (256, 256, 3) sRGB: short grass, 2 m."""
     shape = (256, 256)
     blades = stretched_noise(shape, rng, rows=7, columns=3, slope=0.2)
     patches = band_noise(shape, rng, longest=200, shortest=20)

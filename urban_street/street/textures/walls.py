@@ -1,4 +1,4 @@
-"""What houses are made of: brick, render, stone, tiles, and the rooms behind the glass."""
+"""Textures of houses: brick, render, stone, tiles, and the rooms behind the glass."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ATLAS_CELLS = 4
 
 
 def brick(rng: np.random.Generator) -> tuple[Image, Image, Image, Image]:
-    """Red colour (1024²), buff colour (512²), normals (1024²), roughness (512²) of a stretcher bond, `BRICK_TILE` metres."""
+    """Return red (1024²) and buff colour (512²), normals (1024²), roughness (512²) of a stretcher bond, `BRICK_TILE` metres."""
     size = 1024
     height, joint, tone = _bond(rng, size, courses=48, stretchers=16)
     grain = band_noise((size, size), rng, longest=6, slope=0.3)
@@ -40,7 +40,7 @@ def brick(rng: np.random.Generator) -> tuple[Image, Image, Image, Image]:
 def _bond(
     rng: np.random.Generator, size: int, courses: int, stretchers: int
 ) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
-    """Height in metres, joint (0…1) and tone per brick (0…1), each (size, size)."""
+    """Return height in metres, joint (0…1) and tone per brick (0…1), each (size, size)."""
     centre = (np.arange(size, dtype=np.float32) + 0.5) / size
     v = centre[:, None] * courses
     course = np.floor(v).astype(np.int64)
@@ -55,7 +55,7 @@ def _bond(
 
 
 def render(rng: np.random.Generator) -> tuple[Image, Image, Image]:
-    """Nearly white colour, to be tinted, normals (512²) and roughness (256²) of lime render with runs, `RENDER_TILE` metres."""
+    """Return nearly white colour, normals (512²) and roughness (256²) of lime render with runs, `RENDER_TILE` metres."""
     shape = (512, 512)
     runs = stretched_noise(shape, rng, rows=420, columns=14)
     cloud = band_noise(shape, rng, longest=500, shortest=30)
@@ -71,7 +71,7 @@ def render(rng: np.random.Generator) -> tuple[Image, Image, Image]:
 
 
 def ashlar(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Nearly white colour and normals (512²) of dressed sandstone, courses of 0.5 m, `STONE_TILE` metres."""
+    """Return nearly white colour and normals (512²) of dressed sandstone, courses of 0.5 m, `STONE_TILE` metres."""
     size = 512
     centre = (np.arange(size, dtype=np.float32) + 0.5) / size * STONE_TILE
     v = centre[:, None] / 0.5
@@ -91,7 +91,7 @@ def ashlar(rng: np.random.Generator) -> tuple[Image, Image]:
 
 
 def roof_tiles(rng: np.random.Generator) -> tuple[Image, Image]:
-    """Colour and normals (512²) of interlocking clay tiles, `ROOF_TILE` metres; v grows down the slope."""
+    """Return colour and normals (512²) of interlocking clay tiles, `ROOF_TILE` metres; v grows down the slope."""
     size = 512
     centre = (np.arange(size, dtype=np.float32) + 0.5) / size * ROOF_TILE
     v, u = centre[:, None] / 0.333333, centre[None] / 0.2
@@ -108,7 +108,7 @@ def roof_tiles(rng: np.random.Generator) -> tuple[Image, Image]:
 
 
 def interiors(rng: np.random.Generator) -> Image:
-    """(512, 512, 3) sRGB: sixteen dim rooms seen through windows: curtains, blinds, a plant, a lit lamp."""
+    """Return (512, 512, 3) sRGB: sixteen dim rooms seen through windows: curtains, blinds, a plant, a lit lamp."""
     cell = 512 // ATLAS_CELLS
     picture = np.zeros((512, 512, 3), np.float32)
     y, x = np.mgrid[0:cell, 0:cell] / cell
@@ -140,13 +140,13 @@ def interiors(rng: np.random.Generator) -> Image:
 
 
 def boards(rng: np.random.Generator) -> Image:
-    """(256, 256, 3) sRGB: painted timber, nearly white, grain along v, for doors and shop fronts."""
+    """Return (256, 256, 3) sRGB: painted timber, nearly white, grain along v, for doors and shop fronts."""
     grain = stretched_noise((256, 256), rng, rows=200, columns=5)
     return srgb8(np.repeat((0.85 * (1.0 + 0.06 * grain))[..., None], 3, axis=2))
 
 
 def granite(rng: np.random.Generator) -> Image:
-    """(256, 256, 3) sRGB: speckled stone, nearly white, to be tinted; 2 m."""
+    """Return (256, 256, 3) sRGB: speckled stone, nearly white, to be tinted; 2 m."""
     speckle = band_noise((256, 256), rng, longest=4, slope=0.0)
     cloud = band_noise((256, 256), rng, longest=200, shortest=16)
     return srgb8(np.repeat((0.84 * (1.0 + 0.08 * speckle + 0.06 * cloud))[..., None], 3, axis=2))

@@ -1,10 +1,11 @@
-"""Where a worker may connect to: the operator's list, asked before any connection.
+"""The operator's list of addresses that workers may connect to; it is asked before every connection.
 
-A function behind HTTP is named by whoever registers it, but the worker that calls it stands inside the operator's network. So
-the operator lists what may be called; nothing is allowed by default. An entry is one of
+Whoever registers a function behind HTTP names its address, but the worker that calls it stands inside the operator's network.
+So the operator lists the addresses that may be called; the list is empty by default. An entry is one of
 
-- ``models.example:8000``: this host at this port, whatever its address is;
-- ``10.1.0.0/16`` or ``10.1.0.0/16:8000``, ``[fd00::/8]:8000``: every host whose address lies there, at any port or at this one.
+- ``models.example:8000``: this host at this port, at any IP address;
+- ``10.1.0.0/16`` or ``10.1.0.0/16:8000``, ``[fd00::/8]:8000``: every host with an IP address in this
+  network, at any port or at this one.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 class Target(NamedTuple):
-    """Where to connect to.
+    """A place to connect to.
 
     Attributes:
         host, port, path: of the URL; ``path`` with its query.
-        address: that the host had when it was allowed; this one is connected to, not what the name means a moment later.
-        secure: TLS, with the host's certificate.
+        address: the IP address that was allowed. Connecting to it, and not to the name again, keeps a changed name from
+            leading elsewhere.
+        secure: True for TLS, with a check of the host's certificate.
     """
 
     host: str
@@ -39,7 +41,7 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """One entry of the list; ``network`` None means the host by name, ``port`` 0 means any."""
+    """One entry of the list; without a ``network`` it is the host by name; ``port`` 0 means any."""
 
     host: str
     network: Network | None
@@ -56,10 +58,10 @@ def parse_allowed(entries: Sequence[str], *, field: str = "addresses") -> tuple[
 
 
 def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "options.url") -> Target:
-    """Where a URL leads to, if the operator allows it.
+    """Return the place that a URL leads to, if the operator allows it.
 
     Raises:
-        InvalidInput: no http or https URL with a host, or one with user or fragment; or it is not on the list.
+        InvalidInput: not an http or https URL with a host, a URL with user or fragment, or an address that is not on the list.
         InferenceError: the host has no address.
     """
     host, port, path, secure = parse_url(url, field=field)
@@ -79,10 +81,10 @@ def allowed_target(url: str, entries: Sequence[Allowed], *, field: str = "option
 
 
 def parse_url(url: str, *, field: str = "options.url") -> tuple[str, int, str, bool]:
-    """Host, port, path with query, and whether TLS is meant.
+    """Split a URL into host, port, path with query, and whether it asks for TLS.
 
     Raises:
-        InvalidInput: not an http or https URL with a host, or one with user or fragment.
+        InvalidInput: not an http or https URL with a host, or a URL with user or fragment.
     """
     try:
         parts = urlsplit(url)

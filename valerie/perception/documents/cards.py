@@ -1,4 +1,4 @@
-"""What people read of a function: the rows of its card, the same in the terminal, over REST and on the dashboard."""
+"""The rows of a function's card, which are the same in the terminal, over REST and on the dashboard."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _ANSWERS: Final = {"logits": "logits", "probabilities": "probabilities", "labels
 
 
 def card_rows(card: FunctionCard, document: FunctionDocument | None = None) -> list[Row]:
-    """Title and text of everything that is known of a function itself, in the order in which people look for it.
+    """Return title and text of all facts about a function, in the order in which people look for them.
 
-    What is empty has no row. Where a function runs, and as which version it is registered, are no facts about it.
+    Empty facts have no row. The machine that a function runs on and the version it is registered as are no facts about it.
 
     Args:
-        card: what every function has.
-        document: what it takes and answers; None of a class of an installed package, which says no more than its card.
+        card: of the function.
+        document: of the function; None for a class of an installed package, which has only a card.
     """
     rows = [
         ("digest", card.digest),
@@ -49,7 +49,7 @@ def _answers(part: OutputDocument) -> list[Row]:
 
 
 def _class_texts(part: OutputDocument) -> list[str]:
-    """The function's own classes; behind an arrow the evaluated class that one counts as, where that has another name."""
+    """Return the function's own classes; an arrow leads to the evaluated class if that has another name."""
     names = {label.train_id: label.name for label in TRAIN_LABELS} | {VOID: VOID_NAME}
     counted = [names[train_id] for train_id in part.lookup[: len(part.classes)].tolist()]
     return [own if own == name else f"{own} → {name}" for own, name in zip(part.classes, counted, strict=True)]
@@ -89,8 +89,8 @@ def _normalisation(part: InputDocument) -> str:
 def _elsewhere(document: FunctionDocument) -> list[Row]:
     options = document.options
     if isinstance(options, HttpOptions):
-        limit = f"{options.timeout_s:g} s for a picture"
-        return [("address", options.url), ("time limit", limit), ("version there", options.version)]
+        limit = f"{options.timeout_s:g} s per picture"
+        return [("address", options.url), ("time limit", limit), ("version of the endpoint", options.version)]
     if isinstance(options, PredictionsOptions) and options.deadline_hours is not None:
         return [("deadline", f"{options.deadline_hours:g} hours after the start of a run")]
     return []

@@ -1,8 +1,8 @@
 """From a function's own classes to Cityscapes train ids: one lookup table per function, checked before anything runs.
 
-A class of the function goes, in this order, where the class map sends it (by its name or by its id), or to the Cityscapes
-class of the same name, or nowhere. What goes nowhere is *predicted void*: on a labelled pixel it counts as missed, and it is
-never a person by chance. So a function that tells only "person or not" maps one class and leaves the other.
+Each class of the function leads to the first of: its target in the class map (by name or by id), the Cityscapes class of the
+same name, nothing. A class that leads to nothing is *predicted void*: on a labelled pixel it counts as missed, and it is never
+a person by chance. So a function that tells only "person or not" maps one class and leaves the other.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from valerie.errors import InvalidInput, UnknownName
 from valerie.labels import BY_NAME, CITYSCAPES, PERSON, TRAIN_LABELS, VOID
 
-#: What a class is mapped to that shall count as no class at all.
+#: Target of a class that counts as no class at all.
 VOID_NAME: Final = "void"
 #: Ids of a function's classes are 0…254; 255 in its label map is void, as in Cityscapes.
 MAX_CLASSES: Final = 255
@@ -25,7 +25,7 @@ MAX_CLASSES: Final = 255
 _PERSON_WORDS: Final = ("person", "pedestrian", "people", "human", "walker")
 _RIDER_WORDS: Final = ("rider", "cyclist")
 
-#: Lists of classes that need not be written out.
+#: Lists of classes by name, which documents need not write out.
 CLASS_LISTS: Final[Mapping[str, tuple[str, ...]]] = {
     "cityscapes": tuple(label.name for label in TRAIN_LABELS),
     "cityscapes-label-ids": tuple(label.name for label in CITYSCAPES),
@@ -33,19 +33,19 @@ CLASS_LISTS: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def class_lookup(classes: Sequence[str], class_map: Mapping[str, str], *, field: str = "output") -> NDArray[np.uint8]:
-    """Id of the function's class to train id.
+    """Return the table from ids of a function's classes to train ids.
 
     Args:
         classes: the function's classes, in the order of its channels or ids.
         class_map: name or id of a class to a Cityscapes class or ``void``.
-        field: where both were given, for errors.
+        field: part of the document that holds both, for errors.
 
     Returns:
         (256,) uint8: train ids 0…18, or 255 (void); also for ids that no class has.
 
     Raises:
-        UnknownName: a key that is no class, a value that is no Cityscapes class; near matches are named.
-        InvalidInput: a class twice, one class mapped by name and by id, or nothing that leads to an evaluated class.
+        UnknownName: a key is not a class, or a value is not a Cityscapes class; near matches are named.
+        InvalidInput: a class is repeated or mapped both by name and by id, or no class leads to an evaluated class.
     """
     twice = sorted({name for name in classes if classes.count(name) > 1})
     if twice:

@@ -1,7 +1,7 @@
-"""What a function under test is, as one frozen document: kind, payload, how it takes a frame, what its classes mean.
+"""The document of a function under test: kind, payload, how it takes a frame, what its classes mean.
 
 The same document is the sidecar that a user writes, the body of a registration, a database column and a card. A function is
-this document and at most one payload file; both are addressed by content and never changed. Nothing here imports torch.
+this document and at most one payload file; both are addressed by content and never change. Nothing here imports torch.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Kind = Literal["network", "onnx", "huggingface", "http", "predictions"]
 Engine = Literal["torch", "openvino", "onnxruntime", "none"]
 Precision = Literal["fp32", "bf16", "fp16"]
 
-#: Kinds to the engines that can run them, the default first.
+#: Kind to the engines that can run it, the default first.
 ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
     {
         "network": ("torch", "openvino", "onnxruntime"),
@@ -51,11 +51,11 @@ ENGINES: Final[Mapping[str, tuple[Engine, ...]]] = MappingProxyType(
         "predictions": ("none",),
     }
 )
-#: Kinds to the format of their payload; the others have none.
+#: Kind to the format of its payload; the other kinds have none.
 PAYLOADS: Final[Mapping[str, str]] = MappingProxyType(
     {"network": "safetensors", "onnx": "onnx", "huggingface": "safetensors"}
 )
-#: Precisions that an engine can be asked for.
+#: Engine to the precisions that can be requested of it.
 PRECISIONS: Final[Mapping[str, tuple[Precision, ...]]] = MappingProxyType(
     {
         "torch": ("fp32", "bf16", "fp16"),
@@ -72,7 +72,7 @@ Side = Annotated[int, Field(strict=True, ge=1, le=16_384)]
 
 
 def _scale(value: object) -> object:
-    """``1``, ``1.0`` and 0.00392… are also understood; the document holds ``"1"`` or ``"1/255"``."""
+    """Return ``"1"`` or ``"1/255"`` also for the numbers 1 and 0.00392…; other values unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return next((name for name, number in (("1", 1.0), ("1/255", 1 / 255)) if abs(value - number) < 1e-6), value)
     return value
@@ -91,8 +91,8 @@ class Payload(_Part):
 
     Attributes:
         sha256: of the file, hex.
-        bytes: its length.
-        format: what it is.
+        bytes: length of the file.
+        format: of the file.
     """
 
     sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -101,16 +101,16 @@ class Payload(_Part):
 
 
 class InputDocument(_Part):
-    """How a frame becomes the network's input; see `valerie.perception.running.adaptation`.
+    """The way from a frame to the network's input; see `valerie.perception.running.adaptation`.
 
     Attributes:
-        size: width and height that the network takes; None takes the frame's.
+        size: width and height of the network's input; None: the frame's.
         mode: ``pad`` repeats the last row and column up to ``size`` or the next multiples; ``resize`` resamples to
             ``size``; ``tile`` cuts the frame into overlapping pieces of ``size``.
         multiple_of: sides are padded to a multiple of this (``pad`` without ``size``).
-        longest_side: frames with a longer side are resampled first, to about this (``pad`` without ``size``); to sides that are
-            multiples already, so that nothing is padded. For networks that know small pictures only.
-        overlap: pixels that neighbouring tiles share at least; each pixel's label comes from the tile in which it lies
+        longest_side: frames with a longer side are first resampled to about this (``pad`` without ``size``), to sides that are
+            multiples already, so that nothing is padded. For networks that were trained on small pictures.
+        overlap: least number of pixels that neighbouring tiles share; a pixel takes its label from the tile in which it lies
             farthest from an edge.
         mean, std: per channel, in the order of ``channel_order``, in the unit that ``scale`` gives: the network sees
             ``(x · scale − mean) / std`` of 8-bit sRGB values x.
@@ -148,22 +148,22 @@ class InputDocument(_Part):
 
     @property
     def value_range(self) -> float:
-        """255 where the network's unit is [0, 1], else 1: mean and std times this are in 8-bit values."""
+        """Factor from the unit of mean and std to 8-bit values: 255 if that unit is [0, 1], else 1."""
         return 255.0 if self.scale == "1/255" else 1.0
 
 
 class OutputDocument(_Part):
-    """What comes out of the network, and what it means.
+    """The network's output and its meaning.
 
     Attributes:
         kind: ``logits`` or ``probabilities`` (the largest channel wins, of equal ones the first), or ``labels`` (ids).
         classes: in the order of channels or ids; or the name of a list in `CLASS_LISTS`.
         class_map: name or id of a class to a Cityscapes class or ``void``; see `valerie.perception.documents.class_maps`.
-        threshold: with a single class: the value above which a pixel is of it; None: 0 for logits, 0.5 for probabilities.
-        align_corners: how logits are upsampled: the outermost pixel centres lie on each other; else, as most networks are
-            trained, pixel centres lie at halves. A ``network`` knows its own.
-        target_classes: the Cityscapes classes that the function is to be judged by; empty: all that the map reaches.
-            Figures over all classes are over these alone: see `valerie.perception.base.FunctionCard`.
+        threshold: for a single class: pixels with a larger value belong to it; None: 0 for logits, 0.5 for probabilities.
+        align_corners: logits are upsampled so that the outermost pixel centres coincide; if False, pixel centres lie at
+            halves, as in the training of most networks. A ``network`` knows its own.
+        target_classes: the Cityscapes classes that the function is judged by; empty: all that the map reaches. All-class
+            figures cover these alone: see `valerie.perception.base.FunctionCard`.
     """
 
     kind: Literal["logits", "probabilities", "labels"] = "logits"
@@ -187,23 +187,23 @@ class OutputDocument(_Part):
 
     @property
     def lookup(self) -> NDArray[np.uint8]:
-        """(256,) uint8: the function's ids to train ids."""
+        """(256,) uint8 table from the function's ids to train ids."""
         return class_lookup(self.classes, self.class_map)
 
     @property
     def cut(self) -> float:
-        """With a single class: what a pixel of it lies above."""
+        """Threshold of a single class."""
         return self.threshold if self.threshold is not None else {"logits": 0.0, "probabilities": 0.5}[self.kind]
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """The evaluated Cityscapes classes that the function can predict, in the order of train ids."""
+        """Evaluated Cityscapes classes that the function can predict, in the order of train ids."""
         found = set(self.lookup[: len(self.classes)].tolist())
         return tuple(label.name for label in TRAIN_LABELS if label.train_id in found)
 
     @property
     def unmapped(self) -> tuple[str, ...]:
-        """The function's classes that count as void, in order."""
+        """Classes of the function that count as void, in order."""
         return tuple(name for name, to in zip(self.classes, self.lookup.tolist(), strict=False) if to == VOID)
 
 
@@ -211,15 +211,15 @@ class FunctionDocument(_Part):
     """A function under test.
 
     Attributes:
-        name: how specs call it.
-        kind: what the payload is, or where predictions come from instead.
+        name: by which specs call it.
+        kind: of the payload, or of the other source of predictions.
         payload: the one file; None for ``http`` and ``predictions``, which have none.
-        architecture: of a ``network`` see `valerie.perception.networks.architectures`; of ``huggingface`` the model type.
-        options: the kind's own; see `valerie.perception.documents.options`.
+        architecture: of a ``network``: see `valerie.perception.networks.architectures`; of ``huggingface``: the model type.
+        options: of its kind; see `valerie.perception.documents.options`.
         input, output: how frames go in and labels come out.
-        engine: what runs it; when left out the first that fits the kind.
-        precision: that is asked for; what really runs is read back and is part of the numeric class.
-        provenance: free facts: source, licence, training data, figures, how it was checked.
+        engine: that runs it; if left out, the first that fits the kind.
+        precision: requested; the real one is read back from the engine and is part of the numeric class.
+        provenance: free entries: source, licence, training data, figures, how it was checked.
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=64)]
@@ -266,16 +266,21 @@ class FunctionDocument(_Part):
 
     @property
     def digest(self) -> str:
-        """32 hex characters over everything but the name; two names for the same function share it.
+        """32 hexadecimal characters that stand for everything but the name; two names of one function share it.
 
-        Entries that have their default are left out, so that an entry which a later version adds changes no digest.
+        Entries with their default value are left out, so that an entry added by a later version changes no digest.
         """
         entries = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
         # Options that all have their defaults are an empty mapping here.
         return digest("function", _SCHEME, {name: entry for name, entry in entries.items() if entry != {}})
 
     def card(self, *, digest: str | None = None, precision: str | None = None) -> FunctionCard:
-        """The card of this function; ``precision`` is what an engine really runs in, once that is known."""
+        """Return the card of this function.
+
+        Args:
+            digest: shown on the card; None: the document's.
+            precision: read back from the engine; None: the requested one.
+        """
         architecture = self.architecture or self.kind
         return FunctionCard(
             self.name,
@@ -293,11 +298,11 @@ def parse_function(source: str | bytes | dict[str, Any], **known: object) -> Fun
 
     Args:
         source: YAML or JSON text, or a mapping that was read already.
-        known: entries that the caller knows better than the text, e.g. ``payload``.
+        known: entries that override the text, e.g. ``payload``.
 
     Raises:
-        InvalidInputs: every problem, each with its dotted field.
-        InvalidInput, UnknownName: the text is no document, or a class name is unknown; near matches are named.
+        InvalidInputs: holds every problem with its dotted field.
+        InvalidInput, UnknownName: the text is not a document, or a class name is unknown; near matches are named.
     """
     values = {**load_document(source), **known}
     try:

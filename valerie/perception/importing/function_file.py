@@ -1,7 +1,7 @@
-"""The file that a trained function is kept in: fp16 safetensors with its provenance in the header.
+"""The file of a trained function: fp16 safetensors with its provenance in the header.
 
-The format is data only (a JSON header and raw tensors), so reading a file never runs anything. Nothing here imports
-torch: names, cards and shapes are known to every process.
+The format is data only (a JSON header and raw tensors), so reading a file never runs anything. Nothing here imports torch:
+every process can read names, cards and shapes.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _OWN: Final = frozenset((*_REQUIRED, _LONGEST_SIDE))
 
 @dataclass(frozen=True, slots=True)
 class FunctionHeader:
-    """What a function file says of itself.
+    """The header of a function file.
 
     Attributes:
-        architecture: see `valerie.perception.networks.architectures`.
+        architecture: a name in `valerie.perception.networks.architectures`.
         mean, std: per channel (red, green, blue) of sRGB values in [0, 1]; the network sees ``(x − mean) / std``.
-        longest_side: pixels; longer frames are resampled to it (`InputDocument`). None: never.
-        provenance: everything else in the header: seeds, steps, data set, figures, licence …
+        longest_side: pixels; longer frames are resampled to it (`InputDocument`); None: frames keep their size.
+        provenance: all other entries: seeds, steps, data set, figures, licence …
         shapes: tensor name to shape.
         digest: SHA-256 of the whole file, hex.
     """
@@ -55,16 +55,16 @@ class FunctionHeader:
     digest: str
 
     def card(self, name: str, *, precision: str, engine: str) -> FunctionCard:
-        """The card of this file run under ``name``."""
+        """Return the card of this file under a name."""
         return FunctionCard(name, self.digest, self.architecture, precision, engine, dict(self.provenance))
 
 
 def read_header(path: Path) -> FunctionHeader:
-    """Read and check the header.
+    """Read and check the header of a function file.
 
     Raises:
         NotFound: no such file.
-        InvalidInput: not safetensors, a header that does not fit the data, or entries that are missing or wrong.
+        InvalidInput: not safetensors, the header does not fit the data, or entries are missing or wrong.
     """
     field = path.name
     digest = _digest(path)
@@ -77,10 +77,12 @@ def read_header(path: Path) -> FunctionHeader:
     missing = [name for name in _REQUIRED if name not in entries]
     if missing:
         raise InvalidInput(
-            "the header lacks entries", field=field, value=", ".join(missing), limit=", ".join(_REQUIRED)
+            "entries of the header are missing", field=field, value=", ".join(missing), limit=", ".join(_REQUIRED)
         )
     if entries["format"] != FORMAT:
-        raise InvalidInput("another file format", field=f"{field}: format", value=entries["format"], limit=FORMAT)
+        raise InvalidInput(
+            "not the file format of this program", field=f"{field}: format", value=entries["format"], limit=FORMAT
+        )
     classes = _json_entry(entries, "classes", field)
     if classes != list(CLASS_NAMES):
         raise InvalidInput(
@@ -99,10 +101,10 @@ def read_header(path: Path) -> FunctionHeader:
 
 
 def read_tensors(path: Path) -> dict[str, NDArray[np.floating]]:
-    """All tensors of a file that `read_header` accepted, as stored.
+    """Return all tensors of a file that `read_header` accepted, as stored.
 
     Raises:
-        InvalidInput: a tensor that is not of floating point, or holds values that are not finite.
+        InvalidInput: a tensor is not of floating point or holds values that are not finite.
     """
     tensors: dict[str, NDArray[np.floating]] = {}
     try:
@@ -128,22 +130,22 @@ def function_file_bytes(
     provenance: Mapping[str, str],
     longest_side: int | None = None,
 ) -> bytes:
-    """The bytes of a function file; equal inputs give equal bytes.
+    """Return the bytes of a function file; equal inputs give equal bytes.
 
     Args:
-        tensors: parameters and buffers by name; stored as `compact` says.
-        architecture: name of the architecture that they belong to.
+        tensors: parameters and buffers by name; stored as `compact` returns them.
+        architecture: name of their architecture.
         mean: per channel, of sRGB values in [0, 1].
         std: per channel, likewise.
         provenance: further header entries.
         longest_side: pixels; longer frames are resampled to it.
 
     Raises:
-        InvalidInput: a value that is not finite, or a provenance entry with a name of the format's own.
+        InvalidInput: a value is not finite, or a provenance entry has a name that the format reserves.
     """
     taken = sorted(set(provenance) & _OWN)
     if taken:
-        raise InvalidInput("names of the format's own", field="provenance", value=", ".join(taken))
+        raise InvalidInput("names that the format reserves", field="provenance", value=", ".join(taken))
     for name in sorted(tensors):
         if not np.isfinite(tensors[name]).all():
             raise InvalidInput("holds values that are not finite", field=name)
@@ -160,21 +162,21 @@ def function_file_bytes(
 
 
 def compact(tensor: NDArray[np.floating]) -> NDArray[np.floating]:
-    """A tensor as function files hold it: float16, or float32 where it has values beyond ±65504, as running variances may."""
+    """Return a tensor as function files hold it: float16, or float32 if values exceed ±65504, as running variances may."""
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(tensor, np.float16)
     return half if np.isfinite(half).all() else np.ascontiguousarray(tensor, np.float32)
 
 
 def safetensors_bytes(tensors: Mapping[str, NDArray[np.floating]], entries: Mapping[str, str]) -> bytes:
-    """The bytes of a safetensors file; equal inputs give equal bytes, whatever their order."""
+    """Return the bytes of a safetensors file; equal inputs in any order give equal bytes."""
     data: bytes = save({name: tensors[name] for name in sorted(tensors)}, metadata=dict(entries))
-    # The library leaves the order of the metadata to chance: the header is written again with sorted keys.
+    # The library writes metadata in random order: write the header again with sorted keys.
     size = int.from_bytes(data[:8], "little")
     header = json.dumps(
         json.loads(data[8 : 8 + size]), sort_keys=True, separators=(",", ":"), ensure_ascii=False
     ).encode()
-    header += b" " * (-len(header) % 8)  # tensors start at a multiple of 8 bytes, as the format asks
+    header += b" " * (-len(header) % 8)  # the format requires that tensors start at a multiple of 8 bytes
     return len(header).to_bytes(8, "little") + header + data[8 + size :]
 
 

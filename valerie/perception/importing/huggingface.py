@@ -1,4 +1,4 @@
-"""Semantic segmentation networks of Hugging Face transformers, from a local folder: no download, no code of others, no pickle."""
+"""Semantic segmentation networks of Hugging Face transformers from local folders: no download, no foreign code, no pickle."""
 
 from __future__ import annotations
 
@@ -21,24 +21,23 @@ _CONFIG: Final = "config.json"
 _WEIGHTS: Final = "model.safetensors"
 _PROCESSOR: Final = "preprocessor_config.json"
 _MAX_JSON_BYTES: Final = 1 << 20
-#: What these image processors do when their file is silent.
+#: Defaults of these image processors, for files that do not state them.
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[FunctionDocument, Path]:
-    """The document of a folder as `save_pretrained` writes it, and its payload; neither torch nor transformers is loaded.
+    """Return document and payload of a folder that `save_pretrained` wrote; neither torch nor transformers is loaded.
 
-    Classes come from the configuration, size and normalisation from the image processor's file.
+    The classes come from the configuration, size and normalisation from the image processor's file.
 
     Args:
-        folder: holds config.json and model.safetensors, and preprocessor_config.json as a rule.
+        folder: with config.json, model.safetensors and usually preprocessor_config.json.
         name: of the function.
-        changes: entries of the document that the caller knows better, e.g. ``input`` or ``output``; parts that are mappings
-            are merged.
+        changes: entries that override the folder's, e.g. ``input`` or ``output``; mappings are merged.
 
     Raises:
-        NotFound: no such folder, or a file is not in it.
-        InvalidInput: weights in another format, several files of weights, or a document that does not fit.
+        NotFound: the folder or one of its files is missing.
+        InvalidInput: the weights have another format or several files, or the document does not fit.
     """
     if not folder.is_dir():
         raise NotFound("folder", folder.name)
@@ -74,11 +73,11 @@ def read_huggingface(folder: Path, name: str, **changes: object) -> tuple[Functi
 
 
 def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
-    """The network of a document of kind ``huggingface``: see `valerie.perception.running.engines.modules.open_module`.
+    """Return the network of a document of kind ``huggingface``; see `valerie.perception.running.engines.modules.open_module`.
 
     Raises:
-        InvalidInput: a type of model that transformers does not know as semantic segmentation, or weights that are not those of
-            its configuration (the first that differ are named).
+        InvalidInput: transformers does not know the model type as semantic segmentation, or the weights differ from those of
+            the configuration (the first that differ are named).
         ModuleNotFoundError: transformers is not installed.
     """
     import torch
@@ -98,7 +97,7 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
 
     transformers.logging.set_verbosity_error()  # type: ignore[no-untyped-call]
     transformers.logging.disable_progress_bar()  # type: ignore[no-untyped-call]
-    # from_pretrained reads folders alone; the names of the two files are fixed.
+    # from_pretrained reads only folders, with fixed file names.
     with TemporaryDirectory(prefix="valerie-huggingface-") as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecations within the library
         (Path(folder) / _CONFIG).write_text(json.dumps(document.options.config), "utf-8")
@@ -113,21 +112,24 @@ def open_huggingface(document: FunctionDocument, payload: Path) -> nn.Module:
                 dtype=torch.float32,
                 attn_implementation="eager",
             )
-        except Exception as error:  # configurations of all kinds make it fail in all ways
+        except Exception as error:  # a wrong configuration may fail in any way
             reason = str(error).strip().partition("\n")[0]
             raise InvalidInput(f"transformers cannot open it: {reason}", field=document.name) from error
     _require_complete(report, document.name)
     classes = int(model.config.num_labels)
     if classes != len(document.output.classes):
         raise InvalidInput(
-            "another number of classes", field="output.classes", value=len(document.output.classes), limit=classes
+            "the network has another number of classes",
+            field="output.classes",
+            value=len(document.output.classes),
+            limit=classes,
         )
     model.requires_grad_(requires_grad=False)
     return Logits(model).eval()
 
 
 def _require_complete(report: Mapping[str, Any], field: str) -> None:
-    """Weights that are missing would be drawn at random, with no more than a warning."""
+    """Refuse incomplete weights: transformers draws missing ones at random, with no more than a warning."""
     problems = [f"{name} is missing" for name in sorted(report["missing_keys"])]
     problems += [f"{name} is unknown" for name in sorted(report["unexpected_keys"])]
     problems += [f"{entry[0]} has another shape" for entry in sorted(report["mismatched_keys"])]
@@ -152,15 +154,15 @@ def _classes(config: Mapping[str, Any], field: str) -> list[str]:
 
 
 def _input(processor: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {"multiple_of": 32}
+    entries: dict[str, Any] = {"multiple_of": 32}
     size = processor.get("size")
     if processor.get("do_resize", True) and isinstance(size, dict) and {"height", "width"} <= set(size):
-        found = {"mode": "resize", "size": [size["width"], size["height"]]}
+        entries = {"mode": "resize", "size": [size["width"], size["height"]]}
     if processor.get("do_normalize", True):
-        found["mean"] = list(processor.get("image_mean", _MEAN))
-        found["std"] = list(processor.get("image_std", _STD))
-    found["scale"] = processor.get("rescale_factor", 1 / 255) if processor.get("do_rescale", True) else 1
-    return found
+        entries["mean"] = list(processor.get("image_mean", _MEAN))
+        entries["std"] = list(processor.get("image_std", _STD))
+    entries["scale"] = processor.get("rescale_factor", 1 / 255) if processor.get("do_rescale", True) else 1
+    return entries
 
 
 def _json(path: Path) -> dict[str, Any]:

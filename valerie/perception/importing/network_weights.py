@@ -1,4 +1,4 @@
-"""From stored tensors to a network that is ready to predict."""
+"""Networks that are filled with stored tensors and ready to predict."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.importing.function_file import FunctionHeader, read_header, read_tensors
 from valerie.perception.networks.architectures import Network, NetworkSettings, build_network
 
-#: Batch normalisation counts its batches for training only; files need not hold it.
+#: Counter of batches, which batch normalisation needs for training only; files need not hold it.
 _TRAINING_ONLY = ".num_batches_tracked"
 
 
@@ -38,7 +38,7 @@ def load_network(path: Path) -> tuple[Network, FunctionHeader]:
 
 
 def load_payload(path: Path, architecture: str, num_classes: int) -> Network:
-    """As `load_network`, of any safetensors file with the tensors of an architecture, whatever its header says.
+    """Return the network of any safetensors file with the tensors of an architecture; its header is not read.
 
     Raises:
         UnknownName: the architecture.
@@ -50,7 +50,7 @@ def load_payload(path: Path, architecture: str, num_classes: int) -> Network:
 def tensor_shapes(
     architecture: str | NetworkSettings, num_classes: int = NUM_TRAIN_CLASSES
 ) -> dict[str, tuple[int, ...]]:
-    """Name and shape of every tensor that a network needs to predict, in the network's order; nothing is allocated.
+    """Return name and shape of every tensor that a network needs to predict, in the network's order; nothing is allocated.
 
     Raises:
         UnknownName: the architecture.
@@ -67,21 +67,21 @@ def filled_network(
     *,
     field: str = "tensors",
 ) -> Network:
-    """A network with these tensors as fp32, in evaluation mode, without gradients.
+    """Return a network with these tensors as fp32, in evaluation mode, without gradients.
 
     Args:
-        architecture: one of `valerie.perception.networks.architectures.ARCHITECTURES`, or settings of one's own.
+        architecture: a name in `valerie.perception.networks.architectures.ARCHITECTURES`, or other settings.
         tensors: by the network's own names; batch counters are ignored.
         num_classes: channels of the logits.
-        field: where the tensors come from, for messages.
+        field: source of the tensors, for messages.
 
     Raises:
         UnknownName: the architecture.
         InvalidInput: the tensors are not those of the architecture (the first that differ are named).
     """
-    given = {name: tuple(array.shape) for name, array in tensors.items()}
-    require_same_shapes(tensor_shapes(architecture, num_classes), given, field=field)
-    # On the meta device, fresh weights cost neither time nor memory nor the random generator of whoever loads a function.
+    shapes = {name: tuple(array.shape) for name, array in tensors.items()}
+    require_same_shapes(tensor_shapes(architecture, num_classes), shapes, field=field)
+    # On the meta device, fresh weights cost neither time nor memory, and the caller's random generator stays as it is.
     with torch.device("meta"):
         network = build_network(architecture, num_classes)
     state = {}
@@ -98,7 +98,7 @@ def filled_network(
 def require_same_shapes(
     expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]], *, field: str
 ) -> None:
-    """Refuse tensors that are not those of a network; batch counters may be there or not.
+    """Refuse tensors that are not those of a network; batch counters are optional.
 
     Raises:
         InvalidInput: names the first three tensors that are missing, unknown or of another shape.
@@ -111,7 +111,7 @@ def require_same_shapes(
 
 
 def differing_tensors(expected: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]]) -> list[str]:
-    """What is missing, unknown or of another shape, one sentence each; batch counters do not count."""
+    """Return one sentence for each tensor that is missing, unknown or of another shape; batch counters are ignored."""
     missing = [f"{name} is missing" for name in expected if name not in given]
     unknown = [f"{name} is unknown" for name in given if name not in expected and not name.endswith(_TRAINING_ONLY)]
     reshaped = [

@@ -1,7 +1,7 @@
-"""Networks that come as programs of torch: loaded once, where an operator allows it, and turned into ONNX.
+"""Programs of torch: loaded once, where an operator allows it, and converted to ONNX.
 
-Both formats can run code of whoever made them while they are loaded; there is no reading them without that. What is kept is
-the exported graph, which is data.
+Both formats may run their maker's code while they are loaded, and there is no other way to read them. The exported graph, which
+is kept, is data.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _ANY_SIDES: Final = (256, 128)
 
 
 def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
-    """Load a program, running it, and export it: one ONNX file with an input ``picture`` (1, 3, height, width).
+    """Load a program, which runs it, and export it to one ONNX file with an input ``picture`` (1, 3, height, width).
 
     Args:
         path: ``….pt2`` (`torch.export.save`) or ``….torchscript`` (`torch.jit.save`).
-        size: width and height that the network takes; None: any.
+        size: width and height of the network's input; None: any.
 
     Raises:
-        InvalidInput: it cannot be loaded or exported; says why.
+        InvalidInput: it cannot be loaded or exported; holds the reason.
     """
     width, height = size or _ANY_SIDES
     free = {2: "height", 3: "width"}
     exported = BytesIO()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the exporter about itself
+            warnings.simplefilter("ignore")  # the exporter warns about itself
             network = _Exported(path) if path.suffix == ".pt2" else torch.jit.load(path).eval()  # type: ignore[no-untyped-call]
             torch.onnx.export(
                 network,
@@ -46,21 +46,21 @@ def program_to_onnx(path: Path, size: tuple[int, int] | None) -> bytes:
                 output_names=["result"],
                 dynamic_axes=None if size else {"picture": free, "result": free},
             )
-    except Exception as error:  # programs fail in all ways
+    except Exception as error:  # a program may fail in any way
         reason = str(error).strip().partition("\n")[0]
-        hint = "" if size else "; if it takes one size only, the document has to say it: input: {size: [width, height]}"
+        hint = "" if size else "; if it takes one size only, state it in the document: input: {size: [width, height]}"
         raise InvalidInput(f"it cannot be loaded and exported ({reason}){hint}", field=path.name) from error
     return exported.getvalue()
 
 
 class _Exported(torch.nn.Module):
-    """An exported program as the exporter wants it: it asks every part for its mode, and these parts have none."""
+    """An exported program without submodules: the exporter asks every submodule for its mode, and a program's have none."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
         program = torch.export.load(path).module()
         program.requires_grad_(requires_grad=False)
-        self._held = (program,)  # in a tuple, where it is no part of this module
+        self._held = (program,)  # in a tuple, so that it is not a submodule
 
     def forward(self, picture: torch.Tensor) -> torch.Tensor:
         result: torch.Tensor = self._held[0](picture)

@@ -1,12 +1,12 @@
-"""Architecture names and what they build.
+"""Architectures by name.
 
-A name says the network, its ResNet, and where it departs from the plain form:
+A name consists of the network, its ResNet, and departures from the plain form:
 
 - ``r18c``, ``r50c``, ``r101c``: the ResNet has a deep stem; DeepLabV3+ is then mmsegmentation's, with separable convolutions.
 - ``r103``: Detectron2's deep stem of twice the width.
-- ``os8``, ``os16``: output stride of the ResNet under DeepLabV3+; 16 where nothing is said.
+- ``os8``, ``os16``: output stride of the ResNet under DeepLabV3+; 16 if not named.
 - ``aligned``: bilinear resampling with aligned corners.
-- ``gn``: group normalisation in the heads, and strides in the 1×1 convolutions, as Detectron2 has both.
+- ``gn``: group normalisation in the heads, and strides in the 1×1 convolutions, both as in Detectron2.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ _R103: Final = DeepLabSettings(
     pool_window=(32, 64),
 )
 
-#: The paper's two architectures: in small, which ship trained, and at the published sizes of the public checkpoints.
+#: The paper's two architectures: in small sizes, which ship trained, and in the sizes of public checkpoints.
 ARCHITECTURES: Final[Mapping[str, NetworkSettings]] = MappingProxyType(
     {
         "deeplabv3plus-small": _DEEPLAB_SMALL,
@@ -103,10 +103,10 @@ ARCHITECTURES: Final[Mapping[str, NetworkSettings]] = MappingProxyType(
 
 
 def build_network(architecture: str | NetworkSettings, num_classes: int = NUM_TRAIN_CLASSES) -> Network:
-    """A network with fresh weights (drawn from torch's global generator).
+    """Build a network with fresh weights, drawn from torch's global generator.
 
     Args:
-        architecture: one of `ARCHITECTURES`, or settings of one's own.
+        architecture: a name in `ARCHITECTURES`, or other settings.
         num_classes: channels of the logits.
 
     Raises:

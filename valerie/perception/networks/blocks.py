@@ -1,4 +1,4 @@
-"""Small parts that both networks are made of."""
+"""Building blocks of both networks."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _GROUPS: Final = 32
 
 
 def norm_layer(kind: Norm, channels: int) -> nn.Module:
-    """The normalisation of a map of ``channels`` channels."""
+    """Build the normalisation of a map of ``channels`` channels."""
     return nn.BatchNorm2d(channels) if kind == "batch" else nn.GroupNorm(_GROUPS, channels)
 
 
 def conv_norm_relu(
     channels_in: int, channels: int, kernel: int, *, stride: int = 1, dilation: int = 1, norm: Norm = "batch"
 ) -> nn.Sequential:
-    """A convolution that keeps the resolution (but for its stride), normalisation, ReLU."""
+    """Build a convolution that changes the resolution only by its stride, normalisation and ReLU."""
     padding = dilation * (kernel // 2)
     return nn.Sequential(
         nn.Conv2d(channels_in, channels, kernel, stride=stride, padding=padding, dilation=dilation, bias=False),
@@ -31,7 +31,7 @@ def conv_norm_relu(
 
 
 def separable_conv_relu(channels_in: int, channels: int, *, dilation: int = 1) -> nn.Sequential:
-    """A 3×3 convolution of each channel for itself, then a 1×1 convolution; batch normalisation and ReLU after each."""
+    """Build a 3×3 convolution of each single channel, then a 1×1 convolution, each with batch normalisation and ReLU."""
     depthwise = nn.Conv2d(
         channels_in, channels_in, 3, padding=dilation, dilation=dilation, groups=channels_in, bias=False
     )
@@ -41,8 +41,8 @@ def separable_conv_relu(channels_in: int, channels: int, *, dilation: int = 1) -
 
 
 def resize_like(x: Tensor, like: Tensor, *, align_corners: bool = False) -> Tensor:
-    """Bilinear resampling of (N, C, h, w) to the height and width of ``like``.
+    """Resample (N, C, h, w) bilinearly to the height and width of ``like``.
 
-    Pixel centres lie at halves; with ``align_corners`` the outermost pixel centres lie on each other instead.
+    Pixel centres lie at halves; with ``align_corners`` the outermost pixel centres coincide instead.
     """
     return functional.interpolate(x, size=like.shape[-2:], mode="bilinear", align_corners=align_corners)

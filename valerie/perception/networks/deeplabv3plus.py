@@ -27,11 +27,11 @@ class DeepLabSettings:
         low_level_channels: channels to which the stride-4 features are reduced.
         decoder_channels: channels of the decoder's convolutions.
         decoder_convs: 3×3 convolutions before the classifier, 1 or 2.
-        separable: the dilated convolutions and those of the decoder are separable.
-        project_kernel: kernel of the convolution that joins the pyramid's branches, 1 or 3.
+        separable: dilated convolutions and those of the decoder are separable.
+        project_kernel: kernel size of the convolution that joins the pyramid's branches, 1 or 3.
         pool_window: height and width of the window that the pyramid's last branch averages over, in cells of the map; None:
             the whole image, without a window and with batch normalisation. A window larger than the map is cut to it.
-        align_corners: bilinear resampling lays the outermost pixel centres on each other.
+        align_corners: in bilinear resampling the outermost pixel centres coincide.
     """
 
     backbone: ResNetSettings
@@ -68,7 +68,7 @@ class AtrousPyramid(nn.Module):
         self.project = conv_norm_relu(channels * (len(settings.rates) + 2), channels, settings.project_kernel)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, channels_in, h, w) to (N, pyramid_channels, h, w)."""
+        """Map (N, channels_in, h, w) to (N, pyramid_channels, h, w)."""
         branches = [conv(x) for conv in self.convs]
         pooled: Tensor = self.pool(x)
         if self._settings.pool_window is None:
@@ -80,14 +80,14 @@ class AtrousPyramid(nn.Module):
 
 
 class WindowMean(nn.Module):
-    """Means over a window that moves in steps of one cell and stays within the map."""
+    """Means over a window that moves cell by cell within the map."""
 
     def __init__(self, window: tuple[int, int]) -> None:
         super().__init__()
         self.window = window
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, h, w) to (N, C, h − window height + 1, w − window width + 1)."""
+        """Map (N, C, h, w) to (N, C, h − window height + 1, w − window width + 1)."""
         height, width = min(self.window[0], x.shape[-2]), min(self.window[1], x.shape[-1])
         # Columns first, then rows: the same means for a sixteenth of the additions of one two-dimensional window.
         columns = functional.avg_pool2d(x, (height, 1), stride=1)
@@ -95,14 +95,14 @@ class WindowMean(nn.Module):
 
 
 class DeepLabV3Plus(nn.Module):
-    """Encoder, atrous pyramid, and a decoder that puts the stride-4 features beside the upsampled pyramid."""
+    """Encoder, atrous pyramid, and a decoder that concatenates the stride-4 features and the upsampled pyramid."""
 
     #: Stride of the logits.
     stride: Final = 4
 
     def __init__(self, settings: DeepLabSettings, num_classes: int) -> None:
         super().__init__()
-        #: How logits are to be resampled to the picture's size.
+        #: Resampling of logits to the picture's size.
         self.align_corners = settings.align_corners
         self.backbone = ResNet(settings.backbone)
         low, *_, high = self.backbone.channels
@@ -120,7 +120,7 @@ class DeepLabV3Plus(nn.Module):
         self.classifier = nn.Conv2d(settings.decoder_channels, num_classes, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, 3, H, W) normalised picture, H and W multiples of 32, to (N, classes, H / 4, W / 4) logits."""
+        """Map a normalised picture (N, 3, H, W), H and W multiples of 32, to logits (N, classes, H / 4, W / 4)."""
         low, _, _, high = self.backbone(x)
         low = self.low_level(low)
         high = resize_like(self.aspp(high), low, align_corners=self.align_corners)

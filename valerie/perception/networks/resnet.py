@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from valerie.errors import InvalidInput
 from valerie.perception.networks.blocks import conv_norm_relu
 
-#: depth to (bottleneck blocks?, blocks per stage)
+#: Depth to (True for bottleneck blocks, blocks per stage).
 _STAGES: Final[dict[int, tuple[bool, tuple[int, int, int, int]]]] = {
     10: (False, (1, 1, 1, 1)),
     18: (False, (2, 2, 2, 2)),
@@ -23,7 +23,7 @@ _STAGES: Final[dict[int, tuple[bool, tuple[int, int, int, int]]]] = {
     101: (True, (3, 4, 23, 3)),
 }
 
-#: output stride to (stride, dilation) of each stage
+#: Output stride to (stride, dilation) of each stage.
 _RESOLUTIONS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
     8: ((1, 1), (2, 1), (1, 2), (1, 4)),
     16: ((1, 1), (2, 1), (2, 1), (1, 2)),
@@ -37,16 +37,16 @@ class ResNetSettings:
 
     Attributes:
         depth: 10, 18, 34, 50 or 101.
-        width: channels within the first stage's blocks; 64 is the paper's, 32 half of it.
+        width: channels within the first stage's blocks; 64 in the paper.
         output_stride: 32, 16 with a dilated last stage, or 8 with two dilated stages.
         stem: one 7×7 convolution, or three 3×3 ones (the "deep" stem of ResNet-C, He et al. 2019, arXiv:1812.01187).
-        stem_channels: channels that leave the stem (half as many within a deep one); None: ``width``.
-        stride_in_1x1: a bottleneck halves the resolution in its first 1×1 convolution, as the first ResNets in Caffe did,
-            not in its 3×3 convolution.
-        last_dilations: dilation of each block of the last stage ("multi-grid"); None: as `output_stride` says, where the
-            first block of a dilated stage still sees the finer grid of the stage before.
-        dilate_both: in a dilated stage of a ResNet of depth 34 or less, both convolutions of a block are dilated, not the
-            first alone.
+        stem_channels: channels of the stem's result (half as many within a deep stem); None: ``width``.
+        stride_in_1x1: a bottleneck halves the resolution in its first 1×1 convolution, as the first ResNets in Caffe do; if
+            False, in its 3×3 convolution.
+        last_dilations: dilation of each block of the last stage ("multi-grid"); None: from `output_stride`, where the first
+            block of a dilated stage still has the dilation of the stage before.
+        dilate_both: in a dilated stage of a ResNet of depth 34 or less, both convolutions of a block are dilated; if False,
+            only the first.
     """
 
     depth: int
@@ -83,7 +83,7 @@ class BasicBlock(nn.Module):
         self.downsample = shortcut
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) to (N, channels, H / stride, W / stride)."""
+        """Map (N, C, H, W) to (N, channels, H / stride, W / stride)."""
         kept: Tensor = x if self.downsample is None else self.downsample(x)
         x = self.relu(self.bn1(self.conv1(x)))
         x = self.bn2(self.conv2(x))
@@ -118,7 +118,7 @@ class Bottleneck(nn.Module):
         self.downsample = shortcut
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, H, W) to (N, 4 × channels, H / stride, W / stride)."""
+        """Map (N, C, H, W) to (N, 4 × channels, H / stride, W / stride)."""
         kept: Tensor = x if self.downsample is None else self.downsample(x)
         x = self.relu(self.bn1(self.conv1(x)))
         x = self.relu(self.bn2(self.conv2(x)))
@@ -131,7 +131,7 @@ class ResNet(nn.Module):
     """A ResNet without its classifier.
 
     Raises:
-        InvalidInput: a depth or an output stride that does not exist, or dilations that are not one per block.
+        InvalidInput: depth or output stride do not exist, or the number of dilations is not that of the blocks.
     """
 
     def __init__(self, settings: ResNetSettings) -> None:
@@ -182,12 +182,12 @@ class ResNet(nn.Module):
         #: Channels of the four feature maps.
         self.channels = tuple(settings.width * factor * self._expansion for factor in (1, 2, 4, 8))
         for module in self.modules():
-            # On the meta device there is nothing to draw, and torch would load its compiler to find that out.
+            # The meta device has nothing to draw, and torch would load its compiler to find that out.
             if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(N, 3, H, W) to four feature maps at strides 4, 8, 16 and 32, none coarser than the output stride."""
+        """Map (N, 3, H, W) to four feature maps at strides 4, 8, 16 and 32, none coarser than the output stride."""
         x = self.stem(x) if self._settings.stem == "deep" else self.relu(self.bn1(self.conv1(x)))
         x = self.maxpool(x)
         c2: Tensor = self.layer1(x)
@@ -197,7 +197,7 @@ class ResNet(nn.Module):
         return c2, c3, c4, c5
 
     def _stage(self, channels: int, stride: int, dilations: tuple[int, ...]) -> nn.Sequential:
-        made: list[nn.Module] = []
+        blocks: list[nn.Module] = []
         for index, dilation in enumerate(dilations):
             first_stride = stride if index == 0 else 1
             out = channels * self._expansion
@@ -206,9 +206,9 @@ class ResNet(nn.Module):
                 shortcut = nn.Sequential(
                     nn.Conv2d(self._channels, out, 1, stride=first_stride, bias=False), nn.BatchNorm2d(out)
                 )
-            made.append(self._block(channels, first_stride, dilation, shortcut))
+            blocks.append(self._block(channels, first_stride, dilation, shortcut))
             self._channels = out
-        return nn.Sequential(*made)
+        return nn.Sequential(*blocks)
 
     def _block(self, channels: int, stride: int, dilation: int, shortcut: nn.Module | None) -> nn.Module:
         if self._expansion == BasicBlock.expansion:

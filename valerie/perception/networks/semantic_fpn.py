@@ -42,7 +42,7 @@ class FeaturePyramid(nn.Module):
         self.output = nn.ModuleList([nn.Conv2d(channels, channels, 3, padding=1) for _ in channels_in])
 
     def forward(self, features: tuple[Tensor, ...]) -> list[Tensor]:
-        """Maps of strides 4, 8, 16, 32 to as many maps of ``channels`` channels, finest first."""
+        """Map features of strides 4, 8, 16, 32 to as many maps of ``channels`` channels, finest first."""
         levels: list[Tensor] = []
         above: Tensor | None = None
         for index in reversed(range(len(features))):
@@ -55,7 +55,7 @@ class FeaturePyramid(nn.Module):
 
 
 class ScaleHead(nn.Module):
-    """3×3 convolutions, each but that of the finest level followed by twofold upsampling, down to stride 4."""
+    """3×3 convolutions down to stride 4; twofold upsampling follows each, except at the finest level."""
 
     def __init__(self, channels_in: int, channels: int, doublings: int, norm: Norm = "batch") -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class ScaleHead(nn.Module):
         self.convs = nn.ModuleList([conv_norm_relu(count, channels, 3, norm=norm) for count in inputs])
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, channels_in, h, w) to (N, channels, h · 2^doublings, w · 2^doublings)."""
+        """Map (N, channels_in, h, w) to (N, channels, h · 2^doublings, w · 2^doublings)."""
         for conv in self.convs:
             x = conv(x)
             if self.doublings:
@@ -77,7 +77,7 @@ class SemanticFpn(nn.Module):
 
     #: Stride of the logits.
     stride: Final = 4
-    #: How logits are to be resampled to the picture's size.
+    #: Resampling of logits to the picture's size.
     align_corners: Final = False
 
     def __init__(self, settings: SemanticFpnSettings, num_classes: int) -> None:
@@ -93,7 +93,7 @@ class SemanticFpn(nn.Module):
         self.predictor = nn.Conv2d(settings.head_channels, num_classes, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, 3, H, W) normalised picture, H and W multiples of 32, to (N, classes, H / 4, W / 4) logits."""
+        """Map a normalised picture (N, 3, H, W), H and W multiples of 32, to logits (N, classes, H / 4, W / 4)."""
         levels = self.fpn(self.backbone(x))
         total: Tensor = self.heads[0](levels[0])
         for head, level in zip(self.heads[1:], levels[1:], strict=True):

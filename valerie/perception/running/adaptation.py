@@ -1,7 +1,7 @@
-"""How frames of any size go through a network that has wishes, and how its labels come back to the frame's pixels.
+"""Adapt frames of any size to the input of a network, and its labels to the frame's pixels.
 
-A frame becomes one or more *pieces* of one size; the engine answers each piece with a label map; the maps are put together so
-that every pixel of the frame has exactly one label and nothing of what was padded is left.
+A frame becomes one or more *pieces* of one size. The engine answers each piece with a label map. The maps are joined so that
+every pixel of the frame has exactly one label and no padding is left.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Span(NamedTuple):
     """One tile along one axis of the frame.
 
     Attributes:
-        start: where the tile begins.
-        first, end: the pixels of the frame that take their label from it, ``first`` inclusive.
+        start: first pixel of the tile.
+        first, end: the pixels of the frame that take their label from the tile, ``first`` inclusive.
     """
 
     start: int
@@ -42,12 +42,12 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What happens to frames of one size.
+    """The adaptation of frames of one size.
 
     Attributes:
-        frame: their size.
-        piece: what the network is given.
-        labels: what the engine answers for a piece: the piece's size, or the frame's where it was resized.
+        frame: size of the frames.
+        piece: size of the network's input.
+        labels: size of the engine's answer to a piece: the piece's, or the frame's if the frame was resized.
         rows, columns: the tiles; one of each unless the frame is tiled.
     """
 
@@ -58,7 +58,7 @@ class Plan:
     columns: tuple[Span, ...]
 
     def pieces(self, picture: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """(H, W, 3) uint8 to pieces (h, w, 3), row by row."""
+        """Cut a frame (H, W, 3) uint8 into pieces (h, w, 3), row by row."""
         if self.labels != self.piece:
             return [_resized(picture, self.piece)]
         return [
@@ -68,11 +68,11 @@ class Plan:
         ]
 
     def joined(self, labels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-        """The label maps of the pieces, in their order, to (H, W)."""
+        """Join the label maps of the pieces, in their order, to (H, W)."""
         whole = np.empty(self.frame, np.uint8)
         places = [(row, column) for row in self.rows for column in self.columns]
-        for (row, column), found in zip(places, labels, strict=True):
-            inside = found[
+        for (row, column), piece in zip(places, labels, strict=True):
+            inside = piece[
                 row.first - row.start : row.end - row.start, column.first - column.start : column.end - column.start
             ]
             whole[row.first : row.end, column.first : column.end] = inside
@@ -80,10 +80,10 @@ class Plan:
 
 
 def plan(document: InputDocument, height: int, width: int) -> Plan:
-    """The plan for frames of a size.
+    """Return the plan for frames of a size.
 
     Raises:
-        InvalidInput: the frame is larger than what a network with a fixed size and mode ``pad`` takes.
+        InvalidInput: the frame is larger than the fixed input of a network in mode ``pad``.
     """
     frame = Size(height, width)
     whole = (Span(0, 0, height),), (Span(0, 0, width),)
@@ -101,7 +101,7 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
         return Plan(frame, piece, frame, *whole)
     if height > piece.height or width > piece.width:
         raise InvalidInput(
-            "the frame is larger than what the function takes; use mode resize or tile",
+            "the frame is larger than the function's input; use mode resize or tile",
             field="input.size",
             value=f"{width} × {height}",
             limit=f"{piece.width} × {piece.height}",
@@ -110,14 +110,14 @@ def plan(document: InputDocument, height: int, width: int) -> Plan:
 
 
 def _reduced(frame: Size, longest: int, step: int) -> Size:
-    """The frame with ``longest`` as its longer side, each side at the nearest multiple that is not above it."""
+    """Return the size with ``longest`` as its longer side, each side at the nearest multiple of ``step`` up to ``longest``."""
     factor, most = longest / max(frame), longest // step * step
     height, width = (min(max(step, round(side * factor / step) * step), most) for side in frame)
     return Size(height, width)
 
 
 def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:
-    """As few tiles as keep the overlap, spread evenly; seams lie in the middle of what two tiles share."""
+    """Return the fewest tiles that keep the overlap, spread evenly; seams lie in the middle of each overlap."""
     if length <= tile:
         return (Span(0, 0, length),)
     count = math.ceil((length - overlap) / (tile - overlap))
@@ -127,7 +127,7 @@ def _spans(length: int, tile: int, overlap: int) -> tuple[Span, ...]:
 
 
 def _padded(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
-    """The last row and column are repeated: a colour that the network has not seen at an edge would spread inwards."""
+    """Pad by repeating the last row and column: a new colour at the edge would change labels inside."""
     down, right = size.height - picture.shape[0], size.width - picture.shape[1]
     if down == right == 0:
         return picture
@@ -135,7 +135,7 @@ def _padded(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
 
 
 def _resized(picture: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
-    """Means of areas where both sides shrink, else bilinear, with pixel centres at halves."""
+    """Resample by means of areas if both sides shrink, else bilinearly, with pixel centres at halves."""
     shrinks = size.height <= picture.shape[0] and size.width <= picture.shape[1]
     resized = cv2.resize(
         np.ascontiguousarray(picture),

@@ -1,4 +1,4 @@
-"""Predicting many pictures with one function: together where that is cheaper, always with answers of the right size."""
+"""Predict many pictures with one function: in batches where that is cheaper, and with answers of the right size."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Owner = TypeVar("Owner")
 def predicted(
     function: PerceptionFunction, pictures: Iterable[tuple[Owner, NDArray[np.uint8]]]
 ) -> Iterator[tuple[Owner, NDArray[np.uint8]]]:
-    """The labels of every picture, in the order given; as many are read ahead as the function takes together.
+    """Yield the labels of every picture, in order; as many pictures are read ahead as the function takes together.
 
     Args:
         function: under test.
-        pictures: whatever a picture belongs to, and the (H, W, 3) uint8 picture.
+        pictures: the owner of each picture, and the (H, W, 3) uint8 picture.
 
     Yields:
-        what it belongs to, (H, W) uint8 train ids.
+        The owner, and (H, W) uint8 train ids.
 
     Raises:
         InferenceError: the answer has another size than the picture.

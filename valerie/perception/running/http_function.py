@@ -1,7 +1,7 @@
-"""A function that runs behind an HTTP address of the operator's: one POST per picture, its label map as the answer.
+"""A function behind an HTTP address that the operator allows: one POST per picture, answered by a label map.
 
-The contract is in docs/functions.md. What does not arrive in time, in size and in form is a failure of that picture, recorded
-with its reason: it is not asked for again, since a second answer would hide that the first one did not come.
+The contract is in docs/functions.md. An answer that is late, too large or malformed is a failure of that picture, recorded with
+its reason. The picture is not sent again, since a second answer would hide that the first one failed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import HttpOptions
 from valerie.perception.running.label_png import decode_labels, encode_png, max_label_bytes
 
-#: Headers of the contract.
+#: Headers of the contract: the function's name, and the endpoint's version.
 FUNCTION_HEADER: Final = "Valerie-Function"
 VERSION_HEADER: Final = "Function-Version"
 _PIECE: Final = 65_536
@@ -36,7 +36,7 @@ class HttpFunction:
     Args:
         document: kind ``http``.
         allowed: the operator's list; see `valerie.perception.documents.addresses`.
-        digest: what stands for the function on its card.
+        digest: of the function on its card.
 
     Raises:
         InvalidInput: the address is not on the list.
@@ -44,7 +44,7 @@ class HttpFunction:
 
     #: Raised by hand whenever equal answers give other labels.
     revision: ClassVar[int] = 1
-    #: Nobody here knows what computes there.
+    #: The endpoint's hardware and libraries are unknown here.
     numeric_class: Final = "http"
 
     def __init__(self, document: FunctionDocument, *, allowed: Sequence[str], digest: str) -> None:
@@ -61,11 +61,11 @@ class HttpFunction:
         return self._card
 
     def predict(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 sRGB picture to (H, W) uint8 train ids.
+        """Return the (H, W) uint8 train ids of an (H, W, 3) uint8 sRGB picture.
 
         Raises:
             InvalidInput: the picture is not (H, W, 3) uint8, or the address is no longer allowed.
-            InferenceError: no answer in time, another status than 200, another version, or no label map of the frame.
+            InferenceError: the answer is late, its status is not 200, its version is another, or it is no label map of the frame.
         """
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
             given = f"{picture.dtype} {picture.shape}"
@@ -81,7 +81,7 @@ class HttpFunction:
         return labels
 
     def close(self) -> None:
-        """Nothing is held between pictures."""
+        """Do nothing: no connection is kept between pictures."""
 
     def _ask(self, target: Target, body: bytes, limit: int) -> bytes:
         connection = _Connection(target, self._options.timeout_s)
@@ -91,7 +91,7 @@ class HttpFunction:
             late.set()
             connection.cut()
 
-        # A time-out of the socket begins anew with every byte; this one does not.
+        # The socket's time-out begins anew with every byte; this one does not.
         timer = threading.Timer(self._options.timeout_s, end)
         timer.daemon = True
         timer.start()
@@ -117,7 +117,7 @@ class HttpFunction:
         }
         connection.request("POST", target.path, body=body, headers=headers)
         response = connection.getresponse()
-        if response.status != http.client.OK:  # redirects too: where they lead to was not allowed
+        if response.status != http.client.OK:  # redirects too: their target was not allowed
             raise InferenceError(f"it answered with status {response.status}")
         version = response.getheader(VERSION_HEADER, "")
         if self._options.version and version != self._options.version:
@@ -135,7 +135,7 @@ class HttpFunction:
 
 
 class _Connection(http.client.HTTPConnection):
-    """To the address that was allowed, with the certificate of the host that was named."""
+    """A connection to the allowed address, with a check of the named host's certificate."""
 
     def __init__(self, target: Target, timeout_s: float) -> None:
         super().__init__(target.host, target.port, timeout=timeout_s)
@@ -150,7 +150,7 @@ class _Connection(http.client.HTTPConnection):
             self.sock = plain
 
     def cut(self) -> None:
-        """End it from another thread, whatever it waits for."""
+        """End the connection from another thread, even while it waits."""
         sock = self.sock
         if sock is not None:
             try:

@@ -1,7 +1,7 @@
-"""Label maps that come from outside as PNG: looked at before anything is allocated for them.
+"""Label maps from outside as PNG, which are checked before memory is allocated for them.
 
 A PNG of a few kilobytes can state a size of gigapixels, or hold text and profiles that unpack to gigabytes. So the header is
-compared with the frame first, and only the chunks that make pixels are given to the decoder.
+compared with the frame first, and the decoder sees only the chunks that make pixels.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from PIL import Image
 from valerie.errors import InvalidInput
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-#: Kinds of PNG whose pixels are one byte each: grey levels, and places in a palette.
+#: Colour types with one byte per pixel: grey levels, and indices into a palette.
 _GREY, _PALETTE = 0, 3
 _PIXEL_CHUNKS: Final = (b"IHDR", b"PLTE", b"IDAT", b"IEND")
 
 
 def max_label_bytes(height: int, width: int) -> int:
-    """Largest file that a label map of this size can need: uncompressed, with room for chunks around it."""
+    """Return the largest file that a label map of this size can need: uncompressed, with room for chunks around it."""
     return height * (width + 1) + height * width // 100 + 65_536
 
 
@@ -33,27 +33,27 @@ def decode_labels(data: bytes, height: int, width: int, *, field: str = "labels"
     """Read the label map of a frame.
 
     Args:
-        data: a PNG of 8 bits per pixel, grey or with a palette; a pixel's value (place in the palette) is its id.
+        data: a PNG of 8 bits per pixel, grey or with a palette; a pixel's value (index into the palette) is its id.
         height: of the frame.
         width: of the frame.
-        field: where the data come from, for errors.
+        field: source of the data, for errors.
 
     Returns:
         (height, width) uint8.
 
     Raises:
-        InvalidInput: not such a PNG, another size than the frame's, larger than `max_label_bytes`, or damaged.
+        InvalidInput: the file is not such a PNG, has another size than the frame, exceeds `max_label_bytes`, or is damaged.
     """
     limit = max_label_bytes(height, width)
     if len(data) > limit:
         raise InvalidInput("the file is too large", field=field, value=f"{len(data)} bytes", limit=f"{limit} bytes")
     pixels_alone = _pixel_chunks(data, field)
-    found_width, found_height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", pixels_alone[16:29])
-    if (found_height, found_width) != (height, width):
+    png_width, png_height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", pixels_alone[16:29])
+    if (png_height, png_width) != (height, width):
         raise InvalidInput(
             "another size than the frame's",
             field=field,
-            value=f"{found_width} × {found_height}",
+            value=f"{png_width} × {png_height}",
             limit=f"{width} × {height}",
         )
     if depth != 8 or colour not in (_GREY, _PALETTE) or interlaced:
@@ -72,29 +72,29 @@ def decode_labels(data: bytes, height: int, width: int, *, field: str = "labels"
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
-    """(H, W) grey or (H, W, 3) sRGB uint8 to PNG."""
+    """Return the PNG of (H, W) grey or (H, W, 3) sRGB pixels, uint8."""
     stream = BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(stream, "PNG", compress_level=1)
     return stream.getvalue()
 
 
 def _require_rows(png: bytes, height: int, width: int, field: str) -> None:
-    """Decoders fill what is missing with zeros, which are ids like others."""
+    """Refuse missing rows: decoders fill them with zeros, which are ids like others."""
     expected = height * (width + 1)  # each row begins with a byte that names its filter
     compressed = b"".join(data for kind, data in _chunks(png, field) if kind == b"IDAT")
     try:
-        found = len(zlib.decompressobj().decompress(compressed, expected + 1))
+        length = len(zlib.decompressobj().decompress(compressed, expected + 1))
     except zlib.error as error:
         raise InvalidInput(f"a damaged PNG ({error})", field=field) from None
-    if found != expected:
-        count = f"{found} bytes" if found < expected else f"more than {expected} bytes"
+    if length != expected:
+        count = f"{length} bytes" if length < expected else f"more than {expected} bytes"
         raise InvalidInput(
             "a damaged PNG (its rows are not those of its size)", field=field, value=count, limit=f"{expected} bytes"
         )
 
 
 def _pixel_chunks(data: bytes, field: str) -> bytes:
-    """The file without everything that makes no pixels; it begins with signature and IHDR."""
+    """Return the file without chunks that make no pixels; it begins with signature and IHDR."""
     kept = [_SIGNATURE]
     for kind, content in _chunks(data, field):
         if (len(kept) == 1) != (kind == b"IHDR") or (kind == b"IHDR" and len(content) != 13):
@@ -107,7 +107,7 @@ def _pixel_chunks(data: bytes, field: str) -> bytes:
 
 
 def _chunks(data: bytes, field: str) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and content of each chunk up to IEND; checksums are looked at."""
+    """Yield kind and content of each chunk up to IEND; checksums are verified."""
     if not data.startswith(_SIGNATURE):
         raise InvalidInput("not a PNG", field=field)
     place = len(_SIGNATURE)

@@ -1,8 +1,8 @@
-"""Bounds for a process that runs a network which someone brought: memory, and time per picture.
+"""Bounds for a process that runs a network from outside: memory, and time per picture.
 
-A network is data, but data can ask for a terabyte or for a year. The operating system holds the first bound: an allocation
+A network is data, but data can ask for a terabyte or for a year. The operating system enforces the first bound: an allocation
 beyond it fails, which is an error of that picture. Nothing can stop compiled code from within, so the second bound ends the
-process, after the reason was handed to whoever keeps it. `valerie.pipeline.functions.bounded` puts both around every function.
+process after the reason was recorded. `valerie.pipeline.functions.bounded` puts both around every function.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
-#: Exit status of a process that took too long; as `timeout` of coreutils has it.
+#: Exit status of a process that took too long, as in `timeout` of coreutils.
 TIMED_OUT: Final = 124
-#: The descriptor itself: `sys.stderr` of a worker's process is Celery's, and has none.
+#: The descriptor itself: `sys.stderr` of a worker's process is Celery's and has none.
 _STANDARD_ERROR: Final = 2
-#: The reason is to be kept within this time: a database that does not answer must not keep the process alive.
+#: Time to record the reason: a database that does not answer must not keep the process alive.
 _LAST_WORDS_SECONDS: Final = 30.0
 
 
@@ -26,11 +26,11 @@ def limit_memory(megabytes: int) -> Callable[[], None]:
     """Let allocations of this process fail when its private memory passes a size.
 
     Args:
-        megabytes: of everything private that the process holds (RLIMIT_DATA; mapped files do not count); 0 sets no limit.
-            A stricter limit that the process has already stays.
+        megabytes: of all private memory of the process (RLIMIT_DATA; mapped files do not count); 0 sets no limit. A stricter
+            limit of the process stays.
 
     Returns:
-        What takes the limit back.
+        A function that restores the limit of before.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     bounds = [bound for bound in (megabytes << 20, soft, hard) if bound not in (0, resource.RLIM_INFINITY)]
@@ -42,12 +42,12 @@ def limit_memory(megabytes: int) -> Callable[[], None]:
 
 @contextmanager
 def time_limit(seconds: float, *, what: str, before_end: Callable[[str], None] | None = None) -> Iterator[None]:
-    """End this process when the body takes longer.
+    """End this process if the body takes longer.
 
     Args:
         seconds: wall time; 0 sets no limit.
-        what: for the last words on standard error.
-        before_end: is given the same words, in another thread, before the process ends with `TIMED_OUT`.
+        what: names the work in the reason, which goes to standard error.
+        before_end: called with the reason, in another thread, before the process ends with `TIMED_OUT`.
     """
     if seconds == 0:
         yield

@@ -1,4 +1,4 @@
-"""From a document and its payload to a function that is ready to predict: the one way to open any function."""
+"""Open any function from its document and payload."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def open_function(
     """Load a function to predict with.
 
     Args:
-        document: what it is.
+        document: of the function.
         payload: its file; None for kinds without one.
         threads: CPU threads of this process for the inference engine.
-        device: of the engine torch: ``auto`` takes a GPU where there is one; ``cpu``, ``cuda``, ``cuda:1``.
-        addresses: where functions behind HTTP may be; see `valerie.perception.documents.addresses`.
-        digest: what stands for the function on its card; None: the document's digest. Functions that ship with VALERIE
-            are known by the SHA-256 of their file.
+        device: of the engine torch: ``auto`` takes a GPU if there is one; ``cpu``, ``cuda``, ``cuda:1``.
+        addresses: allowed for functions behind HTTP; see `valerie.perception.documents.addresses`.
+        digest: of the function on its card; None: the document's. Functions that ship with VALERIE have the SHA-256 of
+            their file.
 
     Raises:
         NotFound: there is no file ``payload``.
@@ -55,12 +55,14 @@ def open_function(
             return HttpFunction(document, allowed=addresses, digest=identity)
         if payload is None:
             raise InvalidInput(
-                "predictions of this function are uploaded by its user", field="kind", value=document.kind
+                "the user makes the predictions of this function; nothing can be opened",
+                field="kind",
+                value=document.kind,
             )
-        from valerie.perception.running.adapted import AdaptedFunction
+        from valerie.perception.running.engine_function import EngineFunction
 
         engine = _engine(document, payload, threads=threads, device=device)
-        return AdaptedFunction(document, engine, digest=identity)
+        return EngineFunction(document, engine, digest=identity)
     except ModuleNotFoundError as error:
         extra = "huggingface" if error.name == "transformers" else "infer"
         raise MissingDependency(
@@ -95,10 +97,10 @@ def require_payload(document: FunctionDocument, path: Path | None) -> None:
         raise NotFound("payload of the function", document.name)
     try:
         with path.open("rb") as stream:
-            found = hashlib.file_digest(stream, "sha256").hexdigest()
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     except FileNotFoundError:
         raise NotFound("function file", path.name) from None
-    if found != document.payload.sha256:
+    if sha256 != document.payload.sha256:
         raise CorruptArtifact(
-            f"{path.name} has digest {found[:12]}; {document.name} needs {document.payload.sha256[:12]}"
+            f"{path.name} has digest {sha256[:12]}; {document.name} needs {document.payload.sha256[:12]}"
         )

@@ -1,4 +1,4 @@
-"""Nothing is ever sent out: libraries that report their use, or fetch from a network, are told not to before they load."""
+"""Keep libraries from reporting their use and from fetching files, by settings that they read when they load."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 _VARIABLES: Final = {
     # onnxruntime's Linux builds upload events from 1.29 on; only this, before its first import, stops all of them.
     "ORT_DISABLE_TELEMETRY": "1",
-    # The hub's client asks the network even for local folders, unless it is told to be offline.
+    # The hub's client asks the network even for local folders, unless it is offline.
     "HF_HUB_OFFLINE": "1",
     "HF_HUB_DISABLE_TELEMETRY": "1",
     "TRANSFORMERS_OFFLINE": "1",
@@ -18,7 +18,7 @@ _VARIABLES: Final = {
 
 
 def silence_libraries() -> None:
-    """Call before onnxruntime, openvino or transformers are imported; safe to call again."""
+    """Set what onnxruntime, openvino and transformers read; call this before they are imported, as often as you like."""
     os.environ.update(_VARIABLES)
-    # OpenVINO imports this package where it is installed, and has a stand-in for where it is not.
+    # OpenVINO imports this package if it is installed, and has a stand-in if it is not.
     sys.modules.setdefault("openvino_telemetry", None)  # type: ignore[arg-type]  # None: importing it fails

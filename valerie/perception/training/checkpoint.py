@@ -1,12 +1,13 @@
-"""Checkpoints of a training run: safetensors, so that going on from a file never runs anything that it holds."""
+"""Checkpoints of a training run: safetensors, so that resuming from a file never runs anything in it."""
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import torch
+from pydantic import BaseModel, ConfigDict
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
@@ -15,79 +16,84 @@ from valerie.errors import InvalidInput
 from valerie.perception.training.settings import TrainingSettings
 from valerie.perception.training.statistics import Triple
 
-#: Step, seconds of training, recent losses.
-Place = tuple[int, float, list[float]]
-
 _NETWORK: Final = "network."
 _OPTIMISER: Final = "optimiser."
 
 
-def write_checkpoint(
-    path: Path,
-    settings: TrainingSettings,
-    mean: Triple,
-    std: Triple,
-    network: nn.Module,
-    optimiser: torch.optim.Optimizer,
-    place: Place,
-) -> None:
-    """Write everything that the next step depends on; the file is whole or not there."""
-    step, elapsed, recent = place
-    tensors = {f"{_NETWORK}{name}": value for name, value in network.state_dict().items()}
-    for number, slots in optimiser.state_dict()["state"].items():
-        tensors |= {f"{_OPTIMISER}{number}.{slot}": value for slot, value in slots.items()}
-    entries = {
-        "run": _identity(settings, mean, std),
-        "step": json.dumps(step),
-        "elapsed": json.dumps(elapsed),
-        "recent": json.dumps(recent),
-    }
-    unfinished = path.with_name(path.name + ".part")
-    save_file({name: value.contiguous() for name, value in tensors.items()}, unfinished, metadata=entries)
-    unfinished.replace(path)
+class Position(BaseModel):
+    """The position of a run in its schedule.
 
-
-def read_checkpoint(
-    path: Path,
-    settings: TrainingSettings,
-    mean: Triple,
-    std: Triple,
-    network: nn.Module,
-    optimiser: torch.optim.Optimizer,
-) -> Place:
-    """Put network and optimiser where they were.
-
-    Raises:
-        InvalidInput: no checkpoint, or one of another run (other settings, other frames).
+    Attributes:
+        step: optimiser steps done.
+        elapsed_s: seconds of training, over all resumptions.
+        recent: losses of the last steps.
     """
-    parameters = list(network.parameters())
-    try:
-        with safe_open(path, framework="pt") as stored:
-            entries: dict[str, str] = stored.metadata() or {}
-            if entries.get("run") != _identity(settings, mean, std):
-                raise InvalidInput("a checkpoint of another run (other settings or frames)", field=path.name)
-            tensors: dict[str, Tensor] = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise InvalidInput(f"not a checkpoint ({error})", field=path.name) from error
-    network.load_state_dict(
-        {name.removeprefix(_NETWORK): value for name, value in tensors.items() if name.startswith(_NETWORK)}
-    )
-    state: dict[int, dict[str, Tensor]] = {}
-    for name, value in tensors.items():
-        if name.startswith(_OPTIMISER):
-            number, _, slot = name.removeprefix(_OPTIMISER).partition(".")
-            state.setdefault(int(number), {})[slot] = _laid_out_like(parameters[int(number)], value)
-    optimiser.load_state_dict({**optimiser.state_dict(), "state": state})
-    return json.loads(entries["step"]), json.loads(entries["elapsed"]), json.loads(entries["recent"])
+
+    model_config = ConfigDict(frozen=True)
+
+    step: int = 0
+    elapsed_s: float = 0.0
+    recent: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CheckpointFile:
+    """The checkpoint file of one run.
+
+    Attributes:
+        path: of the file.
+        settings: of the run.
+        mean, std: normalisation of the pictures; they stand for the frames.
+    """
+
+    path: Path
+    settings: TrainingSettings
+    mean: Triple
+    std: Triple
+
+    def write(self, network: nn.Module, optimiser: torch.optim.Optimizer, position: Position) -> None:
+        """Write everything that the next step depends on; the file is complete or not there."""
+        tensors = {f"{_NETWORK}{name}": value for name, value in network.state_dict().items()}
+        for number, slots in optimiser.state_dict()["state"].items():
+            tensors |= {f"{_OPTIMISER}{number}.{slot}": value for slot, value in slots.items()}
+        entries = {"run": self._identity(), "position": position.model_dump_json()}
+        unfinished = self.path.with_name(self.path.name + ".part")
+        save_file({name: value.contiguous() for name, value in tensors.items()}, unfinished, metadata=entries)
+        unfinished.replace(self.path)
+
+    def read(self, network: nn.Module, optimiser: torch.optim.Optimizer) -> Position:
+        """Restore network and optimiser, and return the position.
+
+        Raises:
+            InvalidInput: not a checkpoint, or one of another run (other settings, other frames).
+        """
+        try:
+            with safe_open(self.path, framework="pt") as stored:
+                entries: dict[str, str] = stored.metadata() or {}
+                if entries.get("run") != self._identity():
+                    raise InvalidInput("a checkpoint of another run (other settings or frames)", field=self.path.name)
+                tensors: dict[str, Tensor] = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError) as error:
+            raise InvalidInput(f"not a checkpoint ({error})", field=self.path.name) from error
+        network.load_state_dict(
+            {name.removeprefix(_NETWORK): value for name, value in tensors.items() if name.startswith(_NETWORK)}
+        )
+        parameters = list(network.parameters())
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in tensors.items():
+            if name.startswith(_OPTIMISER):
+                number, _, slot = name.removeprefix(_OPTIMISER).partition(".")
+                state.setdefault(int(number), {})[slot] = _laid_out_like(parameters[int(number)], value)
+        optimiser.load_state_dict({**optimiser.state_dict(), "state": state})
+        return Position.model_validate_json(entries["position"])
+
+    def _identity(self) -> str:
+        """Return a text that must be equal to resume; device and number of threads may differ."""
+        return f"{self.settings.model_dump_json(exclude={'loader_threads', 'device'})} {self.mean} {self.std}"
 
 
 def _laid_out_like(parameter: Tensor, value: Tensor) -> Tensor:
-    """The value in the parameter's memory order; AdamW's step counter is a scalar and has none."""
+    """Return the value in the parameter's memory order; AdamW's step counter is a scalar and has none."""
     if value.shape != parameter.shape:
         return value
     return torch.empty_like(parameter, requires_grad=False).copy_(value)
-
-
-def _identity(settings: TrainingSettings, mean: Triple, std: Triple) -> str:
-    """What must be equal to go on; where and with how many threads is free. The statistics stand for the frames."""
-    return f"{settings.model_dump_json(exclude={'loader_threads', 'device'})} {mean} {std}"

@@ -1,11 +1,11 @@
-"""How a training went: loss and held-out figures over its steps, in a file that outlives interruptions, and as a picture."""
+"""The curve of a training: loss and held-out figures over its steps, in a file that outlives interruptions, and drawn."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie.errors import InvalidInput, MissingDependency
 from valerie.perception.training.fit import TrainingProgress
@@ -13,7 +13,7 @@ from valerie.perception.training.validation import ValidationFigures
 
 #: Points of the loss over a whole training: each is the mean of the steps since the one before.
 _POINTS: Final = 200
-#: Okabe and Ito: told apart by everyone.
+#: Colours of Okabe and Ito, which colour-blind readers can tell apart.
 _FIGURES: Final = {
     "person_pacc": ("person pACC", "#0072B2", "o"),
     "person_precision": ("person precision", "#E69F00", "D"),
@@ -22,11 +22,23 @@ _FIGURES: Final = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Validated:
+    """Held-out figures after a number of steps."""
+
+    step: int
+    figures: ValidationFigures
+
+
 class TrainingCurve:
-    """Collects a training's progress; goes on where an interrupted one was.
+    """A collection of a training's progress; it continues the curve of an interrupted training.
 
     Args:
-        file: ``….json``; written while the training goes on. The picture lies beside it.
+        file: ``….json``, written during the training. The picture lies beside it.
+
+    Attributes:
+        loss: step and mean loss of each point.
+        validations: in the order of their steps.
 
     Raises:
         InvalidInput: the file holds something else.
@@ -37,24 +49,26 @@ class TrainingCurve:
         self._losses: list[float] = []
         self._begun = False
         self.loss: list[tuple[int, float]] = []
-        self.figures: list[dict[str, Any]] = []
+        self.validations: list[Validated] = []
         if file.exists():
             try:
                 stored = json.loads(file.read_bytes())
                 self.loss = [(int(step), float(loss)) for step, loss in stored["loss"]]
-                self.figures = [dict(one, step=int(one["step"])) for one in stored["figures"]]
-            except (ValueError, KeyError, TypeError) as error:
+                self.validations = [
+                    Validated(int(entry.pop("step")), ValidationFigures(**entry)) for entry in stored["figures"]
+                ]
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise InvalidInput("not the curve of a training", field="curve", value=str(file)) from error
 
     def __call__(self, now: TrainingProgress) -> None:
-        """A step was made."""
-        if not self._begun:  # what came after the checkpoint that training goes on from is made again
+        """Add a step."""
+        if not self._begun:  # steps after the checkpoint that training resumes from are repeated
             self._begun = True
             self.loss = [point for point in self.loss if point[0] < now.step]
-            self.figures = [one for one in self.figures if one["step"] < now.step]
+            self._forget_from(now.step)
         self._losses.append(now.loss)
         if now.figures is not None:
-            self.figures.append({"step": now.step, **asdict(now.figures)})
+            self.validations.append(Validated(now.step, now.figures))
         if now.step % max(1, now.steps // _POINTS) == 0 or now.figures is not None:
             self.loss.append((now.step, sum(self._losses) / len(self._losses)))
             self._losses.clear()
@@ -64,11 +78,11 @@ class TrainingCurve:
         """Add the figures of the finished network and draw.
 
         Returns:
-            The picture (….png); where matplotlib is not installed, the file of numbers.
+            The picture (….png); the file of numbers if matplotlib is not installed.
         """
-        self.figures = [one for one in self.figures if one["step"] < steps]
+        self._forget_from(steps)
         if figures is not None:
-            self.figures.append({"step": steps, **asdict(figures)})
+            self.validations.append(Validated(steps, figures))
         self._write()
         try:
             return self.draw(self._file.with_suffix(".png"), title=title)
@@ -92,14 +106,15 @@ class TrainingCurve:
         loss.set_ylabel("training loss")
         loss.set_ylim(bottom=0)
         for name, (label, colour, marker) in _FIGURES.items():
-            points = [(one["step"], 100 * one[name]) for one in self.figures if one[name] is not None]
+            scores_of = [(validated.step, getattr(validated.figures, name)) for validated in self.validations]
+            points = [(step, 100 * score) for step, score in scores_of if score is not None]
             if points:
                 scores.plot(*zip(*points, strict=True), color=colour, marker=marker, markersize=5, label=label)
         scores.set_ylabel("held-out frames, pooled, per cent")
         scores.set_xlabel("step")
         scores.set_ylim(0, 100)
-        if self.figures:
-            counts = sorted({one["frames"] for one in self.figures})
+        if self.validations:
+            counts = sorted({validated.figures.frames for validated in self.validations})
             legend = f"{' to '.join(str(n) for n in {counts[0]: 0, counts[-1]: 0})} frames"
             scores.legend(title=legend, fontsize=9, title_fontsize=9, loc="lower right")
         for axes in (loss, scores):
@@ -108,8 +123,12 @@ class TrainingCurve:
         figure.savefig(path)
         return path
 
+    def _forget_from(self, step: int) -> None:
+        self.validations = [validated for validated in self.validations if validated.step < step]
+
     def _write(self) -> None:
+        figures = [{"step": validated.step, **asdict(validated.figures)} for validated in self.validations]
         self._file.parent.mkdir(parents=True, exist_ok=True)
         unfinished = self._file.with_name(self._file.name + ".part")
-        unfinished.write_text(json.dumps({"loss": self.loss, "figures": self.figures}, indent=1) + "\n")
+        unfinished.write_text(json.dumps({"loss": self.loss, "figures": figures}, indent=1) + "\n")
         unfinished.replace(self._file)

@@ -18,7 +18,7 @@ from valerie.perception.importing.function_file import compact, function_file_by
 from valerie.perception.importing.network_weights import load_network
 from valerie.perception.networks.architectures import Network, build_network
 from valerie.perception.running.engines.labelling import in_channels_last, normalised
-from valerie.perception.training.checkpoint import read_checkpoint, write_checkpoint
+from valerie.perception.training.checkpoint import CheckpointFile, Position
 from valerie.perception.training.frame_folder import TrainingFrame
 from valerie.perception.training.loss import pixel_loss
 from valerie.perception.training.samples import batches
@@ -33,14 +33,14 @@ _POLY_POWER: Final = 0.9
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """Where a run is.
+    """The progress of a run.
 
     Attributes:
         step, steps: done and planned.
-        fraction: of the schedule, 0…1; ahead of step / steps where the time budget is the tighter bound.
+        fraction: of the schedule, 0…1; ahead of step / steps if the time budget is the tighter bound.
         loss: of the last step.
         elapsed_s: training time, over all resumptions.
-        figures: of the validation that was just made, if one was.
+        figures: of a validation after this step; None if there was none.
     """
 
     step: int
@@ -53,11 +53,11 @@ class TrainingProgress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainedModel:
-    """The result of a run; its weights are rounded to half precision, as they will be shipped.
+    """The result of a run; its weights are rounded to half precision, as function files hold them.
 
     Attributes:
         network: in evaluation mode, fp32, on the CPU.
-        settings: it was trained with.
+        settings: of its training.
         mean, std: its normalisation.
         steps: optimiser steps taken.
         final_loss: mean loss over the last steps (at most 50).
@@ -73,7 +73,11 @@ class TrainedModel:
     figures: ValidationFigures | None
 
     def to_bytes(self, provenance: dict[str, str]) -> bytes:
-        """The function file (`valerie.perception.importing.function_file`); seed, steps, precision and figures are added."""
+        """Return the function file (see `valerie.perception.importing.function_file`).
+
+        Args:
+            provenance: entries of the header; seed, steps, precision, settings and figures are added.
+        """
         state = self.network.state_dict()
         tensors = {name: value.numpy() for name, value in state.items() if value.is_floating_point()}
         own = {
@@ -105,18 +109,19 @@ def train(
     start_from: Path | None = None,
     threads: int | None = None,
 ) -> TrainedModel:
-    """Train one network from scratch, from the weights of a function file, or go on from a checkpoint.
+    """Train one network from scratch, from the weights of a function file, or from a checkpoint.
 
     Args:
-        settings: what to train and how.
+        settings: of the training.
         frames: to train on.
         held_out: to validate on; from streets that ``frames`` does not show.
         progress: called after every step.
-        checkpoint: file that is written every ``checkpoint_every`` steps and at the end; if it exists, training goes
-            on from it, to the same weights as without the interruption.
-        start_from: a function file of the same architecture whose weights and normalisation are the beginning; the
-            schedule is a new one.
-        threads: torch's CPU threads in this process from now on; None leaves them. Part of what makes runs repeatable.
+        checkpoint: file that is written every ``checkpoint_every`` steps and at the end. If it exists, training resumes
+            from it and ends with the same weights as without the interruption.
+        start_from: function file of the same architecture with the first weights and the normalisation; the schedule is
+            new.
+        threads: torch's CPU threads in this process from now on; None leaves them. A run is repeatable with equal threads
+            only.
 
     Raises:
         InvalidInput: no frames, a street in both sets, a checkpoint of another run, a file of another architecture.
@@ -138,11 +143,13 @@ def train(
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
     weights = torch.from_numpy(class_weights(frames, settings.class_balance)).to(device)
     weights[PERSON.train_id] *= settings.person_weight
-    step, elapsed, recent = 0, 0.0, list[float]()
-    if checkpoint is not None and checkpoint.exists():
-        step, elapsed, recent = read_checkpoint(checkpoint, settings, mean, std, network, optimiser)
+    position = Position()
+    resumption = None if checkpoint is None else CheckpointFile(checkpoint, settings, mean, std)
+    if resumption is not None and resumption.path.exists():
+        position = resumption.read(network, optimiser)
+    step, recent = position.step, position.recent
 
-    started = time.monotonic() - elapsed
+    started = time.monotonic() - position.elapsed_s
     stream = batches(frames, settings, step)
     try:
         for pictures, labels in stream:
@@ -162,7 +169,7 @@ def train(
                 autocast=settings.precision == "bf16",
             )
             step += 1
-            recent = [*recent[-49:], loss]
+            recent = (*recent[-49:], loss)
             figures = None
             if held_out and step % settings.validate_every == 0 and step < settings.steps:
                 figures = validate(
@@ -173,9 +180,9 @@ def train(
                     longest_side=settings.longest_side,
                 )
                 _in_training(network, settings)
-            if checkpoint is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
+            if resumption is not None and (step % settings.checkpoint_every == 0 or step == settings.steps):
                 elapsed = time.monotonic() - started
-                write_checkpoint(checkpoint, settings, mean, std, network, optimiser, (step, elapsed, recent))
+                resumption.write(network, optimiser, Position(step=step, elapsed_s=elapsed, recent=recent))
             progress(TrainingProgress(step, settings.steps, fraction, loss, elapsed, figures))
     finally:
         stream.close()
@@ -192,7 +199,7 @@ def train(
 def _start_from(
     path: Path, settings: TrainingSettings, network: Network
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Put a function file's weights into ``network``; its normalisation, which the weights go with."""
+    """Put a function file's weights into ``network`` and return its normalisation, which belongs to the weights."""
     started, header = load_network(path)
     if header.architecture != settings.architecture:
         raise InvalidInput(
@@ -206,7 +213,7 @@ def _start_from(
 
 
 def _in_training(network: Network, settings: TrainingSettings) -> Network:
-    """The network in training mode, but for what keeps its statistics."""
+    """Put the network into training mode, except batch normalisation that keeps its statistics, and return it."""
     network.train()
     if settings.keep_norm_statistics:
         for module in network.modules():
@@ -225,7 +232,7 @@ def _step(
     void_weight: float,
     autocast: bool,
 ) -> float:
-    """One optimiser step; returns the loss."""
+    """Make one optimiser step and return the loss."""
     with torch.autocast(pictures.device.type, torch.bfloat16, enabled=autocast):
         logits: Tensor = network(pictures)
         full = functional.interpolate(

@@ -1,7 +1,7 @@
-"""A folder of training frames: pictures with their label maps, compact, and readable at random.
+"""A folder of training frames: pictures with their label maps, compressed, with random access.
 
-A *shard* is one safetensors file with the frames of one street; each map in it is one zstd frame, so a single frame can
-be read without the rest. ``frames.json`` lists the shards with their digests; its own digest stands for the data set.
+A *shard* is one safetensors file with the frames of one street; each map in it is one zstd frame, so one training
+frame can be read without the rest. ``frames.json`` lists the shards with their digests; its own digest stands for the data set.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from valerie.errors import CorruptArtifact, InvalidInput, NotFound
 
 Split = Literal["train", "held-out"]
 
-#: Street seeds of each split; what runs use by default, seed 0, is in neither.
+#: Street seeds of each split; seed 0, the default of runs, is in neither.
 SEEDS: Final[dict[Split, range]] = {"train": range(1000, 100_000), "held-out": range(900, 1000)}
 INDEX_NAME: Final = "frames.json"
 FORMAT: Final = "valerie-training-frames/1"
@@ -40,7 +40,7 @@ class TrainingFrame:
     Attributes:
         picture: (H, W, 3) uint8 sRGB.
         train_ids: (H, W) uint8, 0…18 or 255 (void).
-        street_seed: seed of the street that it was rendered in; training and held-out frames share none.
+        street_seed: of its street; training and held-out frames share no street.
     """
 
     picture: NDArray[np.uint8]
@@ -49,8 +49,8 @@ class TrainingFrame:
 
     def __post_init__(self) -> None:
         height_width = self.train_ids.shape
-        right = self.picture.dtype == np.uint8 and self.train_ids.dtype == np.uint8
-        if not right or len(height_width) != 2 or self.picture.shape != (*height_width, 3):
+        has_types = self.picture.dtype == np.uint8 and self.train_ids.dtype == np.uint8
+        if not has_types or len(height_width) != 2 or self.picture.shape != (*height_width, 3):
             given = f"{self.picture.dtype} {self.picture.shape}, {self.train_ids.dtype} {height_width}"
             raise InvalidInput("not a training frame", value=given, limit="uint8 (H, W, 3) and uint8 (H, W)")
 
@@ -59,11 +59,11 @@ class Shard(BaseModel):
     """One file of the folder.
 
     Attributes:
-        file: its name.
+        file: name of the file.
         street_seed: of all its frames.
         sizes: (height, width) of each frame.
         sha256: of the file.
-        drawn: scenes that were drawn to get these frames; None where every draw was taken.
+        drawn: scenes that were drawn to get these frames; None if every draw was taken.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -80,7 +80,7 @@ class FrameIndex(BaseModel):
 
     Attributes:
         shards: by ascending street seed.
-        provenance: who made the frames, and from what.
+        provenance: origin of the frames: asset, seeds, revisions.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -94,7 +94,7 @@ def write_shard(folder: Path, street_seed: int, frames: Iterable[TrainingFrame])
     """Write the frames of one street as one file; equal frames give equal bytes.
 
     Raises:
-        InvalidInput: a frame of another street.
+        InvalidInput: a frame belongs to another street.
     """
     compressor = zstandard.ZstdCompressor(level=_LEVEL)
     tensors: dict[str, NDArray[np.uint8]] = {}
@@ -114,18 +114,18 @@ def write_shard(folder: Path, street_seed: int, frames: Iterable[TrainingFrame])
 
 
 def write_index(folder: Path, shards: Iterable[Shard], provenance: Mapping[str, str]) -> None:
-    """List the shards; the folder is complete, and can be read, from then on."""
+    """List the shards; from then on the folder is complete and can be read."""
     ordered = tuple(sorted(shards, key=lambda shard: shard.street_seed))
     index = FrameIndex(format=FORMAT, shards=ordered, provenance=dict(sorted(provenance.items())))
     (folder / INDEX_NAME).write_text(json.dumps(index.model_dump(exclude_none=True), indent=1) + "\n")
 
 
 class Frames(Sequence[TrainingFrame]):
-    """Frames by their number, each read when it is asked for."""
+    """A sequence of frames that are read on access."""
 
     @abstractmethod
     def _frame(self, number: int) -> TrainingFrame:
-        """The frame of a number from −`len` to `len` − 1; raises IndexError beyond."""
+        """Return a frame by its number, −`len` to `len` − 1; raise IndexError beyond."""
 
     @overload
     def __getitem__(self, index: int) -> TrainingFrame: ...
@@ -140,10 +140,10 @@ class Frames(Sequence[TrainingFrame]):
 
 
 class FrameFolder(Frames):
-    """Reads a folder of training frames; safe to use from several threads.
+    """The frames of a folder; several threads may read them.
 
     Raises:
-        NotFound: no ``frames.json``: no folder of frames, or one whose making was interrupted.
+        NotFound: there is no ``frames.json``: not a folder of frames, or rendering was interrupted.
         InvalidInput: ``frames.json`` is not what `write_index` writes.
     """
 
@@ -160,7 +160,7 @@ class FrameFolder(Frames):
         #: SHA-256 of the index, which holds the digests of the shards: it stands for every pixel.
         self.digest = hashlib.sha256(text).hexdigest()
         self._places = [(shard, number) for shard in self.listing.shards for number in range(len(shard.sizes))]
-        self._open = threading.local()  # a file handle must not be shared between threads
+        self._open = threading.local()  # threads must not share a file handle
 
     @property
     def street_seeds(self) -> frozenset[int]:

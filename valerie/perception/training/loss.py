@@ -1,4 +1,4 @@
-"""What a step of training minimises."""
+"""The loss of a training step."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from valerie.labels import NUM_TRAIN_CLASSES, PERSON, VOID
 
 
 def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_weight: float = 0.0) -> Tensor:
-    """Weighted mean over pixels: of a labelled one the cross-entropy, of a void one −log(1 − p(person)).
+    """Return the weighted mean over pixels: cross-entropy of labelled ones, −log(1 − p(person)) of void ones.
 
-    What is void in our frames (a waste bin, a bench) has no class to be trained towards, but it is no person: the second
-    term is the negative log-likelihood of that complementary label (negative learning: Kim et al., NLNL, ICCV 2019).
+    Void pixels of our frames (a waste bin, a bench) have no class to learn, but they are no persons: the second term is the
+    negative log-likelihood of that complementary label (negative learning: Kim et al., NLNL, ICCV 2019).
 
     Args:
         logits: (B, 19, H, W) fp32.
@@ -22,7 +22,7 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
         void_weight: weight of a void pixel; 0 leaves them out.
 
     Returns:
-        Scalar; 0 where nothing has weight.
+        Scalar; 0 if nothing has weight.
     """
     sums = functional.cross_entropy(logits, labels, class_weights, ignore_index=VOID, reduction="sum")
     counts = torch.bincount(labels.flatten(), minlength=VOID + 1)
@@ -30,9 +30,9 @@ def pixel_loss(logits: Tensor, labels: Tensor, class_weights: Tensor, *, void_we
     if void_weight > 0.0:
         void = logits.permute(0, 2, 3, 1)[labels == VOID]
         others = torch.cat((void[:, : PERSON.train_id], void[:, PERSON.train_id + 1 :]), dim=1)
-        # −log(1 − p) by the margin of the person's logit: 1 − p itself would be 0 in fp32 where the network is sure.
+        # −log(1 − p) from the margin of the person's logit: 1 − p itself is 0 in fp32 if the network is sure.
         margin = void[:, PERSON.train_id] - others.logsumexp(dim=1)
         sums = sums + void_weight * functional.softplus(margin).sum()
         weight = weight + void_weight * counts[VOID]
-    # Not reduction="mean", which is NaN for a batch that is void throughout.
+    # reduction="mean" would be NaN for a batch of void pixels only.
     return sums / weight.clamp(min=1.0)

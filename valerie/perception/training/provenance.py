@@ -1,4 +1,4 @@
-"""What a trained function file says of where it comes from."""
+"""Provenance of trained function files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SEEDS_BEFORE: Final = "street-seeds-before"
 
 
 def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start_from: Path | None) -> dict[str, str]:
-    """Header entries: the frames it learned from and was checked on, and the file that it began with.
+    """Return header entries about the frames of training and validation and the file with the first weights.
 
     Raises:
         NotFound, InvalidInput: ``start_from`` is missing or damaged.
@@ -39,7 +39,7 @@ def training_provenance(frames: TrainingSet, held_out: FrameFolder | None, start
 
 
 def streets_seen(provenance: Mapping[str, str]) -> tuple[range, ...]:
-    """Seeds of the streets that a network learned from, and those of the network that it began with; none if nothing is said."""
-    said = SEPARATOR.join(provenance.get(name, "") for name in (_SEEDS, _SEEDS_BEFORE))
-    pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", said)})
+    """Return the street seeds that a network and its predecessors learned from; none if the provenance states none."""
+    ranges = SEPARATOR.join(provenance.get(name, "") for name in (_SEEDS, _SEEDS_BEFORE))
+    pairs = sorted({(int(first), int(last or first)) for first, last in re.findall(r"(\d+)(?:-(\d+))?", ranges)})
     return tuple(range(first, last + 1) for first, last in pairs)

@@ -1,4 +1,4 @@
-"""Samples from frames: crops at several scales, mirrored and recoloured; all from one random generator per sample."""
+"""Samples from frames: crops at several scales, mirrored and recoloured, with one random generator per sample."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Batch = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 def cut(
     frame: TrainingFrame, settings: CropSettings, rng: np.random.Generator, *, longest_side: int | None = None
 ) -> tuple[Picture, Labels]:
-    """One sample of a frame, at scales of the picture as the function gets it: reduced to ``longest_side``, if it is longer.
+    """Cut one sample of a frame, at scales of the picture that the function sees: reduced to ``longest_side`` if it is longer.
 
-    A window of the sample's size divided by the scale is cut, resampled (pictures by area or linearly, labels by the
-    nearest pixel centre) and, where the frame is smaller than the window, padded with black that is void.
+    A window of the sample's size divided by the scale is cut and resampled (pictures by area or linearly, labels by the nearest
+    pixel centre). If the frame is smaller than the window, black void pixels fill the rest.
 
     Returns:
         (height, width, 3) uint8 picture and (height, width) uint8 train ids.
@@ -55,7 +55,7 @@ def cut(
 
 
 def recolour(picture: Picture, settings: CropSettings, rng: np.random.Generator) -> Picture:
-    """Change exposure, white balance, contrast and saturation, blur and add noise; labels stay right throughout."""
+    """Change exposure, white balance, contrast and saturation, blur and add noise; labels stay right."""
     stops = rng.uniform(-1.0, 1.0) * settings.exposure_stops
     balance = 1.0 + rng.uniform(-1.0, 1.0, 3) * settings.white_balance
     contrast = 1.0 + rng.uniform(-1.0, 1.0) * settings.contrast
@@ -76,10 +76,10 @@ def recolour(picture: Picture, settings: CropSettings, rng: np.random.Generator)
 def batches(
     frames: Sequence[TrainingFrame], settings: TrainingSettings, first_step: int
 ) -> Generator[Batch, None, None]:
-    """Batches from ``first_step`` to the last step, made ahead in threads.
+    """Yield batches from ``first_step`` to the last step, prepared ahead in threads.
 
-    Every frame is taken once per pass over the data, in an order of its own for each pass. A sample depends on the
-    seed, its step and its place in the batch only: not on threads, nor on where a run was interrupted.
+    Every pass over the data takes each frame once, in an order of its own. A sample depends only on the seed, its step and its
+    place in the batch, not on threads or interruptions.
     """
 
     def sample(step: int, slot: int) -> tuple[Picture, Labels]:
@@ -96,20 +96,20 @@ def batches(
         waiting = [start(pool, step) for step in islice(steps, 4)]
         try:
             while waiting:
-                made = [future.result() for future in waiting.pop(0)]
+                samples = [future.result() for future in waiting.pop(0)]
                 waiting.extend(start(pool, step) for step in islice(steps, 1))
-                yield np.stack([picture for picture, _ in made]), np.stack([labels for _, labels in made])
+                yield np.stack([picture for picture, _ in samples]), np.stack([labels for _, labels in samples])
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _window(available: int, wanted: int, scale: float) -> int:
-    """Length of the window in frame pixels."""
+    """Return the length of the window in frame pixels."""
     return max(1, min(available, round(wanted / scale)))
 
 
 def _place(labels: Labels, rows: int, columns: int, person_share: float, rng: np.random.Generator) -> tuple[int, int]:
-    """Top left of the window, inside the frame."""
+    """Draw the top left pixel of the window, inside the frame."""
     height, width = labels.shape
     if rng.random() < person_share:
         places = np.flatnonzero(labels == PERSON.train_id)
@@ -123,5 +123,5 @@ def _place(labels: Labels, rows: int, columns: int, person_share: float, rng: np
 
 @lru_cache(maxsize=4)
 def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
-    """The order of the frames in one pass; a stream of its own, apart from those of the samples."""
+    """Draw the order of the frames in one pass, from another random stream than those of the samples."""
     return np.random.default_rng([seed, turn, count, 0x0DE5]).permutation(count)

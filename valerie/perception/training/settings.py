@@ -1,4 +1,4 @@
-"""What a training run can be told."""
+"""Settings of a training run."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _Side = Annotated[int, Field(ge=ALIGNMENT, multiple_of=ALIGNMENT)]
 
 
 class CropSettings(BaseModel):
-    """How samples are cut from frames and disturbed.
+    """The way from frames to samples: crops and disturbances.
 
     Attributes:
         height, width: of the samples, pixels; multiples of 32.
-        scales: each sample picks one: 1 cuts at the resolution at which the function sees the frame, 0.5 from half of it, so that
-            the network knows people of twice the range of sizes.
-        scale_jitter: the scale is further multiplied by a factor between 1 / this and this.
-        person_share: share of samples that are placed so that they hold a person pixel, where the frame has one.
+        scales: each sample draws one: 1 cuts at the resolution at which the function sees the frame, 0.5 at half of it. Both
+            together double the range of sizes of people.
+        scale_jitter: the scale is also multiplied by a random factor between 1 / this and this.
+        person_share: share of samples whose window is placed around a person pixel, if the frame has one.
         flip_share: share of samples that are mirrored.
         exposure_stops: largest change of exposure in either direction, applied to decoded (power 2.2) values.
         contrast, saturation, white_balance: largest relative change of each.
@@ -46,32 +46,32 @@ class CropSettings(BaseModel):
 
 
 class TrainingSettings(BaseModel):
-    """One training run; on the CPU, equal settings, frames and threads give equal weights, bit for bit.
+    """Settings of one training run; on the CPU, equal settings, frames and threads give equal weights, bit for bit.
 
     Attributes:
-        architecture: name of an architecture.
+        architecture: a name in `valerie.perception.networks.architectures`.
         seed: of the first weights, the order of frames and every crop.
         steps: optimiser steps of the whole schedule.
-        time_budget_s: None; or seconds of training after which the schedule ends even if steps are left: the learning
-            rate then follows the clock where that is ahead, and the result is not reproducible.
+        time_budget_s: None, or seconds after which the schedule ends even if steps are left. The learning rate then follows
+            the clock where it is ahead of the steps, and the result is not reproducible.
         batch: samples per step.
-        longest_side: None; or pixels to which the function reduces longer frames, in validation as in use; samples are cut
+        longest_side: None, or pixels to which the function reduces longer frames, in validation as in use; samples are cut
             accordingly.
-        class_balance: exponent b of the classes' weights in the cross-entropy, which go with their share of all pixels to the
-            power of −b: 0 weighs all alike, 1 gives every class the same weight in all.
-        person_weight: by which the weight of person pixels is further multiplied.
+        class_balance: exponent b: a class weighs its share of all pixels to the power of −b in the cross-entropy. 0 weighs all
+            pixels alike, 1 gives every class the same total weight.
+        person_weight: factor on the weight of person pixels.
         void_weight: of void pixels, whose class is unknown but which are no persons: each costs −log(1 − p(person)) times this. 0
-            leaves them out, as the metrics do; a network that never hears of waste bins is free to call them persons.
-        learning_rate: highest; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
+            leaves them out, as the metrics do; the network may then call waste bins persons at no cost.
+        learning_rate: highest of the schedule; rises over ``warmup_steps`` and falls as ``(1 − progress) ** 0.9``.
         weight_decay: AdamW's, decoupled.
-        keep_norm_statistics: batch normalisation works with the means and variances that it has, in training as in use, and they
-            stay. For going on from a trained network: those of a few small batches would be worse.
+        keep_norm_statistics: batch normalisation keeps its means and variances, in training as in use. For training that starts
+            from a trained network: statistics of a few small batches would be worse.
         precision: of the forward and backward pass: ``bf16`` autocast or ``fp32``. Weights are always fp32.
-        device: ``cpu``, ``cuda``, or ``auto``: cuda where there is one.
-        loader_threads: threads that cut samples; the result does not depend on it.
+        device: ``cpu``, ``cuda``, or ``auto``: cuda if there is one.
+        loader_threads: threads that cut samples; no effect on the result.
         checkpoint_every: steps between checkpoints.
         validate_every: steps between validations on (at most 64) held-out frames.
-        crops: how samples are made.
+        crops: of the samples.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""Where training goes on from: the weights of any network of ours, as a file that training can begin with."""
+"""First weights of a training: those of any network of ours, as a file that training can start from."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.importing.function_file import CLASS_NAMES, function_file_bytes, read_tensors
 
-#: What a later version says of the one it began with.
+#: Entries that a new version takes from its predecessor.
 _CARRIED: Final = ("steps", "steps-before", "frames-street-seeds", "street-seeds-before", "licence")
 
 
-def beginning(document: FunctionDocument, payload: Path) -> bytes:
-    """A function file with the weights of a network, for frames as training gives them: RGB, values in [0, 1].
+def start_file(document: FunctionDocument, payload: Path) -> bytes:
+    """Return a function file with the weights of a network, adapted to the frames of training: RGB, values in [0, 1].
 
-    A network that takes blue first gets its first convolution turned round, which changes no logit.
+    If the network takes blue first, the channels of its first convolution are reversed, which changes no logit.
 
     Args:
         document: of a function of kind ``network``.
         payload: its file.
 
     Raises:
-        InvalidInput: it is no network of ours, or does not have the 19 classes of Cityscapes in their order; or values that a
-            function file cannot hold.
+        InvalidInput: it is not a network of ours, its classes are not the 19 of Cityscapes in their order, or a function file
+            cannot hold its values.
     """
     require_trainable(document)
     tensors = dict(read_tensors(payload))
@@ -47,14 +47,14 @@ def beginning(document: FunctionDocument, payload: Path) -> bytes:
 
 
 def require_trainable(document: FunctionDocument) -> None:
-    """Refuse a function that training cannot go on from.
+    """Refuse a function that training cannot start from.
 
     Raises:
-        InvalidInput: says which functions can be trained.
+        InvalidInput: states which functions can be trained.
     """
     if document.kind != "network":
         raise InvalidInput(
-            "only networks of VALERIE's own architectures can be trained on",
+            "only networks of VALERIE's own architectures can be trained",
             field="function",
             value=f"{document.name}, kind {document.kind}",
             limit="kind network: what ships with VALERIE, and imported checkpoints (docs/networks.md)",

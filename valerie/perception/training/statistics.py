@@ -1,4 +1,4 @@
-"""What the training frames are like: their pictures, for the network's normalisation; their classes, for the loss."""
+"""Statistics of training frames: channels, for the network's normalisation, and classes, for the loss."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from valerie.labels import NUM_TRAIN_CLASSES
 from valerie.perception.training.frame_folder import TrainingFrame
 
 _FRAMES: Final = 64
-#: No class weighs more than this many times the average pixel: a class of a few pixels would make the loss leap.
+#: Largest weight of a class, in units of the average pixel: a class of few pixels must not make the loss leap.
 _LARGEST_WEIGHT: Final = 12.0
-#: A channel that hardly varies must not be blown up.
+#: Smallest deviation: a channel that hardly varies must not be amplified.
 _LEAST_DEVIATION: Final = 0.05
 
 Triple = tuple[float, float, float]
 
 
 def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]:
-    """Per channel mean and standard deviation of sRGB values in [0, 1], over at most 64 frames spread over all.
+    """Return mean and standard deviation of sRGB values in [0, 1] per channel, over at most 64 frames spread over all.
 
-    Rounded to four decimals, so that the header of the function file holds them exactly.
+    They are rounded to four decimals, so that the header of the function file holds them exactly.
     """
     chosen = spread(frames, _FRAMES)
     pixels = np.concatenate([frame.picture[::4, ::4].reshape(-1, 3) for frame in chosen]).astype(np.float64) / 255.0
@@ -33,8 +33,8 @@ def channel_statistics(frames: Sequence[TrainingFrame]) -> tuple[Triple, Triple]
 
 
 def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np.float32]:
-    """(19,) weights of the classes: their share of the labelled pixels to the power of ``−balance``, so that the average pixel
-    weighs 1; over at most 64 frames spread over all. Classes that these do not show weigh what the rarest weighs.
+    """Return the (19,) weights of the classes: their share of the labelled pixels to the power of ``−balance``, scaled so that
+    the average pixel weighs 1. At most 64 frames, spread over all, are counted; classes missing in them weigh as the rarest.
     """
     counts = np.zeros(NUM_TRAIN_CLASSES, np.int64)
     for frame in spread(frames, _FRAMES):
@@ -50,6 +50,6 @@ def class_weights(frames: Sequence[TrainingFrame], balance: float) -> NDArray[np
 
 
 def spread(frames: Sequence[TrainingFrame], count: int) -> list[TrainingFrame]:
-    """At most ``count`` frames, evenly over all of them."""
+    """Return at most ``count`` frames, spread evenly over all of them."""
     stride = max(1, len(frames) // count)
     return [frames[i] for i in range(0, len(frames), stride)][:count]

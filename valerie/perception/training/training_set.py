@@ -1,4 +1,4 @@
-"""What a network learns from: the frames of one folder or several, of which some may count more than once."""
+"""Training sets: the frames of one or several folders, each of which may count more than once."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from typing import Final
 from valerie.errors import InvalidInput
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Frames, TrainingFrame
 
-#: Between what is said of one folder and of the next.
+#: Separates the entries of one folder from those of the next.
 SEPARATOR: Final = "; "
 _UNSTATED: Final = "unstated"
 
 
 class TrainingSet(Frames):
-    """Folders one after the other; the frames of one that counts n times stand there n times, one pass after the other.
+    """The frames of folders, one after the other; those of a folder that counts n times are repeated n times.
 
     Args:
-        folders: to learn from, each as often as it is to count. Folders of the same frames are one; they stand in the order
-            in which they come first.
+        folders: to learn from, each as often as it counts. Folders with the same frames are one; the order is that of their
+            first appearance.
 
     Attributes:
-        digest: stands for every pixel and for how often it counts: that of the folder, if there is one and it counts once.
+        digest: stands for every pixel and its count; a single folder that counts once has its own digest.
         street_seeds: of all streets.
 
     Raises:
-        InvalidInput: none; streets that are kept apart from training; or streets of different assets, whose seeds mean nothing
-            beside each other.
+        InvalidInput: there is no folder, a street is kept apart from training, or streets belong to different assets, whose
+            seeds cannot be compared.
     """
 
     def __init__(self, folders: Sequence[FrameFolder]) -> None:
         if not folders:
             raise InvalidInput("no frames to train on", field="frames", limit="at least one folder")
         by_digest = {folder.digest: folder for folder in reversed(folders)}
-        times = Counter(folder.digest for folder in folders)  # in the order in which they come first
+        times = Counter(folder.digest for folder in folders)  # in the order of first appearance
         self._counted = [(by_digest[digest], count) for digest, count in times.items()]
         self._places = [
             (folder, number) for folder, count in self._counted for _ in range(count) for number in range(len(folder))
@@ -47,11 +47,12 @@ class TrainingSet(Frames):
         _require_one_asset(folder for folder, _ in self._counted)
 
     def provenance(self) -> dict[str, str]:
-        """What the folders say of themselves. Where they agree it stands once; else there is one part for each, in the order of
-        the folders. Several folders, or one that counts more than once, come with frames, count and digest of each.
+        """Return the provenance of the folders: one value where they agree, else one part per folder, in their order.
+
+        Several folders, or one that counts more than once, add frames, count and digest of each.
         """
-        said = [folder.listing.provenance for folder, _ in self._counted]
-        joined = {name: _joined(said, name) for name in sorted(set[str]().union(*said))}
+        entries = [folder.listing.provenance for folder, _ in self._counted]
+        joined = {name: _joined(entries, name) for name in sorted(set[str]().union(*entries))}
         if self.digest == self._counted[0][0].digest:
             return joined
         return joined | {
@@ -69,11 +70,11 @@ class TrainingSet(Frames):
 
 
 def open_training_set(folders: Iterable[Path]) -> TrainingSet:
-    """The frames of these folders, each as often as it is named.
+    """Return the frames of folders, each as often as it is listed.
 
     Raises:
-        NotFound: one is no folder of frames, or its making was interrupted.
-        InvalidInput: as `TrainingSet` and `FrameFolder`.
+        NotFound: one is not a folder of frames, or its rendering was interrupted.
+        InvalidInput: see `TrainingSet` and `FrameFolder`.
     """
     return TrainingSet([FrameFolder(folder) for folder in folders])
 
@@ -86,8 +87,8 @@ def _digest(counted: Sequence[tuple[FrameFolder, int]]) -> str:
     return hashlib.sha256(listed.encode()).hexdigest()
 
 
-def _joined(said: Sequence[Mapping[str, str]], name: str) -> str:
-    values = [entries.get(name, _UNSTATED) for entries in said]
+def _joined(provenances: Sequence[Mapping[str, str]], name: str) -> str:
+    values = [provenance.get(name, _UNSTATED) for provenance in provenances]
     return values[0] if len(set(values)) == 1 else SEPARATOR.join(values)
 
 

@@ -1,4 +1,4 @@
-"""Figures of a network on held-out frames, from pooled counts."""
+"""Validation figures of a network on held-out frames, from pooled counts."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from valerie.perception.training.frame_folder import TrainingFrame
 
 @dataclass(frozen=True, slots=True)
 class ValidationFigures:
-    """Ratios in [0, 1] of counts pooled over all frames; None where undefined.
+    """Ratios in [0, 1] of counts that are pooled over all frames; undefined ones are None.
 
     Attributes:
         frames: number of frames.
         person_pacc: recall of the person class.
-        person_precision, person_iou: likewise.
-        miou: mean IoU over the classes present in the truth.
+        person_precision, person_iou: precision and IoU of the person class.
+        miou: mean IoU of the classes in the truth.
     """
 
     frames: int
@@ -34,7 +34,7 @@ class ValidationFigures:
     miou: float | None
 
     def as_text(self) -> dict[str, str]:
-        """Header entries: ``held-out-…`` to a number with four decimals, or ``undefined``."""
+        """Return header entries ``held-out-…`` with four decimals, or ``undefined``."""
         ratios = {
             "person-iou": self.person_iou,
             "person-pacc": self.person_pacc,
@@ -53,16 +53,16 @@ def validate(
     *,
     longest_side: int | None = None,
 ) -> ValidationFigures:
-    """Predict whole frames exactly as `valerie.perception.running.engines.torch_engine` does, on the network's device in fp32.
+    """Return the figures of a network on whole frames.
 
-    The network is put into evaluation mode and back.
+    It predicts exactly as `valerie.perception.running.engines.torch_engine` does, on its device in fp32. Its mode (training or
+    evaluation) is restored.
 
     Args:
         network: to validate.
         frames: with their labels.
         mean, std: (3,) float32 on the network's device.
-        longest_side: pixels; longer frames are reduced to it, as the function will do
-            (`valerie.perception.documents.function.InputDocument`).
+        longest_side: pixels; longer frames are reduced to it, as the function will do (`InputDocument`).
     """
     document = InputDocument(multiple_of=ALIGNMENT, longest_side=longest_side)
     n = NUM_TRAIN_CLASSES

@@ -1,4 +1,4 @@
-"""What every use case needs: settings, database, artifact store and broker of this process, opened once and passed down."""
+"""Settings, database, artifact store and broker of a process, opened once and passed to every use case."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from valerie.storage.store import ArtifactStore, open_store
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The outside world of one process.
+    """What a process works with.
 
     Attributes:
+        settings: of the deployment.
+        engine, store, broker: database, artifact store and message broker.
         owner: unique name of this process in leases: host, process id and a random part.
     """
 
@@ -47,5 +49,5 @@ def open_context(settings: Settings) -> Context:
 
 
 def process_name() -> str:
-    """``host-pid-random``, unique among all processes that ever held a lease; at most 64 characters."""
+    """Return ``host-pid-random``, unique among all processes that ever held a lease; at most 64 characters."""
     return f"{socket.gethostname()[:40]}-{os.getpid()}-{secrets.token_hex(4)}"

@@ -1,4 +1,4 @@
-"""Pause every running run while no result can be stored; the control loop resumes them."""
+"""Pause runs while no result can be stored; the control loop resumes them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from valerie.errors import ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.runs.states import RunState
 
-#: Reasons of a pause that ends by itself begin with this.
+#: The reason of a pause that ends by itself begins with this.
 STORAGE_REASON: Final = "storage: "
 
 
 def pause_for_storage(context: Context, error: ValerieError) -> None:
-    """Pause every running run: no result can be stored at present."""
+    """Pause every running run, with ``error`` as the reason."""
     with writing(context.engine) as connection:
         for run in runs.in_states(connection, (RunState.RUNNING,)):
             runs.change_state(

@@ -1,100 +1,96 @@
-"""Which numeric classes make a run's pixels: chosen once, from what living workers offer, and kept for all its products."""
+"""Choose the numeric classes that make a run's pixels: once, from what living workers offer, for all its products."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 from valerie.perception.base import FunctionCard
 from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.documents.options import PredictionsOptions
 from valerie.plugins import known_engine
-from valerie.runs.documents import engine_name
-from valerie.runs.states import UPLOADED_ROUTE
+from valerie.runs.pins import FunctionOffer, FunctionPin, Offer, Pins
+from valerie.runs.spec import RunSpec
+from valerie.runs.states import UPLOADED_ROUTE, Stage
 
 #: The name under which render workers offer the truth pass, beside their engines.
 TRUTH: Final = "truth"
+#: Uploaded predictions are made elsewhere: nothing here could change a bit of them.
+_UPLOADED: Final = Offer(stage=Stage.INFER, name="uploaded", numeric_class="uploaded", revision=1, route=UPLOADED_ROUTE)
 
 
-def choose_pins(
-    spec: Mapping[str, Any],
-    offers: Sequence[Mapping[str, Any]],
-    registered: Mapping[str, FunctionDocument],
-) -> tuple[dict[str, Any], None] | tuple[None, str]:
-    """Pins for a run, or why there are none yet.
+class Choice(NamedTuple):
+    """Pins for a run, or in words why there are none yet."""
+
+    pins: Pins | None
+    reason: str | None
+
+
+def choose_pins(spec: RunSpec, offers: Sequence[Offer], registered: Mapping[str, FunctionDocument]) -> Choice:
+    """Choose the pins for a run.
 
     Args:
-        spec: the run's spec as a document (``renderer``, ``functions``).
-        offers: {"stage", "name", "numeric_class", "route", "revision" | "digest"} of the living workers; an inference engine
-            is offered as `inference_name` calls it.
-        registered: those of the spec's functions that are registered, by what the spec calls them.
-
-    Returns:
-        ({"engine": offer, "truth": offer, "functions": {name: offer}}, None), or (None, reason in words). Where several
-        numeric classes are offered, the one of the longest-serving worker is taken (``offers`` is in that order).
+        spec: of the run.
+        offers: of the living workers, longest-serving first; of several numeric classes the first is taken.
+        registered: those of the spec's functions that are registered, by the names that the spec uses.
     """
-    name = engine_name(spec["renderer"])
-    engine = _first(offers, "render", name)
-    truth = _first(offers, "render", TRUTH)
-    functions = {name: _function(name, offers, registered.get(name)) for name in spec["functions"]}
+    engine = _first(offers, Stage.RENDER, spec.engine)
+    truth = _first(offers, Stage.RENDER, TRUTH)
+    functions: dict[str, FunctionPin] = {}
     missing = []
     if engine is None:
-        declared = known_engine(name)
+        declared = known_engine(spec.engine)
         hint = f" ({declared.install_hint})" if declared is not None and declared.install_hint else ""
-        missing.append(f"a render worker with the engine {name!r}{hint}")
+        missing.append(f"a render worker with the engine {spec.engine!r}{hint}")
     if truth is None:
         missing.append("a render worker with the truth pass")
-    for function, offer in functions.items():
-        if offer is None and function in registered:
-            missing.append(
-                f"an inference worker with {inference_name(registered[function])} (for the function {function!r})"
-            )
-        elif offer is None:
-            missing.append(f"an inference worker with the function {function!r}")
-    if missing:
-        return None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)"
-    return {"engine": engine, "truth": truth, "functions": functions}, None
+    for name in spec.functions:
+        document = registered.get(name)
+        pin = _installed(name, offers) if document is None else _registered(name, offers, document)
+        if pin is not None:
+            functions[name] = pin
+        elif document is None:
+            missing.append(f"an inference worker with the function {name!r}")
+        else:
+            missing.append(f"an inference worker with {inference_name(document)} (for the function {name!r})")
+    if engine is None or truth is None or missing:
+        return Choice(None, "waiting for " + ", ".join(missing) + " (start one with: valerie worker)")
+    return Choice(Pins(engine=engine, truth=truth, functions=functions), None)
 
 
-def pinned_card(pins: Mapping[str, Any], name: str) -> FunctionCard:
-    """The card of one of a run's functions, as pinned; ``name`` is what the spec calls it."""
-    return FunctionCard(**pins["functions"][name]["card"])
+def pinned_card(pins: Pins, name: str) -> FunctionCard:
+    """Return the card of one of a run's functions; ``name`` is what the spec calls it."""
+    return pins.functions[name].card
 
 
 def inference_name(document: FunctionDocument) -> str:
-    """What workers must offer to run a registered function: ``openvino/bf16``, ``http``; no function has such a name."""
+    """Return what workers must offer to run a registered function: ``openvino/bf16``, ``http``; no function has such a name."""
     return document.kind if document.engine == "none" else f"{document.engine}/{document.precision}"
 
 
-def _function(
-    name: str, offers: Sequence[Mapping[str, Any]], document: FunctionDocument | None
-) -> dict[str, Any] | None:
-    if document is None:
-        return _first(offers, "infer", name)
-    if document.kind == "predictions":
-        # They are made elsewhere: nothing here could change a bit of them.
-        offer: dict[str, Any] | None = {"numeric_class": "uploaded", "revision": 1, "route": UPLOADED_ROUTE}
-    else:
-        offer = _first(offers, "infer", inference_name(document))
+def _installed(name: str, offers: Sequence[Offer]) -> FunctionPin | None:
+    offer = _first(offers, Stage.INFER, name)
+    return FunctionPin(**dict(offer)) if isinstance(offer, FunctionOffer) else None
+
+
+def _registered(name: str, offers: Sequence[Offer], document: FunctionDocument) -> FunctionPin | None:
+    options = document.options if isinstance(document.options, PredictionsOptions) else None
+    offer = _first(offers, Stage.INFER, inference_name(document)) if options is None else _UPLOADED
     if offer is None:
         return None
-    return {
-        "stage": "infer",
-        "name": name,
-        "kind": document.kind,
-        "digest": document.digest,
-        "revision": offer["revision"],
-        "numeric_class": offer["numeric_class"],
-        "route": offer["route"],
-        "card": asdict(replace(document.card(), name=name)),
-        **(
-            {"deadline_hours": options.deadline_hours}
-            if isinstance(options := document.options, PredictionsOptions)
-            else {}
-        ),
-    }
+    return FunctionPin(
+        stage=Stage.INFER,
+        name=name,
+        numeric_class=offer.numeric_class,
+        revision=offer.revision,
+        route=offer.route,
+        digest=document.digest,
+        card=replace(document.card(), name=name),
+        kind=document.kind,
+        deadline_hours=None if options is None else options.deadline_hours,
+    )
 
 
-def _first(offers: Sequence[Mapping[str, Any]], stage: str, name: str) -> dict[str, Any] | None:
-    return next((dict(offer) for offer in offers if offer["stage"] == stage and offer["name"] == name), None)
+def _first(offers: Sequence[Offer], stage: Stage, name: str) -> Offer | None:
+    return next((offer for offer in offers if offer.stage is stage and offer.name == name), None)

@@ -1,4 +1,4 @@
-"""How a worker notices that the broker went away between taking a message and acknowledging it."""
+"""End a worker that lost the broker between taking a message and acknowledging it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ BROKER_LOST: Final = 1
 
 
 class WatchfulRequest(Request):  # type: ignore[misc]  # Celery has no types
-    """Ends the worker when an acknowledgement fails.
+    """A request that ends the worker when its acknowledgement fails.
 
-    Celery 5.7 logs the failure and goes on with the message counted as unacknowledged: with a prefetch window of one it
-    then takes no message any more, not even to find out that the connection is gone.
+    Celery 5.7 logs the failure and counts the message as unacknowledged. With a prefetch window of one it then takes no
+    further message, so it never finds out that the connection is gone.
     """
 
     def __init__(self, message: Any, *arguments: Any, **keywords: Any) -> None:

@@ -1,27 +1,35 @@
-"""Specs against what this deployment has: checked in full when they are new, trusted when they come from the database."""
+"""Resolve specs against this deployment: new ones are checked in full, stored ones are trusted and kept.
+
+A process keeps the last few runs that it worked for.
+"""
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from threading import Lock
+from typing import Final
+
+from cachetools import LRUCache
 
 from valerie import plugins
+from valerie.db import runs
+from valerie.db.engine import reading
+from valerie.db.runs import RunRow
 from valerie.errors import Conflict
+from valerie.pipeline.base.context import Context
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, RunSpec, resolve
 from valerie.scene.assets.asset import asset_manifest
 from valerie.settings import Settings
 
-_KEPT = 32
-_stored: OrderedDict[tuple[str, str, Path], ResolvedRun] = OrderedDict()
-
 
 def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str] = ()) -> ResolvedRun:
-    """Check everything that a new run names.
+    """Resolve the spec of a new run and check everything that it names.
 
     Args:
-        spec: what was asked for.
+        spec: of the run.
         settings: of this deployment.
         registered: the registered functions of the spec (`valerie.pipeline.functions.registry.known`), and all other
             names that it might have meant.
@@ -41,23 +49,82 @@ def resolve_new(spec: RunSpec, settings: Settings, *, registered: Collection[str
     )
 
 
-def resolve_stored(run: Any, settings: Settings) -> ResolvedRun:
-    """Resolve the spec of a stored run (a row); the last few are kept.
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A stored run, its spec resolved.
+
+    Attributes:
+        id: of the run.
+        resolved: its spec, against the asset that it names.
+        chosen: its pins; None before it starts.
+    """
+
+    id: str
+    resolved: ResolvedRun
+    chosen: Pins | None
+
+    @property
+    def pins(self) -> Pins:
+        """The pins of a run that has started.
+
+        Raises:
+            Conflict: it has not.
+        """
+        if self.chosen is None:
+            raise Conflict(f"run {self.id} has not started yet")
+        return self.chosen
+
+
+def resolve_stored(run: RunRow, settings: Settings) -> StoredRun:
+    """Resolve the spec of a stored run.
 
     Raises:
         Conflict, UnknownName: its asset changed or is gone.
     """
-    key = (run.id, run.spec_digest, settings.asset_dir)
-    if key not in _stored:
-        spec = RunSpec.model_validate(run.spec)
-        manifest, digest = asset_manifest(spec.asset, asset_dir=settings.asset_dir)
-        if digest != run.asset_digest:
-            raise Conflict(
-                f"the asset {manifest.name!r} changed since run {run.id} was submitted "
-                f"({run.asset_digest[:8]} → {digest[:8]}): submit the spec again"
-            )
-        _stored[key] = resolve(spec, manifest, asset_digest=digest, max_variants=None, samplers=plugins.samplers())
-        while len(_stored) > _KEPT:
-            _stored.popitem(last=False)
-    _stored.move_to_end(key)
-    return _stored[key]
+    known = _known(run.id, settings)
+    stored = StoredRun(run.id, _resolve(run, settings) if known is None else known.resolved, run.pins)
+    with _lock:
+        _runs[_key(run.id, settings)] = stored
+    return stored
+
+
+def read_run(context: Context, run_id: str) -> StoredRun:
+    """Read a run and resolve its spec.
+
+    Raises:
+        NotFound: no such run.
+        Conflict, UnknownName: its asset changed or is gone.
+    """
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+    return resolve_stored(run, context.settings)
+
+
+def started_run(context: Context, run_id: str) -> StoredRun:
+    """Return a run that has started; its row is read only where this process does not know it. Errors as `read_run`."""
+    known = _known(run_id, context.settings)
+    return read_run(context, run_id) if known is None or known.chosen is None else known
+
+
+_Key = tuple[str, Path, str]
+_runs: Final[LRUCache[_Key, StoredRun]] = LRUCache(maxsize=32)
+_lock: Final = Lock()
+
+
+def _key(run_id: str, settings: Settings) -> _Key:
+    return (settings.database_url, settings.asset_dir, run_id)
+
+
+def _known(run_id: str, settings: Settings) -> StoredRun | None:
+    with _lock:
+        return _runs.get(_key(run_id, settings))
+
+
+def _resolve(run: RunRow, settings: Settings) -> ResolvedRun:
+    manifest, digest = asset_manifest(run.spec.asset, asset_dir=settings.asset_dir)
+    if digest != run.asset_digest:
+        raise Conflict(
+            f"the asset {manifest.name!r} changed since run {run.id} was submitted "
+            f"({run.asset_digest[:8]} → {digest[:8]}): submit the spec again"
+        )
+    return resolve(run.spec, manifest, asset_digest=digest, max_variants=None, samplers=plugins.samplers())

@@ -1,84 +1,96 @@
-"""From a spec to rows: variants, frames, evaluations and the products that they link to, one block per transaction."""
+"""Turn a spec into rows: variants, frames, evaluations and the products that they link to, one block per transaction."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import orjson
 from sqlalchemy import Engine
 
-from valerie.broker import EVAL_QUEUE
-from valerie.db import products, runs
-from valerie.db.bulk import insert_rows
+from valerie.db import blocks, products, runs
 from valerie.db.engine import writing
 from valerie.db.models import Evaluation, Frame, FrameAnnotation, Variant
-from valerie.db.products import UPLOADED_GROUP, Ready, Wanted
+from valerie.db.products import Wanted
+from valerie.db.runs import RunRow
+from valerie.db.statements import insert_rows
+from valerie.db.totals import UPLOADED_GROUP
 from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.runs.inputs import ProductInputs
-from valerie.runs.states import UPLOADED_ROUTE
+from valerie.runs.pins import FunctionPin
+from valerie.runs.products import Ready
+from valerie.runs.states import EVAL_QUEUE, UPLOADED_ROUTE, ProductKind, RunState
 from valerie.settings import Settings
 
-#: A block ends with the variant that brings it to so many products, or at so many variants (they may all be rejected): small
-#: enough for a short transaction, large enough to spread its cost, since digests are spread over all pages of an index.
+#: A block ends with the variant that brings it to this many products: small enough for a short transaction, large enough to
+#: spread its cost, since digests are spread over all pages of an index.
 BLOCK_PRODUCTS: Final = 4_000
+#: … or after this many variants, since all of them may be rejected.
 BLOCK_VARIANTS: Final = 1_000
 
 
 class Fed(NamedTuple):
-    """What became of a block.
+    """A written block.
 
     Attributes:
-        next_index: where the next block begins.
-        products: how many the block links to; 0 where nothing was written.
+        products: how many it links to; 0 where nothing was written.
         ready: those that became ready.
     """
 
-    next_index: int
     products: int
     ready: list[Ready]
 
 
-class Feeder:
-    """Writes the rows of one run, block after block; deterministic, so a killed feeder's successor writes the same."""
+class _Target(NamedTuple):
+    """Route and cache group of a function's predictions, and the cache group of their evaluations."""
 
-    def __init__(self, run: Any, settings: Settings) -> None:
-        self._run_id: str = run.id
-        self._count: int = run.variant_count
-        resolved = resolve_stored(run, settings)
-        self._resolved = resolved
-        self._inputs = ProductInputs(resolved, asset_digest=run.asset_digest, pins=run.pins)
-        self._pins: dict[str, Any] = run.pins
+    route: str
+    group: str
+    scores_group: str
+
+    @classmethod
+    def of(cls, pin: FunctionPin) -> _Target:
+        return cls(pin.route, pin.digest[:32], UPLOADED_GROUP if pin.route == UPLOADED_ROUTE else "")
+
+
+class Feeder:
+    """Writes the rows of one run, block after block. It is deterministic: the successor of a killed one writes the same.
+
+    Raises:
+        Conflict, UnknownName: the run's asset changed or is gone.
+    """
+
+    def __init__(self, run: RunRow, settings: Settings) -> None:
+        self._run_id = run.id
+        self._count = run.variant_count
+        stored = resolve_stored(run, settings)
+        self._resolved, self._pins = stored.resolved, stored.pins
+        self._inputs = ProductInputs(self._resolved, asset_digest=run.asset_digest, pins=self._pins)
 
     def feed(self, engine: Engine, first: int, now: float) -> Fed:
-        """Write the block that begins at variant ``first``, unless somebody else did, or the run was stopped."""
+        """Write the block that begins at variant ``first``, unless another process did or the run was stopped."""
         rows = self._rows(first)
         following = first + len(rows.variants)
         with writing(engine) as connection:
-            run = runs.get(connection, self._run_id)
-            if run.next_index != first or run.state != "running":
-                return Fed(run.next_index, 0, [])  # another process was faster, or the run was stopped
+            run = runs.fed(connection, self._run_id)
+            if run.next_index != first or run.state is not RunState.RUNNING:
+                return Fed(0, [])
             insert_rows(connection, Variant, _VARIANT, rows.variants)
             ready = products.want(connection, rows.wanted.values(), now)
             insert_rows(connection, Frame, _FRAME, rows.frames)
             insert_rows(connection, FrameAnnotation, _ANNOTATION, rows.annotations)
             insert_rows(connection, Evaluation, _EVALUATION, rows.evaluations)
-            runs.open_block(connection, self._run_id, first, following - 1)
+            blocks.open_block(connection, self._run_id, first, following - 1)
             rejected = run.rejected_count + rows.rejected
             runs.set_values(connection, self._run_id, next_index=following, rejected_count=rejected)
-        return Fed(following, len(rows.wanted), ready)
+        return Fed(len(rows.wanted), ready)
 
     def _rows(self, first: int) -> _Rows:
         run_id, resolved = self._run_id, self._resolved
         places = [(t, c) for t in range(len(resolved.times.elapsed)) for c in range(len(resolved.cameras))]
-        engine_route, truth_route = self._pins["engine"]["route"], self._pins["truth"]["route"]
-        functions = [self._pins["functions"][name] for name in resolved.spec.functions]
-        # (route and cache group of predictions, cache group of evaluations)
-        targets = [
-            (one["route"], one["digest"][:32], UPLOADED_GROUP if one["route"] == UPLOADED_ROUTE else "")
-            for one in functions
-        ]
+        engine_route, truth_route = self._pins.engine.route, self._pins.truth.route
+        targets = [_Target.of(self._pins.functions[name]) for name in resolved.spec.functions]
         rows = _Rows()
         want = rows.wanted.setdefault
         last = min(first + BLOCK_VARIANTS, self._count)
@@ -93,19 +105,18 @@ class Feeder:
             for time, camera in places:
                 moment = resolved.at(assignment, time)
                 frame = self._inputs.frame(moment, camera, near=partial(resolved.near, assignment, time))
-                background, layer, truth = frame.products.background, frame.products.layer, frame.products.truth
-                want(background, (background, "background", engine_route, background, None, None, None))
-                want(layer, (layer, "layer", engine_route, background, None, None, None))
-                want(truth, (truth, "truth", truth_route, background, None, None, None))
+                background, layer, truth = frame.products.required
+                want(background, Wanted(background, ProductKind.BACKGROUND, engine_route, background))
+                want(layer, Wanted(layer, ProductKind.LAYER, engine_route, background))
+                want(truth, Wanted(truth, ProductKind.TRUTH, truth_route, background))
                 rows.frames.append((run_id, index, camera, time, background, layer, truth))
                 for kind, product, inputs in frame.annotations:
-                    needed = (*inputs, None, None, None)[:3]
-                    want(product, (product, kind.value, truth_route, background, *needed))
+                    want(product, Wanted(product, kind, truth_route, background, *inputs))
                     rows.annotations.append((run_id, index, camera, time, kind.value, product))
                 for sensor, function, prediction, scores, third, distorted in frame.evaluations:
-                    route, group, counted = targets[function]
-                    want(prediction, (prediction, "prediction", route, group, layer, background, third))
-                    want(scores, (scores, "evaluation", EVAL_QUEUE, counted, prediction, truth, None))
+                    route, group, scores_group = targets[function]
+                    want(prediction, Wanted(prediction, ProductKind.PREDICTION, route, group, layer, background, third))
+                    want(scores, Wanted(scores, ProductKind.EVALUATION, EVAL_QUEUE, scores_group, prediction, truth))
                     rows.evaluations.append(
                         (run_id, index, camera, time, sensor, function, prediction, scores, distorted)
                     )
@@ -114,12 +125,12 @@ class Feeder:
 
 @dataclass(slots=True)
 class _Rows:
-    """What a block writes, as tuples in the order of the columns below; ``wanted`` holds each product once."""
+    """The rows of a block, as tuples in the order of the columns below; ``wanted`` holds each product once, by digest."""
 
-    variants: list[tuple[Any, ...]] = field(default_factory=list)
-    frames: list[tuple[Any, ...]] = field(default_factory=list)
-    annotations: list[tuple[Any, ...]] = field(default_factory=list)
-    evaluations: list[tuple[Any, ...]] = field(default_factory=list)
+    variants: list[tuple[str, int, int, str, str | None]] = field(default_factory=list)
+    frames: list[tuple[str, int, int, int, str, str, str]] = field(default_factory=list)
+    annotations: list[tuple[str, int, int, int, str, str]] = field(default_factory=list)
+    evaluations: list[tuple[str, int, int, int, int, int, str, str, bool]] = field(default_factory=list)
     wanted: dict[str, Wanted] = field(default_factory=dict)
     rejected: int = 0
 

@@ -1,26 +1,27 @@
-"""What a user may do with a run after submitting it: follow, cancel, resume, retry, delete."""
+"""Follow, cancel, resume, retry and delete runs."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from datetime import datetime
+from typing import Final
 
-import structlog
 from sqlalchemy import Connection
 
-from valerie.db import products, runs
+from valerie.db import blocks, products, runs
 from valerie.db.engine import writing
-from valerie.errors import Conflict, TransientError
+from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
-from valerie.runs.states import RunState
+from valerie.pipeline.base.sending import send_ready
+from valerie.runs.progress import FrameProgress, Progress, VariantProgress
+from valerie.runs.states import ProductState, RunState
 from valerie.storage.keys import run_prefix
 
-log = structlog.get_logger()
-
-_RESUMABLE = (RunState.PAUSED, RunState.CANCELLED)
-_RETRYABLE = (
+_CANCELLABLE: Final = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
+_RESUMABLE: Final = (RunState.PAUSED, RunState.CANCELLED)
+_RETRYABLE: Final = (
     RunState.RUNNING,
     RunState.COMPLETED_WITH_FAILURES,
     RunState.PAUSED,
@@ -29,53 +30,55 @@ _RETRYABLE = (
 )
 
 
-def progress(connection: Connection, run_id: str) -> dict[str, Any]:
-    """The latest progress document, with the state of this moment.
+def progress(connection: Connection, run_id: str) -> Progress:
+    """Return how far a run is: the latest count, with the state of this moment.
 
     Raises:
         NotFound: no such run.
     """
     run = runs.get(connection, run_id)
-    counted = run.progress or {"stages": {}, "updated_at": None}
-    return {
-        **counted,
-        "state": run.state,
-        "reason": run.reason,
-        "variants": {"total": run.variant_count, "fed": run.next_index, "rejected": run.rejected_count},
-    }
+    counted = run.progress
+    return Progress(
+        state=run.state,
+        reason=run.reason,
+        variants=VariantProgress(total=run.variant_count, fed=run.next_index, rejected=run.rejected_count),
+        frames=FrameProgress(fed=0, exact=False) if counted is None else counted.frames,
+        stages={} if counted is None else counted.stages,
+        awaiting=0 if counted is None else counted.awaiting,
+        updated_at=None if counted is None else counted.updated_at,
+    )
 
 
 def cancel(context: Context, run_id: str) -> None:
-    """Stop a run. What is done stays; what only this run wanted is not computed.
+    """Stop a run. Its finished products stay; products that only this run wanted are not computed.
 
     Raises:
         NotFound, Conflict: no such run, or it has ended.
     """
-    expected = (RunState.SUBMITTED, RunState.RUNNING, RunState.PAUSED)
     with writing(context.engine) as connection:
-        _change(connection, run_id, expected=expected, state=RunState.CANCELLED, finished_at=runs.now_utc())
+        _change(connection, run_id, expected=_CANCELLABLE, state=RunState.CANCELLED, finished_at=runs.now_utc())
 
 
 def resume(context: Context, run_id: str) -> None:
-    """Let a paused or cancelled run go on; what nobody linked meanwhile is wanted again.
+    """Let a paused or cancelled run go on; its parked products are wanted again.
 
     Raises:
         NotFound, Conflict: no such run, or it is neither paused nor cancelled.
     """
-    _restart(context, run_id, expected=_RESUMABLE, states=("parked",))
+    _restart(context, run_id, expected=_RESUMABLE, states=(ProductState.PARKED,))
 
 
 def retry(context: Context, run_id: str) -> None:
-    """Try again what failed for good in a run.
+    """Try the failed products of a run again.
 
     Raises:
         NotFound, Conflict: no such run, or nothing of it failed.
     """
-    _restart(context, run_id, expected=_RETRYABLE, states=("parked", "failed"))
+    _restart(context, run_id, expected=_RETRYABLE, states=(ProductState.PARKED, ProductState.FAILED))
 
 
 def delete(context: Context, run_id: str) -> None:
-    """Remove an ended run; its products stay until `valerie.pipeline.control.gc` finds that nobody links them.
+    """Delete an ended run; its products stay until `valerie.pipeline.control.gc` finds that nothing links to them.
 
     Raises:
         NotFound, Conflict: no such run, or it is still active (cancel it first).
@@ -88,7 +91,7 @@ def delete(context: Context, run_id: str) -> None:
     context.store.delete(info.key for info in list(context.store.list(run_prefix(run_id).rstrip("/"))))
 
 
-def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[str]) -> None:
+def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], states: Sequence[ProductState]) -> None:
     # In one transaction: a run that is running again while its products stay parked would never end.
     with writing(context.engine) as connection:
         pins = runs.get(connection, run_id).pins
@@ -96,20 +99,22 @@ def _restart(context: Context, run_id: str, *, expected: Sequence[RunState], sta
         if pins is not None:
             runs.set_values(connection, run_id, pins=with_deadlines(pins, context.settings, time.time()))
         _change(connection, run_id, expected=expected, state=state, finished_at=None)
-        runs.reopen_blocks(connection, run_id)
+        blocks.reopen_blocks(connection, run_id)
         digests = runs.linked_digests(connection, run_id, states)
         products.revive(connection, digests)
         ready = products.promote(connection, digests, time.time())
-    try:
-        context.broker.send_products(ready)
-    except TransientError as error:
-        log.warning("lifecycle.broker", reason=str(error))  # the sweeper rings again
+    send_ready(context, ready)
 
 
 def _change(
-    connection: Connection, run_id: str, *, expected: Sequence[RunState], state: RunState, **values: Any
+    connection: Connection,
+    run_id: str,
+    *,
+    expected: Sequence[RunState],
+    state: RunState,
+    finished_at: datetime | None,
 ) -> None:
-    run = runs.get(connection, run_id)
-    if not runs.change_state(connection, run_id, expected=expected, state=state, **values):
+    present = runs.fed(connection, run_id).state
+    if not runs.change_state(connection, run_id, expected=expected, state=state, finished_at=finished_at):
         allowed = ", ".join(expected)
-        raise Conflict(f"run {run_id} is {run.state}; this is possible when it is {allowed}")
+        raise Conflict(f"run {run_id} is {present}; this is possible when it is {allowed}")

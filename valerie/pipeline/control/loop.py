@@ -1,42 +1,44 @@
-"""The control loop: feeds runs into the queues inside a bounded window, counts how far they are, sweeps up after the dead.
+"""The control loop: feed runs into the queues inside a bounded window, count how far they are, sweep up after the dead.
 
-One process holds the role by a database lease; it may be killed at any time, since everything it knows is in the database and
-each step is one transaction. Another process (or the same one, restarted) goes on where it stopped.
+One process holds the role by a database lease. It may be killed at any time: everything it knows is in the database, and each
+step is one transaction. Another process, or the same one restarted, goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Collection, Sequence
+from typing import Final
 
 import structlog
 
-from valerie.db import processes, products, runs
+from valerie.db import processes, products, runs, sweeping, totals
 from valerie.db.engine import reading, writing
-from valerie.db.products import Ready
+from valerie.db.runs import RunRow
 from valerie.errors import StorageFull, StorageUnavailable, TransientError, ValerieError
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import with_deadlines
 from valerie.pipeline.base.pausing import STORAGE_REASON, pause_for_storage
-from valerie.pipeline.base.pins import choose_pins
+from valerie.pipeline.base.pins import Choice, choose_pins
+from valerie.pipeline.base.sending import send_ready
 from valerie.pipeline.control import feeding
 from valerie.pipeline.control.lifecycle import resume
 from valerie.pipeline.control.overdue import fail_overdue
 from valerie.pipeline.control.progress import ProgressBook
 from valerie.pipeline.functions import registry
+from valerie.runs.pins import Offer
 from valerie.runs.states import RunState
 
 log = structlog.get_logger()
 
-ROLE = "control"
-#: How often the store is probed while runs are paused for want of space.
-_PROBE_SECONDS = 5.0
+ROLE: Final = "control"
+#: Seconds between two looks at the store while runs are paused for want of space.
+_PROBE_SECONDS: Final = 5.0
 
 
 class ControlLoop:
-    """Feeds, counts, sweeps. `run` is the thread's body; `tick` is one round, for tests and benchmarks."""
+    """Feeds, counts, sweeps. `run` is the body of a thread; `tick` is one round of it."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -50,11 +52,11 @@ class ControlLoop:
         self._next_count = 0.0
 
     def wake(self) -> None:
-        """Do not wait for the next round: something was submitted."""
+        """Begin the next round at once: something was submitted."""
         self._wake.set()
 
     def run(self, stop: threading.Event) -> None:
-        """Work until ``stop`` is set; a fault of the database or the broker is logged and tried again."""
+        """Work until ``stop`` is set; faults of the database or the broker are logged, and the round is tried again."""
         pause = 0.5
         while not stop.is_set():
             busy = False
@@ -78,7 +80,7 @@ class ControlLoop:
             pass  # it ends by itself
 
     def tick(self) -> bool:
-        """One round; True when there is more to feed at once."""
+        """Do one round; return whether there is more to feed at once."""
         now = time.time()
         with writing(self._context.engine) as connection:
             held = processes.hold_lease(
@@ -91,22 +93,23 @@ class ControlLoop:
         self._pin_submitted(now)
         with reading(self._context.engine) as connection:
             active = runs.in_states(connection, (RunState.RUNNING, RunState.PAUSED, RunState.FINISHING))
-        running = [run for run in active if run.state == RunState.RUNNING]
+        running = [run for run in active if run.state is RunState.RUNNING]
+        paused = [run for run in active if run.state is RunState.PAUSED]
         more = self._feed(running, now)
         if now >= self._next_count:
             started = time.thread_time()
             for run in running:
-                self._count(run)
+                self._count(run.id)
             # Counting may cost a tenth of this thread's time at most, however much there is to count.
             self._next_count = time.time() + max(0.5, 10 * (time.thread_time() - started))
-        self._finish([run for run in active if run.state == RunState.FINISHING], now)
+        self._finish([run.id for run in active if run.state is RunState.FINISHING], now)
         if now >= self._next_sweep:
             self._sweep(now)
             fail_overdue(self._context, running, now)
             self._next_sweep = now + self._settings.sweep_seconds
             self._guard_space()
-        if any(run.state == RunState.PAUSED for run in active) and now >= self._next_probe:
-            self._resume_when_possible([run for run in active if run.state == RunState.PAUSED])
+        if paused and now >= self._next_probe:
+            self._resume_when_possible(paused)
             self._next_probe = now + _PROBE_SECONDS
         self._feeders = {run.id: self._feeders[run.id] for run in running if run.id in self._feeders}
         return more
@@ -114,12 +117,12 @@ class ControlLoop:
     # -- feeding ---------------------------------------------------------------------------------------------------------
 
     def _pin_submitted(self, now: float) -> None:
-        """A run starts as soon as living workers offer its engine and functions; what they offer is pinned for good."""
+        """Start the runs whose engine and functions living workers offer; the offers are pinned for good."""
         with reading(self._context.engine) as connection:
             waiting = runs.in_states(connection, (RunState.SUBMITTED,))
             offers = processes.offers(connection, now=now) if waiting else []
         for run in waiting:
-            pins, reason = (run.pins, None) if run.pins else self._pins(run, offers)
+            pins, reason = self._pins(run, offers) if run.pins is None else Choice(run.pins, None)
             with writing(self._context.engine) as connection:
                 if pins is None:
                     if reason != run.reason:
@@ -134,9 +137,9 @@ class ControlLoop:
                         started_at=run.started_at or runs.now_utc(),
                     )
 
-    def _pins(self, run: Any, offers: list[dict[str, Any]]) -> tuple[dict[str, Any] | None, str | None]:
-        """`choose_pins`; a run whose function was removed before it could start fails, since it would wait for ever."""
-        names = run.spec["functions"]
+    def _pins(self, run: RunRow, offers: Sequence[Offer]) -> Choice:
+        """Choose pins; a run whose function was removed before it could start fails, since it would wait for ever."""
+        names = run.spec.functions
         try:
             with reading(self._context.engine) as connection:
                 registry.require_known(connection, names)
@@ -145,16 +148,16 @@ class ControlLoop:
             raise
         except ValerieError as error:
             self._fail(run.id, str(error), expected=RunState.SUBMITTED)
-            return None, str(error)
+            return Choice(None, str(error))
         return choose_pins(run.spec, offers, registered)
 
-    def _feed(self, running: list[Any], now: float) -> bool:
-        """Write the next block of each run that has one, while the window has room."""
+    def _feed(self, running: Sequence[RunRow], now: float) -> bool:
+        """Write the next block of each run that has one, while the window has room; return whether it still has."""
         hungry = [run for run in running if run.next_index < run.variant_count]
         if not hungry:
             return False
         with reading(self._context.engine) as connection:
-            room = self._settings.feed_window - products.unfinished_count(connection)
+            room = self._settings.feed_window - totals.unfinished_count(connection)
         for run in hungry:
             if room <= 0:
                 return False
@@ -169,16 +172,8 @@ class ControlLoop:
                     continue
             fed = feeder.feed(self._context.engine, run.next_index, now)
             room -= fed.products
-            self._send(fed.ready)
+            send_ready(self._context, fed.ready)
         return room > 0
-
-    def _send(self, ready: Iterable[Ready]) -> None:
-        ready = sorted(ready, key=lambda item: (item[2], item[3]))
-        try:
-            self._context.broker.send_products(ready)
-        except TransientError as error:
-            # The rows are committed: the sweeper rings for them when the broker is back.
-            log.warning("control.broker", reason=str(error))
 
     def _fail(self, run_id: str, reason: str, *, expected: RunState = RunState.RUNNING) -> None:
         with writing(self._context.engine) as connection:
@@ -194,58 +189,50 @@ class ControlLoop:
 
     # -- counting --------------------------------------------------------------------------------------------------------
 
-    def _count(self, run: Any) -> None:
-        complete = self._book.update(run)
-        if complete:
+    def _count(self, run_id: str) -> None:
+        if self._book.update(run_id):
             with writing(self._context.engine) as connection:
-                runs.change_state(connection, run.id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
+                runs.change_state(connection, run_id, expected=(RunState.RUNNING,), state=RunState.FINISHING)
 
-    def _finish(self, finishing: list[Any], now: float) -> None:
-        for run in finishing:
-            if now - self._finish_sent.get(run.id, 0.0) > self._settings.resend_seconds:
-                self._finish_sent[run.id] = now
+    def _finish(self, finishing: Collection[str], now: float) -> None:
+        for run_id in finishing:
+            if now - self._finish_sent.get(run_id, 0.0) > self._settings.resend_seconds:
+                self._finish_sent[run_id] = now
                 try:
-                    self._context.broker.send_finish(run.id)
+                    self._context.broker.send_finish(run_id)
                 except TransientError as error:
                     log.warning("control.broker", reason=str(error))
-        alive = {run.id for run in finishing}
-        self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in alive}
+        self._finish_sent = {run_id: sent for run_id, sent in self._finish_sent.items() if run_id in finishing}
 
     # -- sweeping --------------------------------------------------------------------------------------------------------
 
     def _sweep(self, now: float) -> None:
-        """Take back what the dead held, close the gap between commit and send, pass failures on."""
+        """Take back what the dead held, send lost messages again, pass failures on."""
         with writing(self._context.engine) as connection:
-            expired = products.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
-            products.fail_orphaned_dependents(connection, now)
+            expired = sweeping.take_back_expired(connection, now=now, max_attempts=self._settings.max_attempts)
+            sweeping.fail_orphaned_dependents(connection, now)
             late = products.promote_all(connection, now)
         with reading(self._context.engine) as connection:
-            stale = products.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
-        # A message that only waits in its queue must not be doubled: what is stale is lost only where the queue is empty.
-        lost: list[Ready] = []
-        empty: dict[str, bool] = {}
-        for item in stale:
-            route = item[2]
-            if route not in empty:
-                empty[route] = self._context.broker.queue_length(route) == 0
-            if empty[route]:
-                lost.append(item)
+            stale = sweeping.stale_ready(connection, before=now - self._settings.resend_seconds, limit=5_000)
+        # A message that only waits in its queue must not be doubled: it is lost only where the queue is empty.
+        empty = {route: self._context.broker.queue_length(route) == 0 for route in {ready.route for ready in stale}}
+        lost = [ready for ready in stale if empty[ready.route]]
         if lost:
             with writing(self._context.engine) as connection:
-                products.mark_sent(connection, [item[0] for item in lost], now)
+                sweeping.mark_sent(connection, [ready.digest for ready in lost], now)
         if expired or late or lost:
             log.info("control.swept", expired=len(expired), late=len(late), lost=len(lost))
-        self._send([*expired, *late, *lost])
+        send_ready(self._context, [*expired, *late, *lost])
 
     def _guard_space(self) -> None:
-        """Pause before the last megabyte is gone: the database and the logs need some too."""
+        """Pause the runs before the last megabyte is gone: the database and the logs need space, too."""
         try:
             _require_space(self._context)
         except StorageFull as error:
             pause_for_storage(self._context, error)
 
-    def _resume_when_possible(self, paused: list[Any]) -> None:
-        """Runs that were paused for want of space go on as soon as the store can be written again."""
+    def _resume_when_possible(self, paused: Sequence[RunRow]) -> None:
+        """Resume the runs that were paused for want of space once the store can be written again."""
         waiting = [run for run in paused if (run.reason or "").startswith(STORAGE_REASON)]
         if not waiting:
             return

@@ -1,25 +1,25 @@
-"""What operators watch: whether everything answers, and Prometheus metrics read from the database and the broker."""
+"""Health of what this process needs, and Prometheus metrics read from the database and the broker."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import NamedTuple
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from sqlalchemy import text
 
-from valerie.broker import EVAL_QUEUE
-from valerie.db import processes, products, runs
+from valerie.db import processes, runs, totals
 from valerie.db.engine import reading
 from valerie.errors import TransientError, ValerieError
 from valerie.pipeline.base.context import Context
+from valerie.runs.states import EVAL_QUEUE, ProductState, Stage
 
 
 def check(context: Context) -> dict[str, str]:
-    """``ok`` or the reason, for database, broker and artifact store."""
+    """Return ``ok``, or what is wrong, for database, broker and artifact store."""
 
     def database() -> None:
         with reading(context.engine) as connection:
@@ -41,7 +41,7 @@ def check(context: Context) -> dict[str, str]:
 
 
 def metrics(context: Context) -> str:
-    """Metrics in the Prometheus text format.
+    """Return metrics in the Prometheus text format.
 
     Raises:
         TransientError: the database does not answer.
@@ -51,50 +51,74 @@ def metrics(context: Context) -> str:
     return generate_latest(registry).decode()
 
 
-def queues(context: Context) -> list[dict[str, Any]]:
-    """Per route: unfinished products, messages in the broker (None where it does not answer), living workers.
+class Queue(NamedTuple):
+    """A queue.
+
+    Attributes:
+        route: its name.
+        waiting, ready, running: unfinished products.
+        messages: in the broker; None where it does not answer.
+        workers: living workers that serve it.
+    """
+
+    route: str
+    waiting: int
+    ready: int
+    running: int
+    messages: int | None
+    workers: int
+
+
+def queues(context: Context) -> list[Queue]:
+    """Return all queues by route.
 
     Raises:
         TransientError: the database does not answer.
     """
     now = time.time()
     with reading(context.engine) as connection:
-        unfinished = products.unfinished_by_route(connection)
+        backlog = totals.backlog(connection)
         alive = processes.workers(connection, now=now)
     serving: Counter[str] = Counter()
     for worker in alive:
         serving.update(
-            {offer["route"] for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage == "eval" else set())
+            {offer.route for offer in worker.offers} | ({EVAL_QUEUE} if worker.stage is Stage.EVAL else set())
         )
-    counts: dict[str, dict[str, int]] = {}
-    for route, state, count in unfinished:
-        counts.setdefault(route, {})[state] = count
-    found = []
+    counts = {(route, state): count for route, state, count in backlog}
+    listed = []
     answering = True
-    for route in sorted(counts.keys() | serving.keys() | {EVAL_QUEUE}):
+    for route in sorted({route for route, _ in counts} | serving.keys() | {EVAL_QUEUE}):
         messages = None
         if answering:
             try:
                 messages = context.broker.queue_length(route)
             except TransientError:
                 answering = False  # one time-out is enough
-        states = {state: counts.get(route, {}).get(state, 0) for state in ("waiting", "ready", "running")}
-        found.append({"route": route, **states, "messages": messages, "workers": serving[route]})
-    return found
+        listed.append(
+            Queue(
+                route=route,
+                waiting=counts.get((route, ProductState.WAITING), 0),
+                ready=counts.get((route, ProductState.READY), 0),
+                running=counts.get((route, ProductState.RUNNING), 0),
+                messages=messages,
+                workers=serving[route],
+            )
+        )
+    return listed
 
 
 class _Collector:
-    """Reads everything at scrape time, so that any process may be asked and none has to keep count."""
+    """Reads everything at scrape time: any process can be asked, and none has to keep count."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
 
     def collect(self) -> Iterator[Metric]:
-        """One scrape."""
+        """Return the metrics of this moment."""
         now = time.time()
         with reading(self._context.engine) as connection:
-            unfinished = products.unfinished_by_route(connection)
-            totals = products.totals(connection)
+            unfinished = totals.backlog(connection)
+            kinds = totals.totals(connection)
             alive = processes.workers(connection, now=now)
             states = runs.count_by_state(connection)
         backlog = GaugeMetricFamily("valerie_products", "Unfinished products", labels=["route", "state"])
@@ -113,16 +137,16 @@ class _Collector:
         cpu = CounterMetricFamily(
             "valerie_stage_cpu_seconds", "CPU seconds spent on finished products", labels=["kind"]
         )
-        for kind, made, lost, seconds in totals:
+        for kind, made, lost, seconds in kinds:
             done.add_metric([kind], made)
             failed.add_metric([kind], lost)
             cpu.add_metric([kind], seconds)
         yield from (done, failed, cpu)
         workers = GaugeMetricFamily("valerie_workers", "Living worker processes", labels=["stage"])
-        for stage in ("render", "infer", "eval"):
-            workers.add_metric([stage], sum(1 for worker in alive if worker.stage == stage))
+        for stage in Stage:
+            workers.add_metric([stage], sum(1 for worker in alive if worker.stage is stage))
         yield workers
         by_state = GaugeMetricFamily("valerie_runs", "Runs by state", labels=["state"])
-        for state, count in states:
-            by_state.add_metric([state], count)
+        for run_state, count in states.items():
+            by_state.add_metric([run_state], count)
         yield by_state

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from valerie.db import products, runs
 from valerie.db.engine import reading, writing
+from valerie.db.runs import RunRow
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines, until
+from valerie.runs.products import Fault
+from valerie.runs.states import ProductKind
 
 
-def fail_overdue(context: Context, running: Sequence[Any], now: float) -> int:
-    """Give up on predictions whose deadline has passed, unless another run still waits for them; how many."""
+def fail_overdue(context: Context, running: Sequence[RunRow], now: float) -> int:
+    """Fail predictions whose deadline has passed, unless another run still waits for them; return how many."""
     overdue: dict[str, str] = {}
     awaited: set[str] = set()
     for run in running:
-        names = list(run.spec["functions"])
         for name, deadline in deadlines(run.pins).items():
             with reading(context.engine) as connection:
-                missing = runs.awaited(connection, run.id, names.index(name))
+                missing = runs.awaited(connection, run.id, run.spec.functions.index(name))
             if deadline > now:
                 awaited.update(missing)
             else:
@@ -28,6 +29,6 @@ def fail_overdue(context: Context, running: Sequence[Any], now: float) -> int:
     if late:
         with writing(context.engine) as connection:
             for digest in late:
-                error = {"stage": "prediction", "type": "NoPrediction", "message": overdue[digest], "attempts": 0}
+                error = Fault(stage=ProductKind.PREDICTION, type="NoPrediction", message=overdue[digest], attempts=0)
                 products.fail(connection, digest, owner=None, error=error, now=now)
     return len(late)

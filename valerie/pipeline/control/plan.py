@@ -1,11 +1,11 @@
-"""What a spec would cost in this deployment: planned against what is stored already and what was measured so far."""
+"""Plan a spec against this deployment: what is stored already, and what products have cost so far."""
 
 from __future__ import annotations
 
 import time
-from typing import Any, Final
+from typing import Final
 
-from valerie.db import processes, products
+from valerie.db import processes, totals
 from valerie.db.engine import reading
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
@@ -13,8 +13,9 @@ from valerie.pipeline.base.resolved_runs import resolve_new
 from valerie.pipeline.functions import registry
 from valerie.runs.costs import Cost, CostKey, CostTable
 from valerie.runs.forecast import Plan, plan
+from valerie.runs.pins import Pins
 from valerie.runs.spec import ResolvedRun, RunSpec
-from valerie.runs.states import ProductKind
+from valerie.runs.states import EVAL_QUEUE, ProductKind
 
 
 def plan_run(context: Context, spec: RunSpec) -> Plan:
@@ -28,39 +29,39 @@ def plan_run(context: Context, spec: RunSpec) -> Plan:
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
         resolved = resolve_new(spec, context.settings, registered=names)
-        pins, _ = choose_pins(spec.model_dump(mode="json"), offers, registered)
-        recorded = products.recorded_costs(connection)
+        pins = choose_pins(spec, offers, registered).pins
+        recorded = totals.recorded_costs(connection)
 
         def present(digests: set[str]) -> set[str]:
-            return products.done_digests(connection, digests)
+            return totals.done_digests(connection, digests)
 
         return plan(resolved, pins=pins, present=present, costs=_costs(resolved, pins, recorded))
 
 
-#: Products of which the mean is believed rather than the shipped table.
+#: From this many products on, their mean replaces the shipped table.
 _MANY: Final = 3
 
 
-def _costs(resolved: ResolvedRun, pins: dict[str, Any] | None, recorded: list[products.RecordedCost]) -> CostTable:
-    """Recorded means at this run's resolution and with what it would pin, by the planner's keys."""
+def _costs(resolved: ResolvedRun, pins: Pins | None, recorded: list[totals.RecordedCost]) -> CostTable:
+    """Return recorded means at this run's resolution and with its pins, by the planner's keys."""
     if pins is None:
         return CostTable()
     resolution, spec = resolved.spec.resolution, resolved.spec
     pixels = resolution.width * resolution.height
-    makers: dict[tuple[str, str], str] = {
-        (ProductKind.TRUTH, pins["truth"]["route"]): "",
-        **{(ProductKind(kind), pins["truth"]["route"]): "" for kind in resolved.annotations},
-        (ProductKind.EVALUATION, "eval"): "",
+    makers = {
+        (ProductKind.TRUTH, pins.truth.route): "",
+        **{(ProductKind(kind), pins.truth.route): "" for kind in resolved.annotations},
+        (ProductKind.EVALUATION, EVAL_QUEUE): "",
     }
     if not resolved.engine_inputs:
         # Recorded costs do not tell settings apart.
-        makers |= {(kind, pins["engine"]["route"]): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
-    by_digest = {pins["functions"][name]["digest"][:32]: name for name in spec.functions}
+        makers |= {(kind, pins.engine.route): spec.engine for kind in (ProductKind.BACKGROUND, ProductKind.LAYER)}
+    by_digest = {pins.functions[name].digest[:32]: name for name in spec.functions}
     costs: dict[CostKey, Cost] = {}
     few: dict[CostKey, Cost] = {}
     for row in recorded:
-        maker = by_digest.get(row.group) if row.kind == ProductKind.PREDICTION else makers.get((row.kind, row.route))
+        maker = by_digest.get(row.group) if row.kind is ProductKind.PREDICTION else makers.get((row.kind, row.route))
         if maker is not None and row.pixels == pixels:
-            key = CostKey(ProductKind(row.kind), maker, resolution.width, resolution.height)
+            key = CostKey(row.kind, maker, resolution.width, resolution.height)
             (costs if row.count >= _MANY else few)[key] = Cost(row.cpu_seconds, row.bytes)
     return CostTable(costs, few)

@@ -1,6 +1,6 @@
-"""How far a run is: counted block by block by the control loop, written as one document, read by whoever asks.
+"""Count how far runs are: block by block, into one document that anyone can read.
 
-A finished block is never counted again, so a poll costs one row however large the run is, and counting costs what the
+A finished block is never counted again, so a poll costs one row however large the run is, and counting costs as much as the
 feeding window holds.
 """
 
@@ -9,133 +9,137 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 from sqlalchemy import Engine
 
-from valerie.db import processes, products, runs
+from valerie.db import blocks, processes, runs, totals
 from valerie.db.engine import reading, writing
+from valerie.db.runs import RunRow
+from valerie.db.totals import Backlog
 from valerie.pipeline.base.deadlines import awaiting_reason, deadlines
-from valerie.runs.states import UPLOADED_ROUTE
+from valerie.runs.progress import BlockCounts, FrameProgress, Progress, StageProgress, VariantProgress
+from valerie.runs.states import UPLOADED_ROUTE, ProductState, Stage, stage_of
 
-#: stage → (total, done, failed) in the counts of a block.
-_STAGES: Final = {
-    "render": ("frames", "rendered", "render_failed"),
-    "infer": ("evaluations", "inferred", "infer_failed"),
-    "eval": ("evaluations", "evaluated", "eval_failed"),
-}
-#: A rate is measured over this long, or longer: until so many have finished, else a slow stage's would jump with each one.
+#: A rate is measured over this long, or until this many have finished: a slow stage's would jump with each one.
 _RATE_SECONDS: Final = 20.0
 _RATE_COUNT: Final = 10
 _RATE_LONGEST: Final = 300.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """The database at one moment: a run, and the work and workers of all runs.
+
+    Attributes:
+        now: Unix seconds.
+        run: its row.
+        total: counts of all its blocks.
+        backlog: unfinished products of all runs.
+        served: queues that living workers serve.
+        awaited: predictions of this run that are still to be uploaded.
+    """
+
+    now: float
+    run: RunRow
+    total: BlockCounts
+    backlog: Sequence[Backlog]
+    served: frozenset[str]
+    awaited: int
+
+
 class ProgressBook:
-    """Counts of the runs that this process looks after; what it forgets is read again from the closed blocks."""
+    """Counts of the runs that this process looks after. What it forgets is read again from the finished blocks."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._closed: dict[str, dict[int, dict[str, int]]] = {}
-        self._history: dict[str, deque[tuple[float, dict[str, int]]]] = {}
+        self._closed: dict[str, dict[int, BlockCounts]] = {}
+        self._history: dict[str, deque[tuple[float, BlockCounts]]] = {}
 
     def forget(self) -> None:
-        """Another process counted meanwhile: read the closed blocks again."""
+        """Read the finished blocks again: another process counted meanwhile."""
         self._closed.clear()
         self._history.clear()
 
-    def update(self, run: Any) -> bool:
-        """Count ``run`` (a row), close its finished blocks, write its progress; True when nothing is left to do."""
+    def update(self, run_id: str) -> bool:
+        """Count a run, finish its finished blocks and write its progress; return whether nothing is left to do."""
         now = time.time()
         with reading(self._engine) as connection:
-            row = runs.get(connection, run.id)
-            open_blocks = runs.open_blocks(connection, run.id)
+            run = runs.get(connection, run_id)
             counted = {
-                block.number: (block, runs.count_block(connection, run.id, block.first, block.last))
-                for block in open_blocks
+                block.number: blocks.count_block(connection, run_id, block.first, block.last)
+                for block in blocks.open_blocks(connection, run_id)
             }
-            if run.id not in self._closed:
-                self._closed[run.id] = dict(runs.closed_counts(connection, run.id))
-            unfinished = products.unfinished_by_route(connection)
-            served = {offer["route"] for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE}
-            awaited = runs.awaited_count(connection, run.id) if deadlines(row.pins) else 0
-        closed = self._closed[run.id]
+            if run_id not in self._closed:
+                self._closed[run_id] = blocks.closed_counts(connection, run_id)
+            backlog = totals.backlog(connection)
+            served = frozenset({offer.route for offer in processes.offers(connection, now=now)} | {UPLOADED_ROUTE})
+            awaited = runs.awaited_count(connection, run_id) if deadlines(run.pins) else 0
+        closed = self._closed[run_id]
         for number in counted:  # a retry opened it again
             closed.pop(number, None)
-        finished = {number: counts for number, (_, counts) in counted.items() if _is_final(counts)}
-        total = _sum([*closed.values(), *(counts for _, counts in counted.values())])
+        total = BlockCounts.total([*closed.values(), *counted.values()])
+        finished = {number: counts for number, counts in counted.items() if counts.is_final}
         closed.update(finished)
-        document = self._document(row, total, unfinished, served, awaited, now)
+        progress = self._progress(_Look(now, run, total, backlog, served, awaited))
         with writing(self._engine) as connection:
             for number, counts in finished.items():
-                runs.close_block(connection, run.id, number, counts)
-            runs.set_values(connection, run.id, progress=document, reason=document["reason"])
-        return row.next_index >= row.variant_count and len(finished) == len(counted)
+                blocks.close_block(connection, run_id, number, counts)
+            runs.set_values(connection, run_id, progress=progress, reason=progress.reason)
+        return run.next_index >= run.variant_count and len(finished) == len(counted)
 
-    def _document(
-        self,
-        run: Any,
-        total: dict[str, int],
-        unfinished: list[tuple[str, str, int]],
-        served: set[str],
-        awaited: int,
-        now: float,
-    ) -> dict[str, Any]:
+    def _progress(self, look: _Look) -> Progress:
+        run = look.run
         history = self._history.setdefault(run.id, deque())
-        history.append((now, total))
-        while now - history[0][0] > _RATE_LONGEST and len(history) > 2:
+        history.append((look.now, look.total))
+        while look.now - history[0][0] > _RATE_LONGEST and len(history) > 2:
             history.popleft()
-        unfed = run.variant_count - run.next_index
-        fed = max(run.next_index, 1)
-        stages = {}
-        for stage, (all_of, done_of, failed_of) in _STAGES.items():
-            done, failed = total[done_of], total[failed_of]
-            # What is not fed yet is extrapolated from what is: a later variant may still be rejected.
-            expected = total[all_of] + round(total[all_of] / fed * unfed)
-            rate = finished_per_second([(at, counts[done_of]) for at, counts in history])
-            left = expected - done - failed
-            stages[stage] = {
-                "done": done,
-                "total": expected,
-                "failed": failed,
-                "running": sum(n for route, state, n in unfinished if state == "running" and _stage(route) == stage),
-                "rate_per_s": round(rate, 3),
-                "eta_s": round(left / rate, 1) if rate > 0 else (0.0 if left == 0 else None),
-            }
-        idle = sorted({route for route, _, _ in unfinished if _stage(route) != "eval"} - served)
-        return {
-            "state": run.state,
-            "reason": f"no living worker serves the queue {', '.join(idle)}"
-            if idle
-            else awaiting_reason(awaited, run.pins),
-            "variants": {"total": run.variant_count, "fed": run.next_index, "rejected": run.rejected_count},
-            "frames": {"fed": total["frames"], "exact": unfed == 0},
-            "stages": stages,
-            "awaiting": awaited,
-            "updated_at": now,
-        }
+        idle = sorted({route for route, _, _ in look.backlog if stage_of(route) is not Stage.EVAL} - look.served)
+        reason = f"no living worker serves the queue {', '.join(idle)}" if idle else None
+        return Progress(
+            state=run.state,
+            reason=reason or awaiting_reason(look.awaited, run.pins),
+            variants=VariantProgress(total=run.variant_count, fed=run.next_index, rejected=run.rejected_count),
+            frames=FrameProgress(fed=look.total.frames, exact=run.next_index == run.variant_count),
+            stages={stage: _stage_progress(stage, look, history) for stage in Stage},
+            awaiting=look.awaited,
+            updated_at=look.now,
+        )
+
+
+def _stage_progress(stage: Stage, look: _Look, history: Sequence[tuple[float, BlockCounts]]) -> StageProgress:
+    counts = look.total.stage(stage)
+    fed, unfed = max(look.run.next_index, 1), look.run.variant_count - look.run.next_index
+    # The rest is extrapolated from the variants that have rows: a later variant may still be rejected.
+    expected = counts.total + round(counts.total / fed * unfed)
+    rate = finished_per_second([(at, total.stage(stage).done) for at, total in history])
+    left = expected - counts.done - counts.failed
+    return StageProgress(
+        done=counts.done,
+        total=expected,
+        failed=counts.failed,
+        running=sum(
+            products
+            for route, state, products in look.backlog
+            if state is ProductState.RUNNING and stage_of(route) is stage
+        ),
+        rate_per_s=round(rate, 3),
+        eta_s=round(left / rate, 1) if rate > 0 else (0.0 if left == 0 else None),
+    )
 
 
 def finished_per_second(history: Sequence[tuple[float, int]]) -> float:
-    """How fast a stage is, from (seconds, finished so far), oldest first.
+    """Return how fast a stage is.
 
-    Over the last 20 s, or longer until ten have finished: one that takes ten seconds each would else be once or twice as fast
-    from one look to the next.
+    The rate is over the last 20 s, or longer until ten have finished: otherwise the rate of a stage that takes ten seconds
+    for each would double or halve from one look to the next.
+
+    Args:
+        history: (seconds, finished so far), oldest first.
     """
     now, done = history[-1]
     for at, before in reversed(history):
         if now - at >= _RATE_SECONDS and done - before >= _RATE_COUNT:
             break
     return (done - before) / (now - at) if now > at else 0.0
-
-
-def _stage(route: str) -> str:
-    return route.partition(".")[0]
-
-
-def _is_final(counts: dict[str, int]) -> bool:
-    return all(counts[done] + counts[failed] == counts[total] for total, done, failed in _STAGES.values())
-
-
-def _sum(parts: list[dict[str, int]]) -> dict[str, int]:
-    names = {name for stage in _STAGES.values() for name in stage}
-    return {name: sum(part.get(name, 0) for part in parts) for name in names}

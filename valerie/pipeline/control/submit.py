@@ -1,13 +1,13 @@
-"""Submitting a run: everything is checked before anything is stored; then one row holds the spec and the count."""
+"""Submit a run: check everything, then store one row with the spec and the number of variants."""
 
 from __future__ import annotations
 
 import secrets
 import time
-from typing import Any
 
 from valerie.db import processes, runs
 from valerie.db.engine import reading, writing
+from valerie.db.runs import NewRun
 from valerie.errors import NotFound
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import choose_pins
@@ -33,34 +33,33 @@ def submit(context: Context, spec: RunSpec, *, idempotency_key: str | None = Non
         registered = registry.known(connection, spec.functions)
         names = registry.names(connection, registered)
     resolved = resolve_new(spec, context.settings, registered=names)
-    document = spec.model_dump(mode="json")
-    pins, reason = choose_pins(document, offers, registered)
-    values: dict[str, Any] = {
-        "id": new_run_id(now),
-        "name": spec.name,
-        "state": RunState.SUBMITTED,
-        "reason": reason,
-        "spec": document,
-        "spec_digest": spec.digest,
-        "asset_digest": resolved.asset_digest,
-        "pins": pins,
-        "parent_run": spec.parent_run,
-        "iteration": spec.iteration,
-        "variant_count": resolved.space.size,
-        "idempotency_key": idempotency_key,
-        "created_at": runs.now_utc(),
-    }
+    pins, reason = choose_pins(spec, offers, registered)
+    run = NewRun(
+        id=new_run_id(now),
+        name=spec.name,
+        state=RunState.SUBMITTED,
+        reason=reason,
+        spec=spec,
+        spec_digest=spec.digest,
+        asset_digest=resolved.asset_digest,
+        pins=pins,
+        parent_run=spec.parent_run,
+        iteration=spec.iteration,
+        variant_count=resolved.space.size,
+        idempotency_key=idempotency_key,
+        created_at=runs.now_utc(),
+    )
     with writing(context.engine) as connection:
         if spec.parent_run is not None:
             try:
-                runs.get(connection, spec.parent_run)
+                runs.require(connection, spec.parent_run)
             except NotFound:
                 raise NotFound("parent run", spec.parent_run) from None
-        return runs.create(connection, values)
+        return runs.create(connection, run)
 
 
 def new_run_id(now: float) -> str:
-    """A short id that sorts by time: seven characters of seconds, five of chance."""
+    """Return a short id that sorts by time: seven characters of seconds, five of chance."""
     seconds = int(now)
     stamp = "".join(_ALPHABET[seconds >> shift & 31] for shift in range(30, -1, -5))
     return "r" + stamp + "".join(secrets.choice(_ALPHABET) for _ in range(5))

@@ -1,4 +1,4 @@
-"""The folder that an export writes into: nothing is written over, and an interrupted export goes on in it."""
+"""The folder that an export writes into: it replaces nothing, and an interrupted export goes on in it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, Final
 
 from valerie.errors import Conflict, StorageFull
 
-#: Subfolder of an unfinished export with one document per frame that is written.
+#: Subfolder of an unfinished export, with one document per written frame.
 FRAGMENTS: Final = "fragments"
 _REQUEST: Final = "request.json"
 
 
 def open_partial(partial: Path, request: Mapping[str, Any]) -> None:
-    """Make it the folder to write into: an earlier attempt's at the same request as it is, else an empty one."""
+    """Prepare the folder: keep what an earlier attempt at the same request wrote, else empty it."""
     path = partial / _REQUEST
     if path.is_file() and (partial / FRAGMENTS).is_dir() and json.loads(path.read_bytes()) == request:
         return
@@ -27,13 +27,13 @@ def open_partial(partial: Path, request: Mapping[str, Any]) -> None:
 
 
 def close_partial(partial: Path) -> None:
-    """Remove what only an unfinished export needs."""
+    """Remove the files that only an unfinished export needs."""
     (partial / _REQUEST).unlink()
     shutil.rmtree(partial / FRAGMENTS)
 
 
 def require_free_name(out: Path) -> None:
-    """Refuse a name that something has.
+    """Refuse a path where something is.
 
     Raises:
         Conflict: ``out`` is anything but an empty folder.
@@ -41,11 +41,11 @@ def require_free_name(out: Path) -> None:
     if out.is_dir() and not any(out.iterdir()):
         return
     if out.exists() or out.is_symlink():
-        raise Conflict(f"{out} is there already; an export never writes over anything")
+        raise Conflict(f"{out} exists already; an export never replaces anything")
 
 
 def require_room(out: Path, needed: float, what: str, min_free_mb: int) -> None:
-    """Refuse before anything is written.
+    """Refuse an export that does not fit the disk.
 
     Raises:
         StorageFull: ``needed`` bytes for ``what`` would leave less than ``min_free_mb``.

@@ -36,18 +36,23 @@ class CocoFragment(BaseModel):
     """A frame's entries in the COCO documents, without their numbers.
 
     Attributes:
-        image: width, height and file name.
+        width, height: of the image.
+        file_name: of the picture.
         annotations: one per visible instance.
-        panoptic: file name and segments.
+        panoptic_name: file name of the panoptic picture.
+        segments: of the panoptic picture (`valerie.datasets.coco.Segment`).
     """
 
-    image: dict[str, Any]
+    width: int
+    height: int
+    file_name: str
     annotations: list[dict[str, Any]]
-    panoptic: dict[str, Any]
+    panoptic_name: str
+    segments: list[dict[str, Any]]
 
 
 class Fragment(BaseModel):
-    """What one frame adds to the documents that list all frames.
+    """The entries of one frame in the documents that list all frames.
 
     Attributes:
         name: of the frame.
@@ -113,11 +118,13 @@ class FrameWriter:
         ids = coco.panoptic_ids(labelled)
         panoptic = f"{labelled.name}_panoptic.png"
         cityscapes.save_png(root / "coco" / f"panoptic_{split}" / panoptic, coco.panoptic_picture(ids))
-        file = picture.relative_to(Path("leftImg8bit", split)).as_posix()
         return CocoFragment(
-            image={"width": width, "height": height, "file_name": file},
+            width=width,
+            height=height,
+            file_name=picture.relative_to(Path("leftImg8bit", split)).as_posix(),
             annotations=coco.instance_annotations(labelled),
-            panoptic={"file_name": panoptic, "segments_info": coco.panoptic_segments(ids)},
+            panoptic_name=panoptic,
+            segments=[dict(segment) for segment in coco.panoptic_segments(ids)],
         )
 
     def _rows(self, frame: ChosenFrame, labelled: LabelledFrame, split: str, picture: Path) -> list[TableRow]:

@@ -57,7 +57,7 @@ def write_documents(engine: Engine, plan: ExportPlan, folder: Path) -> Counter[s
         "splits": counts,
         "asset": resolved.spec.model_dump(mode="json")["asset"],
         "asset_digest": resolved.asset_digest,
-        "pins": plan.run.pins,
+        "pins": plan.run.pins.model_dump(mode="json", exclude_none=True),
         "sensor": resolved.spec.sensors[plan.sensor].model_dump(mode="json"),
         "classes": "Cityscapes label ids; instance ids are label id × 1000 + n",
         "index_columns": {name: text for name, _, text in COLUMNS} if "parquet" in settings.formats else {},
@@ -76,8 +76,9 @@ def _write_coco(folder: Path, split: str, fragments: Iterable[CocoFragment], des
     instances: list[dict[str, Any]] = []
     panoptic: list[dict[str, Any]] = []
     for number, fragment in enumerate(fragments, start=1):
-        images.append({"id": number, **fragment.image})
-        panoptic.append({"image_id": number, **fragment.panoptic})
+        size = {"width": fragment.width, "height": fragment.height}
+        images.append({"id": number, **size, "file_name": fragment.file_name})
+        panoptic.append({"image_id": number, "file_name": fragment.panoptic_name, "segments_info": fragment.segments})
         for annotation in fragment.annotations:
             instances.append({"id": len(instances) + 1, "image_id": number, **annotation})
     for name, entries in (("instances", instances), ("panoptic", panoptic)):

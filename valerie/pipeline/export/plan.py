@@ -1,4 +1,4 @@
-"""What is exported of a run: the request of the user, and what it means for the frames that are finished."""
+"""The plan of an export: the user's request, and the finished frames that it selects."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from valerie.db.results import StoredPrediction
 from valerie.errors import Conflict, InvalidInput
 from valerie.parameters.assignment import digest
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.annotation_files import chosen_annotations
-from valerie.pipeline.reading.run_cache import StoredRun
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     choose_frames,
@@ -82,7 +82,7 @@ class ExportSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportPlan:
-    """What is exported.
+    """The frames, predictions and annotations to export.
 
     Attributes:
         run: the run.
@@ -122,10 +122,7 @@ class ExportPlan:
 
     def request(self) -> dict[str, Any]:
         """Return the document that must be equal for an interrupted export to go on."""
-        links = []
-        for frame in self.frames:
-            products = frame.stored.products
-            links.append([str(frame.key), products.background, products.layer, products.truth])
+        links = [[str(frame.key), *frame.stored.products.required] for frame in self.frames]
         return {
             "format": FORMAT_NAME,
             "run": self.run.id,
@@ -137,7 +134,7 @@ class ExportPlan:
 
 
 def plan_export(context: Context, run: StoredRun, settings: ExportSettings) -> ExportPlan:
-    """Find what is exported.
+    """Select the frames, predictions and annotations to export.
 
     Raises:
         InvalidInput, UnknownName: the settings do not fit the run, or select nothing.

@@ -1,7 +1,7 @@
-"""Functions under test within this deployment's bounds: the one home of what limits networks that somebody brought.
+"""Functions under test within this deployment's bounds: the one home of limits on networks from outside.
 
-Workers, `valerie replay`, `valerie evaluate` and the comparisons of versions all open functions through `open_bounded`. What
-asks for too much memory fails; what takes too long ends this process, since nothing else stops compiled code.
+Workers, `valerie replay`, `valerie evaluate` and comparisons of versions all open functions through `open_bounded`. A function
+that asks for too much memory fails; one that takes too long ends this process, since nothing else stops compiled code.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def open_bounded(
     name: str,
     before_end: Callable[[str], None] | None = None,
 ) -> BoundedFunction:
-    """Open a function; opening and every picture are held to ``infer_memory_mb`` and ``infer_seconds``.
+    """Open a function; ``infer_memory_mb`` and ``infer_seconds`` bound the opening and every picture.
 
     Args:
-        open_it: opens it.
+        open_it: opens the function.
         settings: of this deployment.
-        name: for reasons.
-        before_end: is told why, in another thread, before a picture that takes too long ends this process.
+        name: of the function, for messages.
+        before_end: called with the reason, in another thread, before a picture that takes too long ends this process.
 
     Raises:
         TransientError: opening it needs more memory than it may have.
@@ -48,14 +48,14 @@ def open_bounded(
 
 
 class BoundedFunction:
-    """A function whose pictures are bounded; else as the function itself (see `BatchFunction`).
+    """A function whose predictions are bounded (see `BatchFunction`).
 
-    Several pictures together have as many times the seconds of one.
+    The time of several pictures together is that of one times their number.
     """
 
     def __init__(self, function: PerceptionFunction, bounds: _Bounds) -> None:
         self._function, self._bounds = function, bounds
-        # Over the network the document's own time-out holds: ending this process would ask the endpoint a second time.
+        # A function behind HTTP has its document's time-out: ending this process would send the picture a second time.
         self._timed = not isinstance(function, HttpFunction)
 
     @property
@@ -96,7 +96,7 @@ class BoundedFunction:
             return self._function.predict_many(pictures)
 
     def close(self) -> None:
-        """Close the function, and let this process have memory as before."""
+        """Close the function and lift the bound on memory."""
         try:
             self._function.close()
         finally:
@@ -113,7 +113,7 @@ class _Bounds:
 
     @contextmanager
     def around(self, what: str, *, pictures: int = 1) -> Iterator[None]:
-        """Bound the body; ``pictures`` 0 leaves its time to itself."""
+        """Bound the body; with 0 ``pictures`` its time is not bounded."""
         seconds = self._settings.infer_seconds * pictures
         try:
             with time_limit(seconds, what=what, before_end=self._before_end):

@@ -21,6 +21,8 @@ from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import inference_name
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.import_job import Trial
+from valerie.runs.pins import FunctionOffer, Offer
+from valerie.runs.states import Stage
 from valerie.scene.assets.asset import asset_manifest, asset_names
 from valerie.settings import Settings
 
@@ -110,13 +112,13 @@ def asset(settings: Settings, name: str) -> dict[str, JsonValue]:
 
 def renderers(context: Context) -> list[RendererEntry]:
     """Return the render engines."""
-    offers = _offers(context, "render")
+    offers = _offers(context, Stage.RENDER)
     return [RendererEntry(name, _numeric_classes(offers, name)) for name in plugins.renderer_names()]
 
 
 def functions(context: Context) -> list[FunctionEntry]:
     """Return the installed functions, then every version of the registered ones, by name and newest first."""
-    offers = _offers(context, "infer")
+    offers = _offers(context, Stage.INFER)
     entries = [_installed(name, offers) for name in plugins.function_names()]
     with reading(context.engine) as connection:
         return entries + [_registered(version, offers) for version in registry.listed(connection)]
@@ -129,7 +131,7 @@ def function(context: Context, reference: str) -> FunctionEntry:
         UnknownName, NotFound, InvalidInput: see `valerie.pipeline.functions.registry.find`.
     """
     if reference in plugins.function_names():
-        return _installed(reference, _offers(context, "infer"))
+        return _installed(reference, _offers(context, Stage.INFER))
     with reading(context.engine) as connection:
         version = registry.find(connection, reference)
     return registered_function(context, version)
@@ -144,11 +146,11 @@ def registered_function(context: Context, version: registry.Registered, trial: T
         trial: its outcome, right after the registration.
     """
     document = version.document.model_dump(mode="json")
-    return replace(_registered(version, _offers(context, "infer")), document=document, trial=trial)
+    return replace(_registered(version, _offers(context, Stage.INFER)), document=document, trial=trial)
 
 
-def _installed(name: str, offers: list[dict[str, Any]]) -> FunctionEntry:
-    offered = next((FunctionCard(**offer["card"]) for offer in offers if offer["name"] == name), None)
+def _installed(name: str, offers: list[Offer]) -> FunctionEntry:
+    offered = next((o.card for o in offers if isinstance(o, FunctionOffer) and o.name == name), None)
     card, document, problem = offered or FunctionCard(name, "", "", "", "", {}), None, None
     if name in FUNCTIONS:
         try:
@@ -158,7 +160,7 @@ def _installed(name: str, offers: list[dict[str, Any]]) -> FunctionEntry:
     return _entry(card, document, numeric_classes=_numeric_classes(offers, name), problem=problem)
 
 
-def _registered(version: registry.Registered, offers: list[dict[str, Any]]) -> FunctionEntry:
+def _registered(version: registry.Registered, offers: list[Offer]) -> FunctionEntry:
     document = version.document
     return _entry(
         document.card(),
@@ -171,21 +173,20 @@ def _registered(version: registry.Registered, offers: list[dict[str, Any]]) -> F
 
 
 def _entry(card: FunctionCard, document: FunctionDocument | None, **more: Any) -> FunctionEntry:
-    output = None if document is None else document.output
     return FunctionEntry(
         **asdict(card),
         card=card_rows(card, document),
         kind=None if document is None else document.kind,
-        classes=None if output is None else output.reached,
-        unmapped=None if output is None else output.unmapped,
+        classes=None if document is None else document.output.reached,
+        unmapped=None if document is None else document.output.unmapped,
         **more,
     )
 
 
-def _offers(context: Context, stage: str) -> list[dict[str, Any]]:
+def _offers(context: Context, stage: Stage) -> list[Offer]:
     with reading(context.engine) as connection:
-        return [offer for offer in processes.offers(connection, now=time.time()) if offer["stage"] == stage]
+        return [offer for offer in processes.offers(connection, now=time.time()) if offer.stage is stage]
 
 
-def _numeric_classes(offers: list[dict[str, Any]], name: str) -> tuple[str, ...]:
-    return tuple(sorted({offer["numeric_class"] for offer in offers if offer["name"] == name}))
+def _numeric_classes(offers: list[Offer], name: str) -> tuple[str, ...]:
+    return tuple(sorted({offer.numeric_class for offer in offers if offer.name == name}))

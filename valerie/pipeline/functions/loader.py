@@ -1,10 +1,9 @@
-"""Opening functions in a worker: those that are installed by their names, those that are registered by their digests."""
+"""Load functions that a run pinned: installed ones by name, registered ones by digest."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.db.engine import reading
@@ -15,13 +14,14 @@ from valerie.perception.running.opening import open_function, require_payload
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.payload_cache import PayloadCache
+from valerie.runs.pins import FunctionPin
 from valerie.settings import Settings
 
 _FOLDER: Final = "functions"
 
 
 class FunctionLoader:
-    """Loads what runs pinned; knows functions that were registered after this process started."""
+    """Loads functions of one deployment, including those that were registered after this process started."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -30,33 +30,33 @@ class FunctionLoader:
             context.store, settings.data_dir / _FOLDER, max_bytes=settings.function_cache_mb * 2**20
         )
 
-    def open(self, name: str, pin: Mapping[str, Any], *, threads: int | None = None) -> PerceptionFunction:
+    def open(self, name: str, pin: FunctionPin, *, threads: int | None = None) -> PerceptionFunction:
         """Load a function as a run pinned it.
 
         Args:
-            name: what the run calls it.
-            pin: see `valerie.pipeline.base.pins`.
-            threads: of the inference engine; None: as this deployment's workers have.
+            name: in the run's spec.
+            pin: of the run.
+            threads: of the inference engine; None: as many as this deployment's workers have.
 
         Raises:
             NotFound: this version was removed from the registry.
-            TransientError: what this process has differs from what was pinned; another worker may have it.
+            TransientError: the function differs from the pinned one here; another worker may have that.
             ValerieError: it cannot be opened here.
         """
         settings = self._context.settings
         threads = threads or settings.inference_threads
-        if "kind" in pin:  # registered
-            function = self._registered(pin["digest"], name, threads)
+        if pin.kind is not None:  # registered
+            function = self._registered(pin.digest, name, threads)
         else:
             function = plugins.create_function(name, threads=threads, device=settings.infer_device)
-        if function.card.digest != pin["digest"]:
-            has, wants = function.card.digest[:12], pin["digest"][:12]
+        if function.card.digest != pin.digest:
+            has, wants = function.card.digest[:12], pin.digest[:12]
             function.close()
             raise TransientError(f"{name} has digest {has} here; the run pinned {wants}")
-        if function.numeric_class != pin["numeric_class"]:
+        if function.numeric_class != pin.numeric_class:
             runs_as = function.numeric_class
             function.close()
-            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin['numeric_class']}")
+            raise TransientError(f"{name} runs as {runs_as} here; the run pinned {pin.numeric_class}")
         return function
 
     def _registered(self, digest: str, name: str, threads: int) -> PerceptionFunction:
@@ -65,10 +65,10 @@ class FunctionLoader:
         return self.open_document(document, threads=threads)
 
     def file(self, document: FunctionDocument) -> Path:
-        """The verified payload of a registered function that has one; use it soon, it is a cache's.
+        """Return the verified payload of a registered function that has one; use the file soon, since a cache owns it.
 
         Raises:
-            NotFound: it was removed.
+            NotFound: the payload was removed.
             CorruptArtifact: the store holds other bytes.
             StorageFull, StorageUnavailable: this machine's folder cannot be written.
         """
@@ -98,7 +98,7 @@ class FunctionLoader:
 def open_document(
     document: FunctionDocument, payload: Path | None, settings: Settings, *, threads: int
 ) -> PerceptionFunction:
-    """`open_function` as this deployment's settings want it."""
+    """Call `open_function` with this deployment's settings."""
     return open_function(
         document, payload, threads=threads, device=settings.infer_device, addresses=settings.http_addresses
     )

@@ -1,4 +1,4 @@
-"""Payloads of registered functions on this machine: fetched once by digest, kept in a folder of bounded size."""
+"""Payloads of registered functions on this machine: fetched once by digest, in a folder of bounded size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.storage.keys import function_key
 from valerie.storage.store import ArtifactStore
 
-#: Read from the store at once; a large network is never held in memory here.
+#: Bytes per read from the store: a large network is never in memory as a whole.
 _PIECE_BYTES = 1 << 24
 
 
@@ -19,9 +19,9 @@ class PayloadCache:
     """Files by digest; several processes may share the folder.
 
     Args:
-        store: where payloads come from.
+        store: source of payloads.
         folder: on this machine.
-        max_bytes: what was not used for longest goes when the folder holds more.
+        max_bytes: of the folder; beyond it, the files that were used least recently are deleted.
     """
 
     def __init__(self, store: ArtifactStore, folder: Path, *, max_bytes: int) -> None:
@@ -30,10 +30,10 @@ class PayloadCache:
         self._max_bytes = max_bytes
 
     def fetch(self, document: FunctionDocument) -> Path | None:
-        """The payload as a file; None where the function has none. Whoever opens it verifies its digest.
+        """Return the payload as a file, or None if the function has none; the digest is for the caller to verify.
 
         Raises:
-            NotFound: it was removed.
+            NotFound: the payload was removed.
             StorageFull, StorageUnavailable: this machine's folder cannot be written.
         """
         if document.payload is None:
@@ -51,7 +51,7 @@ class PayloadCache:
         return path
 
     def forget(self, document: FunctionDocument) -> None:
-        """Remove a file that turned out to be damaged."""
+        """Remove a damaged file."""
         if document.payload is not None:
             (self._folder / f"{document.payload.sha256}.{document.payload.format}").unlink(missing_ok=True)
 
@@ -77,12 +77,12 @@ class PayloadCache:
             try:
                 files.append((path.stat().st_mtime, path.stat().st_size, path))
             except FileNotFoundError:
-                continue  # another process was faster
+                continue  # another process deleted it
         total = sum(size for _, size, _ in files)
         for _, size, path in sorted(files):
             if total <= self._max_bytes:
                 return
             if path != keep:
-                # A process that has it open keeps its contents.
+                # A process that has the file open keeps its contents.
                 path.unlink(missing_ok=True)
                 total -= size

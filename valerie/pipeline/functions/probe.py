@@ -1,17 +1,15 @@
-"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: what of it runs on this machine, as one line of JSON.
+"""``python -m valerie.pipeline.functions.probe render|infer NAME …``: print what runs on this machine as one line of JSON.
 
-In a process of its own: a driver may crash, and the worker's supervising process never loads GL or torch.
+This is a process of its own, since a driver may crash and a worker's supervising process never loads GL or torch.
 """
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.errors import ValerieError
@@ -20,28 +18,39 @@ from valerie.perception.documents.function import PRECISIONS, FunctionDocument
 from valerie.perception.shipped import FUNCTIONS, file_document, function_path
 from valerie.pipeline.base.pins import TRUTH
 from valerie.pipeline.functions.loader import open_document
+from valerie.runs.pins import OFFERS, AnyOffer, FunctionOffer, Offer
+from valerie.runs.states import Stage, route_of
 from valerie.settings import load_settings
 from valerie.testing.blank import NAME as BLANK
 from valerie.testing.onnx_function import small_onnx
 
-#: Under this name workers offer to ask functions behind HTTP.
+#: Name under which workers offer to call functions behind HTTP.
 HTTP: Final = "http"
 
 
-def probe_engine(name: str) -> list[dict[str, Any]]:
-    """Offers of one engine and of the truth pass beside it."""
+def probe_engine(name: str) -> list[AnyOffer]:
+    """Return the offers of one render engine and of the truth pass beside it."""
     renderer = plugins.create_renderer(name)
     try:
-        offers = [{"name": name, "numeric_class": renderer.numeric_class, "revision": renderer.revision}]
+        engine = _rendering(name, renderer.numeric_class, renderer.revision)
     finally:
         renderer.close()
     truth = plugins.create_truth_pass(BLANK if name == BLANK else "")
-    offers.append({"name": TRUTH, "numeric_class": truth.numeric_class, "revision": truth.revision})
-    return offers
+    return [engine, _rendering(TRUTH, truth.numeric_class, truth.revision)]
 
 
-def probe_function(name: str) -> list[dict[str, Any]]:
-    """Offer of one installed function under test, or of an inference engine (see `inference_names`)."""
+def _rendering(name: str, numeric_class: str, revision: int) -> Offer:
+    return Offer(
+        stage=Stage.RENDER,
+        name=name,
+        numeric_class=numeric_class,
+        revision=revision,
+        route=route_of(Stage.RENDER, name, numeric_class),
+    )
+
+
+def probe_function(name: str) -> list[AnyOffer]:
+    """Return the offer of an installed function under test, or of an inference engine (see `inference_names`)."""
     if name in inference_names():
         return probe_inference(name)
     settings = load_settings()
@@ -49,20 +58,22 @@ def probe_function(name: str) -> list[dict[str, Any]]:
     try:
         card = function.card
         return [
-            {
-                "name": name,
-                "digest": card.digest,
-                "revision": function.revision,
-                "numeric_class": function.numeric_class,
-                "card": asdict(card),
-            }
+            FunctionOffer(
+                stage=Stage.INFER,
+                name=name,
+                numeric_class=function.numeric_class,
+                revision=function.revision,
+                route=route_of(Stage.INFER, function.numeric_class),
+                digest=card.digest,
+                card=card,
+            )
         ]
     finally:
         function.close()
 
 
-def probe_inference(name: str) -> list[dict[str, Any]]:
-    """Offer of one inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
+def probe_inference(name: str) -> list[AnyOffer]:
+    """Return the offer of an inference engine in one precision, for registered functions: ``torch/bf16``, ``http``."""
     settings = load_settings()
     if name == HTTP:
         if not settings.http_addresses:
@@ -70,25 +81,35 @@ def probe_inference(name: str) -> list[dict[str, Any]]:
         parse_allowed(settings.http_addresses, field="VALERIE_HTTP_FUNCTIONS")
         from valerie.perception.running.http_function import HttpFunction
 
-        return [{"name": HTTP, "revision": HttpFunction.revision, "numeric_class": HTTP}]
+        return [_inference(HTTP, HTTP, HttpFunction.revision)]
     engine, _, precision = name.partition("/")
     with TemporaryDirectory(prefix="valerie-probe-") as folder:
         document, path = _sample(engine, precision, Path(folder))
         function = open_document(document, path, settings, threads=settings.inference_threads)
         try:
-            return [{"name": name, "revision": function.revision, "numeric_class": function.numeric_class}]
+            return [_inference(name, function.numeric_class, function.revision)]
         finally:
             function.close()
 
 
+def _inference(name: str, numeric_class: str, revision: int) -> Offer:
+    return Offer(
+        stage=Stage.INFER,
+        name=name,
+        numeric_class=numeric_class,
+        revision=revision,
+        route=route_of(Stage.INFER, numeric_class),
+    )
+
+
 def inference_names() -> tuple[str, ...]:
-    """Every inference engine in every precision that there may be."""
-    of_engines = (f"{engine}/{one}" for engine, several in PRECISIONS.items() if engine != "none" for one in several)
-    return (*of_engines, HTTP)
+    """Return every inference engine in every precision that it may have, and ``http``."""
+    engines = ((engine, precisions) for engine, precisions in PRECISIONS.items() if engine != "none")
+    return (*(f"{engine}/{precision}" for engine, precisions in engines for precision in precisions), HTTP)
 
 
 def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument, Path]:
-    """A function that is quickly opened in an engine."""
+    """Return a function that an engine opens quickly."""
     if engine == "torch":
         path = function_path(FUNCTIONS[0])
         document = file_document(FUNCTIONS[0], path)
@@ -96,24 +117,24 @@ def _sample(engine: str, precision: str, folder: Path) -> tuple[FunctionDocument
     return small_onnx(folder, engine=engine, precision=precision)
 
 
-_PROBES: Final[dict[str, Callable[[str], list[dict[str, Any]]]]] = {
-    "render": probe_engine,
-    "infer": probe_function,
+_PROBES: Final[dict[str, Callable[[str], Sequence[AnyOffer]]]] = {
+    Stage.RENDER: probe_engine,
+    Stage.INFER: probe_function,
 }
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the offers of all names that work; complaints go to standard error, and only all failing is a failure."""
+    """Print the offers of all names that work, and errors to standard error; return 1 only if nothing works."""
     stage, *names = arguments
-    offers: list[dict[str, Any]] = []
+    offers: list[AnyOffer] = []
     for name in names:
         try:
             offers += _PROBES[stage](name)
         except ValerieError as error:
             print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
-        except Exception as error:  # a defect of one plug-in must not take the others along
+        except Exception as error:  # a defect of one plug-in must not hide the others
             print(f"{name}: {type(error).__name__}: {error}", file=sys.stderr)  # noqa: T201
-    print(json.dumps(offers))  # noqa: T201
+    print(OFFERS.dump_json(tuple(offers)).decode())  # noqa: T201
     return 0 if offers else 1
 
 

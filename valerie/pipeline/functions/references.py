@@ -1,10 +1,9 @@
-"""Opening a function by what people call it: an installed or registered name, or the path of a function file."""
+"""Functions by the references that users write: an installed or registered name, or the path of a function file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie import plugins
 from valerie.db.engine import reading
@@ -19,64 +18,65 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.bounded import BoundedFunction, open_bounded
 from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.functions.registry import SHORT
+from valerie.runs.pins import FunctionPin
 from valerie.spelling import plain_name
 
 _SUFFIX: Final = ".safetensors"
 
 
 def is_file(reference: str) -> bool:
-    """Whether a reference means a file: it has a folder in it or ends as a function file does."""
+    """Return whether a reference means a file: it contains a folder or has the suffix of function files."""
     return "/" in reference or reference.endswith(_SUFFIX)
 
 
-def pinned_network(name: str, pin: Mapping[str, Any], *, context: Context) -> tuple[FunctionDocument, Path]:
-    """Document and weights of a network as a run pinned it.
+def pinned_network(name: str, pin: FunctionPin, *, context: Context) -> tuple[FunctionDocument, Path]:
+    """Return document and weights of a network as a run pinned it.
 
     Args:
-        name: what the run's spec calls it.
-        pin: see `valerie.pipeline.base.pins`.
+        name: in the run's spec.
+        pin: of the run.
         context: of the deployment, where functions are registered.
 
     Raises:
-        InvalidInput: it is no network of VALERIE's own architectures (see `require_trainable`).
+        InvalidInput: it is not a network of VALERIE's own architectures (see `require_trainable`).
         NotFound: this version was removed.
-        Conflict: it ships with VALERIE, and the run looked with other weights than are installed now.
+        Conflict: it ships with VALERIE, and the run used other weights than are installed now.
     """
-    if "kind" in pin:
+    if pin.kind is not None:
         with reading(context.engine) as connection:
-            document = registry.of_digest(connection, pin["digest"], name).document
+            document = registry.of_digest(connection, pin.digest, name).document
         require_trainable(document)
         return document, FunctionLoader(context).file(document)
     if name not in FUNCTIONS:
         raise InvalidInput("a program of an installed package cannot be trained on", field="function", value=name)
     path = function_path(name)
     document = file_document(name, path)
-    assert document.payload is not None, "it was made from the file"
-    if document.payload.sha256 != pin["digest"]:
+    assert document.payload is not None, "a document of a file has a payload"
+    if document.payload.sha256 != pin.digest:
         raise Conflict(
-            f"the run looked with other weights of {name} ({pin['digest'][:SHORT]}) than are installed now "
+            f"the run used other weights of {name} ({pin.digest[:SHORT]}) than are installed now "
             f"({document.payload.sha256[:SHORT]}); run the validation again"
         )
     return document, path
 
 
 def display_name(reference: str) -> str:
-    """What results call it."""
+    """Return the name of a reference in results."""
     return plain_name(Path(reference).stem.lower(), also="_.", longest=64) if is_file(reference) else reference
 
 
-def open_pinned(name: str, pin: Mapping[str, Any], *, context: Context, threads: int | None = None) -> BoundedFunction:
-    """Load exactly what a run looked with, within bounds (see `open_bounded`), to hold something against the run's scores.
+def open_pinned(name: str, pin: FunctionPin, *, context: Context, threads: int | None = None) -> BoundedFunction:
+    """Load exactly the function that a run used, within bounds (see `open_bounded`), to compare with the run's scores.
 
     Args:
-        name: what the run's spec calls it.
-        pin: see `valerie.pipeline.base.pins`.
+        name: in the run's spec.
+        pin: of the run.
         context: of the deployment, where functions are registered.
         threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have.
 
     Raises:
         NotFound: this version was removed.
-        Conflict: it has another digest or revision here, or it runs in another numeric class.
+        Conflict: it has another digest, revision or numeric class here.
         TransientError: opening it needs more memory than it may have.
         ValerieError: it cannot be opened here.
     """
@@ -84,38 +84,37 @@ def open_pinned(name: str, pin: Mapping[str, Any], *, context: Context, threads:
 
 
 def open_reference(reference: str, *, context: Context, threads: int | None = None) -> BoundedFunction:
-    """Load a function to predict with, within the bounds that hold in workers too (see `open_bounded`).
+    """Load a function to predict with, within the same bounds as in workers (see `open_bounded`).
 
     Args:
         reference: a function file, the name of an installed function, ``name`` or ``name@digest`` of a registered one.
         context: of the deployment, where functions are registered.
-        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have, so that
-            the numeric class is theirs.
+        threads: CPU threads of this process for the inference engine; None: as many as this deployment's workers have, which
+            gives the same numeric class.
 
     Raises:
-        UnknownName, NotFound, InvalidInput, MissingDependency: as `plugins.create_function`, `open_function` and
+        UnknownName, NotFound, InvalidInput, MissingDependency: see `plugins.create_function`, `open_function` and
             `valerie.pipeline.functions.registry.find`.
         TransientError: opening it needs more memory than it may have.
     """
     return open_bounded(lambda: _open(reference, context, threads), context.settings, name=display_name(reference))
 
 
-def _open_pinned(name: str, pin: Mapping[str, Any], context: Context, threads: int | None) -> PerceptionFunction:
+def _open_pinned(name: str, pin: FunctionPin, context: Context, threads: int | None) -> PerceptionFunction:
     try:
         function = FunctionLoader(context).open(name, pin, threads=threads)
     except TransientError as error:
-        raise _unlike(str(error)) from None
-    pinned = pin.get("revision", 1)
-    if function.revision != pinned:
+        raise _not_comparable(str(error)) from None
+    if function.revision != pin.revision:
         function.close()
-        raise _unlike(f"{name} is in revision {function.revision} here; the run pinned {pinned}")
+        raise _not_comparable(f"{name} is in revision {function.revision} here; the run pinned {pin.revision}")
     return function
 
 
-def _unlike(what: str) -> Conflict:
+def _not_comparable(reason: str) -> Conflict:
     return Conflict(
-        f"{what}. What is compared must be computed alike: do it on a machine like the run's workers and with as many threads "
-        "as they have, or run the validation again here"
+        f"{reason}. Only results that were computed alike can be compared: use a machine like the run's workers and as many "
+        "threads as they have, or run the validation again here"
     )
 
 

@@ -1,7 +1,7 @@
-"""Registered functions under test: written once under (name, digest), found by name, never changed while something needs them.
+"""Registered functions under test: written once under (name, digest), found by name, kept while a run needs them.
 
-A function is a frozen document and at most one payload file in the artifact store. Specs call it ``name`` (its newest version
-when the run starts) or ``name@digest``, where the first characters of the digest are enough.
+A function is a frozen document and at most one payload file in the artifact store. Specs call it ``name``, which is its newest
+version when the run starts, or ``name@digest``, where the first characters of the digest are enough.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from sqlalchemy import Connection
 
@@ -27,7 +27,7 @@ from valerie.runs.moments import in_utc
 from valerie.storage.keys import function_key
 
 _PREFIX: Final = re.compile(r"[0-9a-f]{6,32}")
-#: Characters of a digest that are shown and enough to call a version by.
+#: Characters of a digest that are shown, and that identify a version.
 SHORT: Final = 12
 
 
@@ -36,9 +36,9 @@ class Registered:
     """One version of a registered function.
 
     Attributes:
-        document: what it is.
-        version: counts the versions of its name.
-        created_at: when it was registered, UTC.
+        document: of the function.
+        version: number among the versions of its name, from 1.
+        created_at: time of its registration, UTC.
     """
 
     document: FunctionDocument
@@ -51,7 +51,7 @@ class Registered:
 
     @property
     def reference(self) -> str:
-        """What a spec writes to mean exactly this version."""
+        """``name@digest``, by which a spec names exactly this version."""
         return f"{self.document.name}@{self.digest[:SHORT]}"
 
 
@@ -59,7 +59,7 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     """Store a function.
 
     Returns:
-        What is registered now, and whether it is new: the same document under the same name changes nothing.
+        The registered version, and whether it is new: the same document under the same name changes nothing.
 
     Raises:
         Conflict: the name belongs to a function that ships with VALERIE or with an installed package.
@@ -71,15 +71,8 @@ def register(context: Context, document: FunctionDocument, payload: Path | None)
     if document.payload is not None:
         _store_payload(context, document, payload)
     with writing(context.engine) as connection:
-        new = functions.register(
-            connection,
-            name=document.name,
-            digest=document.digest,
-            document=document.model_dump(mode="json"),
-            payload=None if document.payload is None else document.payload.sha256,
-            now=runs.now_utc(),
-        )
-        return _registered(functions.get(connection, document.name, document.digest)), new
+        new = functions.register(connection, document, runs.now_utc())
+        return find(connection, f"{document.name}@{document.digest}"), new
 
 
 def require_free(name: str) -> None:
@@ -95,42 +88,45 @@ def require_free(name: str) -> None:
 
 
 def listed(connection: Connection) -> list[Registered]:
-    """All versions of all names: by name, newest first."""
+    """Return all versions of all names: by name, newest first."""
     return [_registered(row) for row in functions.every(connection)]
 
 
 def find(connection: Connection, reference: str, *, field: str = "function") -> Registered:
-    """The version that ``name`` or ``name@digest`` means.
+    """Return the version that ``name`` or ``name@digest`` names.
 
     Raises:
         UnknownName: no such name; near matches are named.
         NotFound: the name has no version with this digest (any more).
-        InvalidInput: not the beginning of a digest, or of several versions.
+        InvalidInput: not the first characters of a digest, or those of several versions.
     """
     name, at, prefix = reference.partition("@")
     if at and not _PREFIX.fullmatch(prefix):
         limit = "6 to 32 lower-case hexadecimal characters"
-        raise InvalidInput("not the beginning of a digest", field=field, value=reference, limit=limit)
-    found = functions.versions(connection, name)
-    if not found:
+        raise InvalidInput("not the first characters of a digest", field=field, value=reference, limit=limit)
+    versions = functions.versions(connection, name)
+    if not versions:
         raise UnknownName("registered function", name, {row.name for row in functions.every(connection)}, field=field)
-    chosen = [row for row in found if row.digest.startswith(prefix)]
+    chosen = [row for row in versions if row.digest.startswith(prefix)]
     if not chosen:
         raise NotFound("version of the function", reference)
     if prefix and len(chosen) > 1:
         raise InvalidInput(
-            "several versions begin so", field=field, value=reference, limit=", ".join(row.digest for row in chosen)
+            "several versions have such a digest",
+            field=field,
+            value=reference,
+            limit=", ".join(row.digest for row in chosen),
         )
     return _registered(chosen[0])
 
 
 def of_digest(connection: Connection, digest: str, name: str) -> Registered:
-    """The version that a run pinned.
+    """Return the version that a run pinned.
 
     Args:
         connection: to read with.
-        digest: of the document, whole.
-        name: what the run calls it.
+        digest: of the document, complete.
+        name: in the run's spec.
 
     Raises:
         NotFound: it was removed.
@@ -142,18 +138,18 @@ def of_digest(connection: Connection, digest: str, name: str) -> Registered:
 
 
 def known(connection: Connection, references: Iterable[str]) -> dict[str, FunctionDocument]:
-    """Those of ``references`` that are registered, as they are called; what else is named is somebody else's business."""
-    found: dict[str, FunctionDocument] = {}
+    """Return the documents of those references that are registered; others are left out."""
+    documents: dict[str, FunctionDocument] = {}
     for reference in references:
         try:
-            found[reference] = find(connection, reference).document
+            documents[reference] = find(connection, reference).document
         except (InvalidInput, NotFound):
             continue
-    return found
+    return documents
 
 
 def names(connection: Connection, registered: Mapping[str, FunctionDocument]) -> set[str]:
-    """What a spec may call: ``registered`` (see `known`), and the names that it might have meant."""
+    """Return the names that a spec may use: ``registered`` (see `known`), and all names, for near matches."""
     return {*registered, *(row.name for row in functions.every(connection))}
 
 
@@ -161,7 +157,7 @@ def remove(context: Context, reference: str) -> Registered:
     """Delete one version, and its payload where no other version has the same.
 
     Raises:
-        UnknownName, NotFound, InvalidInput: as `find`; also without a digest, since removing cannot be taken back.
+        UnknownName, NotFound, InvalidInput: see `find`; also without a digest, since a removal cannot be undone.
         Conflict: a run that has not ended needs it.
     """
     if "@" not in reference:
@@ -184,7 +180,7 @@ def require_known(connection: Connection, names: Iterable[str]) -> None:
     """Refuse a run whose function was removed before it could start.
 
     Raises:
-        UnknownName, NotFound, InvalidInput: as `find`.
+        UnknownName, NotFound, InvalidInput: see `find`.
     """
     installed = plugins.function_names(testing=True)
     for name in names:
@@ -193,10 +189,10 @@ def require_known(connection: Connection, names: Iterable[str]) -> None:
 
 
 def read_payload(context: Context, document: FunctionDocument) -> bytes:
-    """The payload's bytes, verified.
+    """Return the payload's bytes, verified.
 
     Raises:
-        NotFound: the function has none, or it was removed.
+        NotFound: the function has no payload, or it was removed.
         CorruptArtifact: the store holds other bytes.
     """
     if document.payload is None:
@@ -206,12 +202,11 @@ def read_payload(context: Context, document: FunctionDocument) -> bytes:
     return data
 
 
-def _needs(connection: Connection, run: Any, version: Registered) -> bool:
-    """Whether an unfinished run pinned this version, or would when it starts."""
+def _needs(connection: Connection, run: functions.UnfinishedRun, version: Registered) -> bool:
+    """Return whether an unfinished run pinned this version, or would pin it when it starts."""
     if run.pins is not None:
-        pinned: Mapping[str, Any] = run.pins["functions"]
-        return any(pin["digest"] == version.digest for pin in pinned.values())
-    documents = known(connection, run.spec["functions"]).values()
+        return any(pin.digest == version.digest for pin in run.pins.functions.values())
+    documents = known(connection, run.spec.functions).values()
     return any((one.name, one.digest) == (version.document.name, version.digest) for one in documents)
 
 
@@ -235,5 +230,5 @@ def _require_digest(sha256: str, document: FunctionDocument) -> None:
         )
 
 
-def _registered(row: Any) -> Registered:
-    return Registered(FunctionDocument.model_validate(row.document), row.version, in_utc(row.created_at))
+def _registered(row: functions.FunctionRow) -> Registered:
+    return Registered(row.document, row.version, in_utc(row.created_at))

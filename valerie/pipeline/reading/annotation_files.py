@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,13 @@ from valerie.runs.spec import ResolvedRun
 Arrays = Mapping[str, NDArray[Any]]
 #: Raised by hand whenever equal products give other bytes.
 FILES_REVISION: Final = 1
-#: What is said of a joint to COCO's flag: 0 not in the image, 1 there and not visible, 2 visible.
+#: COCO's flag of each visibility of a joint: 0 not in the image, 1 in it and hidden, 2 visible.
 _COCO_FLAGS: Final = np.where(np.arange(VISIBLE + 1) >= HIDDEN, 1, 0)
 _COCO_FLAGS[OUTSIDE], _COCO_FLAGS[VISIBLE] = 0, 2
 
 
 def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tuple[AnnotationKind, ...]:
-    """The kinds of these names, each once; those that the spec asked for without names.
+    """Return the kinds of these names, each once; without names, those that the spec asked for.
 
     Raises:
         UnknownName: the run has none of such a name.
@@ -44,7 +44,7 @@ def chosen_annotations(names: Sequence[str] | None, resolved: ResolvedRun) -> tu
 
 
 def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> dict[AnnotationKind, str]:
-    """Kind to the product of a frame's annotations, all of them made.
+    """Return kind to product of a frame's annotations, all of which are stored.
 
     Raises:
         NotFound: no such frame.
@@ -65,36 +65,48 @@ def find_annotations(context: Context, key: FrameKey, kinds: Sequence[str]) -> d
 
 
 def annotation_arrays(context: Context, reader: ProductReader, kind: AnnotationKind, product: str) -> Arrays:
-    """The arrays of one annotation: those that are stored, of ``light`` its columns with one entry per person.
+    """Read the arrays of one annotation: the stored ones, or of ``light`` the columns, with one entry per person.
 
     Raises:
         MissingInput: its object is gone.
     """
     if kind.stored:
         stored = reader.annotation(kind, product)
-        return {one.name: getattr(stored, one.name) for one in fields(stored)}
+        return {field.name: getattr(stored, field.name) for field in fields(stored)}
     with reading(context.engine) as connection:
         rows = results.person_lights(connection, product)
-    # What is undefined (no sun, nothing visible) is NaN.
+    # Undefined values (no sun, nothing visible) are NaN.
     values = {name: np.array([getattr(row, name) for row in rows], np.float64) for name in names_from(Source.LIGHT)}
     return {"instances": np.array([row.instance_id for row in rows], np.int64), **values}
 
 
 def npz(arrays: Arrays) -> bytes:
-    """An archive that `numpy.load` reads; equal arrays give equal bytes."""
+    """Return an archive that `numpy.load` reads; equal arrays give equal bytes."""
     buffer, members = io.BytesIO(), dict[str, Any](arrays)
     np.savez_compressed(buffer, **members)
     return buffer.getvalue()
 
 
-def key_points(joints: Joints) -> dict[int, dict[str, Any]]:
-    """Instance id to COCO's ``keypoints`` (x, y and flag of each joint, zeros outside of the image) and ``num_keypoints``."""
-    found: dict[int, dict[str, Any]] = {}
+class KeyPoints(TypedDict):
+    """COCO's key points of one person.
+
+    Attributes:
+        keypoints: x, y and flag of each joint, one after the other.
+        num_keypoints: number of joints in the image.
+    """
+
+    keypoints: list[float]
+    num_keypoints: int
+
+
+def key_points(joints: Joints) -> dict[int, KeyPoints]:
+    """Return instance id to COCO's ``keypoints`` (x, y and flag of each joint, zeros outside the image) and ``num_keypoints``."""
+    points: dict[int, KeyPoints] = {}
     for i, number in enumerate(joints.instances.tolist()):
         if joints.known[i]:
             flags = _COCO_FLAGS[joints.visibility[i]]
             places = np.where(flags[:, None] > 0, joints.pixels[i], 0.0).astype(np.float64).round(2)
             rows = np.concatenate([places, flags[:, None]], axis=1)
             flat = [int(value) if k % 3 == 2 else value for k, value in enumerate(rows.ravel().tolist())]
-            found[number] = {"keypoints": flat, "num_keypoints": int(np.count_nonzero(flags))}
-    return found
+            points[number] = KeyPoints(keypoints=flat, num_keypoints=int(np.count_nonzero(flags)))
+    return points

@@ -49,7 +49,7 @@ class Capture:
     @property
     def tag(self) -> str:
         """32 hexadecimal characters that follow from everything the picture depends on."""
-        products = [self.products.background, self.products.layer, self.products.truth]
+        products = list(self.products.required)
         if self.velocity is not None:
             products.append(self.velocity)
         return digest("capture", REVISION, products, short_document(self.setting, self.run_seed))

@@ -1,4 +1,4 @@
-"""What is known of the frames of a run: their products and states, and of one frame its persons, scores and pictures."""
+"""The frames of a run with their products and states; of one frame also its persons, scores and pictures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from valerie.db.links import StoredFrame
 from valerie.measures import Source, names_from
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.reading.painting import ANNOTATION_KINDS, FRAME_KINDS, FUNCTION_KINDS
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.tables import TableRow, character_of
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -55,7 +55,7 @@ class FrameSummary:
 
 @dataclass(frozen=True, slots=True)
 class FrameSequence:
-    """How many frames each variant and camera has, and the seconds from one to the next."""
+    """Number of frames of each variant and camera, and the seconds from one to the next."""
 
     frames: int
     step_s: float
@@ -63,7 +63,7 @@ class FrameSequence:
 
 @dataclass(frozen=True, slots=True)
 class FrameDetails(FrameSummary):
-    """Everything that is known of a frame.
+    """A frame with its persons, scores and pictures.
 
     Attributes:
         run_id: the run.
@@ -71,7 +71,7 @@ class FrameDetails(FrameSummary):
         sequence: None where each variant and camera has one frame.
         assignment: path to value, of the variant and at the frame's time.
         annotations: kind to product.
-        persons: how each person is seen; one row for instance 0 where the frame shows nobody.
+        persons: how each person is seen; one row for instance 0 where the scene holds no person.
         evaluations: scores and pictures, one row per sensor setting and function.
         images: kind of picture to its address, behind the run's first sensor setting.
         previous, next: ids of the frames beside this one in the order of the run.
@@ -104,7 +104,7 @@ def list_frames(context: Context, run_id: str, *, after: FrameKey | None, limit:
 
 
 def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDetails:
-    """Return what is known of a frame.
+    """Return a frame with its persons, scores and pictures.
 
     Raises:
         NotFound: no such run or frame.
@@ -114,8 +114,7 @@ def frame_details(context: Context, key: FrameKey, address: Address) -> FrameDet
     resolved = run.resolved
     with reading(context.engine) as connection:
         frame = results.frame(connection, key)
-        products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = [results.product(connection, digest).state for digest in products]
+        states = [results.product_state(connection, digest) for digest in frame.products.required]
         annotations = results.frame_annotations(connection, key)
         persons = results.person_views(connection, frame.products.truth)
         light = annotations.get("light")

@@ -1,4 +1,4 @@
-"""The pictures of one frame: what each is made of, and painting it."""
+"""The pictures of one frame: their sources, and painting them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OF_IMAGE: Final = ("picture", "overlay", "boxes", "joints")
 
 @dataclass(frozen=True, slots=True)
 class PictureSource:
-    """What one picture is made of; all of it is stored.
+    """The stored products that one picture shows.
 
     Attributes:
         kind: one of `valerie.pipeline.reading.painting.KINDS`.
@@ -58,7 +58,7 @@ class PictureSource:
 def find_picture(
     context: Context, key: FrameKey, *, kind: str, function: str | None = None, sensor: str | None = None
 ) -> PictureSource:
-    """Find what a picture is made of.
+    """Find the products that a picture shows.
 
     Args:
         context: of this process.
@@ -72,12 +72,11 @@ def find_picture(
         Conflict: what the picture needs is not made yet.
     """
     with reading(context.engine) as connection:
-        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        resolved = resolve_stored(runs.get(connection, key.run_id), context.settings).resolved
         frame = results.frame(connection, key)
         annotations = results.frame_annotations(connection, key)
         evaluations = results.frame_evaluations(connection, key)
-        products = (frame.products.background, frame.products.layer, frame.products.truth)
-        states = {product: results.product(connection, product).state for product in products}
+        states = {product: results.product_state(connection, product) for product in frame.products.required}
     states |= {link.product: link.state for link in annotations.values()}
     place = (sensor_index(sensor, resolved), function_index(function, resolved))
     evaluation = next((row for row in evaluations if (row.sensor_index, row.function_index) == place), None)

@@ -1,4 +1,4 @@
-"""Pictures for people and functions: the sensor stage's output, truth and predictions painted, as PNG."""
+"""Pictures for people: the sensor stage's output, truth, predictions and annotations, painted."""
 
 from __future__ import annotations
 
@@ -17,20 +17,24 @@ from valerie.pipeline.reading.products import ProductReader
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.rendering.base import GroundTruth
 
-#: Kinds of picture that a frame has by itself, and those that show what a function made of it.
+#: Kinds of picture that every frame has, and those that show a prediction.
 FRAME_KINDS: Final = ("picture", "truth", "truth-overlay", "instances", "depth")
 FUNCTION_KINDS: Final = ("prediction", "overlay", "errors")
-#: Kinds that a frame has if its run asked for them.
+#: Kinds of picture that a frame has where its run asked for the annotation.
 ANNOTATION_KINDS: Final = tuple(kind.value for kind in AnnotationKind if kind.stored)
 KINDS: Final = FRAME_KINDS + FUNCTION_KINDS + ANNOTATION_KINDS
 #: Raised by hand whenever equal products give other pictures for people.
 PAINTING_REVISION: Final = 1
 
-_HIT, _MISS, _FALSE = (0, 158, 115), (213, 94, 0), (204, 121, 167)  # Okabe and Ito: told apart by everyone
+_HIT, _MISS, _FALSE = (
+    (0, 158, 115),
+    (213, 94, 0),
+    (204, 121, 167),
+)  # after Okabe and Ito: readable with every kind of colour vision
 
 
 class FramePainter:
-    """Draws the frames of one store."""
+    """Paints the frames of one store."""
 
     def __init__(self, reader: ProductReader) -> None:
         self._reader = reader
@@ -43,7 +47,7 @@ class FramePainter:
         prediction: str | None,
         annotation: str | None = None,
     ) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 sRGB.
+        """Paint a picture: (H, W, 3) uint8 sRGB.
 
         Args:
             kind: one of `KINDS`.
@@ -90,24 +94,24 @@ class FramePainter:
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> bytes:
-    """(H, W, 3) uint8 as JPEG, for reports; not for functions under test."""
+    """Encode (H, W, 3) uint8 as JPEG, for reports; not for functions under test."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "JPEG", quality=88)
     return buffer.getvalue()
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
-    """(H, W, 3) uint8 as PNG."""
+    """Encode (H, W, 3) uint8 as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()
 
 
 def _errors(picture: NDArray[np.uint8], truth: NDArray[np.uint8], predicted: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Persons only: found (green), missed (orange), falsely seen (purple) over a grey picture."""
+    """Paint persons over a grey picture: hits green, misses orange, false alarms purple."""
     grey = np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    person, seen = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
-    for mask, color in ((person & seen, _HIT), (person & ~seen, _MISS), (~person & seen, _FALSE)):
+    person, claimed = truth == PERSON.train_id, (predicted == PERSON.train_id) & (truth != VOID)
+    for mask, color in ((person & claimed, _HIT), (person & ~claimed, _MISS), (~person & claimed, _FALSE)):
         grey = _blend(grey, np.broadcast_to(np.array(color, np.uint8), grey.shape), mask, 0.75)
     return grey
 
@@ -123,9 +127,9 @@ def _blend(
 
 
 def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
-    """Every instance in a colour of its own over a darkened class map."""
+    """Paint every instance in a colour of its own over a darkened class map."""
     painted = colorize(truth.class_map) // 3
-    # Python integers: the products below do not fit into those of the map.
+    # Python integers, since the products below overflow the type of the map.
     for number in np.unique(truth.instance_map[truth.instance_map > 0]).tolist():
         shade = np.array([(number * 67) % 156 + 100, (number * 131) % 156 + 100, (number * 29) % 156 + 100], np.uint8)
         painted[truth.instance_map == number] = shade
@@ -133,7 +137,7 @@ def _instances(truth: GroundTruth) -> NDArray[np.uint8]:
 
 
 def _depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Near is bright; logarithmic between 1 m and 200 m, nothing hit is black."""
+    """Paint depth: near is bright, logarithmic between 1 m and 200 m; black where nothing is hit."""
     with np.errstate(divide="ignore"):
         nearness = 1.0 - np.log(np.clip(depth, 1.0, 200.0)) / np.log(200.0)
     grey = np.where(np.isfinite(depth), 30 + nearness * 225, 0).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Rows of the visibility of persons."""
+"""Rows that say how persons are seen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PLACED: Final = names_from(Source.PLACE)
 
 
 def view_row(truth: str, view: Visibility) -> dict[str, Any]:
-    """The row of one person in one truth (or in an evaluation whose sensor distorts)."""
+    """Return the row of one person in one truth (or in an evaluation whose sensor distorts)."""
     return {
         "truth": truth,
         "instance_id": view.instance_id,
@@ -26,24 +26,25 @@ def view_row(truth: str, view: Visibility) -> dict[str, Any]:
 
 
 def _corners(box: Box | None) -> list[int] | None:
-    """(x, y, width, height) to [x0, y0, x1, y1], end exclusive."""
+    """Return [x0, y0, x1, y1], end exclusive, of (x, y, width, height)."""
     return None if box is None else [box[0], box[1], box[0] + box[2], box[1] + box[3]]
 
 
 def no_person(truth: str) -> dict[str, Any]:
-    """A frame without any person still has its row, so that it is missing from no result in silence."""
+    """Return the row of a frame without any person, so that no result omits the frame in silence."""
     return {"truth": truth, "instance_id": 0, **dict.fromkeys((*_PLACED, *_SEEN)), "undefined_reason": "absent"}
 
 
 def measured_again(row: Mapping[str, Any], truth: GroundTruth) -> dict[str, Any]:
-    """The row of one person with everything that is measured in pixels taken from another truth of the same scene.
+    """Return the row of a person with everything that is measured in pixels taken from another truth of the same scene.
 
     Args:
         row: any of the columns of `valerie.db.models.PersonView`, and others, which stay.
         truth: as a distorting sensor sees it.
     """
-    person = next((one for one in truth.persons if one.instance_id == row["instance_id"]), None)
-    if person is None:  # absent, or nobody at all
+    number = row["instance_id"]
+    person = next((person for person in truth.persons if person.instance_id == number), None)
+    if person is None:  # absent, or no person at all
         return dict(row)
     measured = view_row("", measure_pixels(person, truth))
     return {**row, **{name: measured[name] for name in _SEEN if name in row}}

@@ -17,6 +17,7 @@ from valerie.pipeline.base.resolved_runs import resolve_stored
 from valerie.pipeline.reading.tables import character_of
 from valerie.rendering.annotations.kinds import AnnotationKind
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import Stage
 from valerie.scene.light.solar import ANGLES
 from valerie.scene.variation.conditions import Conditions, conditions, varied_conditions
 
@@ -50,9 +51,9 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
     """Return what a run's pACC can be plotted over: columns that it fills, and numbers that differ between its frames."""
     varied = set(resolved.space.varied)
     light = (Source.LIGHT,) if AnnotationKind.LIGHT in resolved.annotations else ()
-    person = (one for one in measures_from(Source.PLACE, Source.PIXELS, *light) if one.is_number)
+    person = (measure for measure in measures_from(Source.PLACE, Source.PIXELS, *light) if measure.is_number)
     differing = {*varied_conditions(varied), *(("time_s",) if len(resolved.times.elapsed) > 1 else ())}
-    circumstances = (one for one in measures_from(Source.CONDITIONS) if one.name in differing)
+    circumstances = (measure for measure in measures_from(Source.CONDITIONS) if measure.name in differing)
     parameters = (
         PlotAxis(d.path, d.path.removeprefix("scene."), "°" if d.type == "ANGLE" else d.unit, 1.0, "varied")
         for d in resolved.definitions
@@ -60,8 +61,8 @@ def plot_axes(resolved: ResolvedRun) -> tuple[PlotAxis, ...]:
         if d.path in varied and d.type in _NUMERIC and d.path not in ANGLES
     )
     return (
-        *(_axis(one, "person") for one in person),
-        *(_axis(one, "conditions") for one in circumstances),
+        *(_axis(measure, "person") for measure in person),
+        *(_axis(measure, "conditions") for measure in circumstances),
         *parameters,
     )
 
@@ -128,11 +129,11 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     """
     with reading(context.engine) as connection:
         run = runs.get(connection, run_id)
-        resolved = resolve_stored(run, context.settings)
+        resolved = resolve_stored(run, context.settings).resolved
         axes = plot_axes(resolved)
         if column not in [axis.column for axis in axes]:
             raise UnknownName("column to plot over", column, [axis.column for axis in axes], field="column")
-        evaluated = (run.progress or {}).get("stages", {}).get("eval", {}).get("done", 0)
+        evaluated = run.progress.stages[Stage.EVAL].done if run.progress is not None else 0
         share = min(1.0, limit / max(evaluated * max(len(resolved.manifest.persons), 1), 1))
         stored = column if column in results.COLUMNS else None
         rows = results.points(connection, run_id, stored, share=share)
@@ -148,7 +149,7 @@ def read_points(context: Context, run_id: str, column: str, *, limit: int) -> Sc
     )
     value_of = _from_row if stored else _from_assignment(column, resolved)
     for row in rows:
-        if row.undefined_reason == ABSENT:  # no spec put that person there; a summary does not count it either
+        if row.undefined_reason == ABSENT:  # no spec put that person there; summaries do not count it either
             continue
         if row.pacc is None:
             points.undefined[row.undefined_reason or "no value"] += 1

@@ -12,7 +12,7 @@ from valerie.analysis.where import Where, compile_where
 from valerie.db import results
 from valerie.db.links import StoredFrame, key_of
 from valerie.errors import InvalidInput, UnknownName
-from valerie.pipeline.reading.run_cache import StoredRun
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.tables import TableRow, frame_columns, person_columns, table_row
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -26,8 +26,8 @@ class ChosenFrame:
     Attributes:
         stored: its row.
         moment: the variant's assignment at the frame's time, as `apply` takes it.
-        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; one row with empty
-            values where the frame has no person.
+        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; where the frame
+            has no person, one row with empty values.
     """
 
     stored: StoredFrame
@@ -89,7 +89,7 @@ def as_called(reference: str, run: StoredRun) -> str:
     name, at, beginning = reference.partition("@")
     if at and reference not in functions:
         for called in functions:
-            if called.partition("@")[0] == name and run.pins["functions"][called]["digest"].startswith(beginning):
+            if called.partition("@")[0] == name and run.pins.functions[called].digest.startswith(beginning):
                 return called
     return reference
 

@@ -19,15 +19,15 @@ from valerie.measures import OF_PERSON, Source, names_from
 from valerie.metrics.aggregate import frame_mean
 from valerie.metrics.matrix import SHAPE, ConfusionMatrix
 from valerie.perception.base import FunctionCard
-from valerie.pipeline.reading.run_cache import StoredRun
+from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
-#: Column to value, of one row of a table; the columns of parameters are known to the run alone.
+#: Column to value of one row of a table; which parameters have columns depends on the run.
 TableRow = dict[str, Any]
-#: Columns of a person that are empty where the frame shows nobody.
+#: Columns of a person that are empty where the frame has no person.
 _PIXELS: Final = frozenset({"pixel_area", "pixel_area_percent", "pixel_area_amodal"})
 _OF_PERSON: Final = names_from(*OF_PERSON)
 _SCORES: Final = names_from(Source.PERSON_SCORE, Source.FRAME_SCORE)

@@ -1,4 +1,4 @@
-"""Versions of a function on the frames of one run: nothing is rendered, the stored frames are looked at again."""
+"""Versions of a function compared on the stored frames of one run; nothing is rendered."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from valerie.perception.base import PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import display_name
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.person_views import measured_again
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.selection import (
     ChosenFrame,
     evaluated_rows,
@@ -42,7 +42,7 @@ from valerie.storage import codecs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Looked:
+class _Evaluated:
     """One version on the run's frames (first sensor setting).
 
     Attributes:
@@ -56,11 +56,11 @@ class Looked:
 
 @dataclass(frozen=True, slots=True)
 class _Version:
-    """What is known of a version before it looks.
+    """A version before it sees any frame.
 
     Attributes:
-        reference: names it.
-        stored: whether the run evaluated it.
+        reference: as the user names it.
+        stored: True where the run evaluated it.
         numeric_class: in which the run pinned it, or in which it runs here.
         judged: train ids of the classes that it is judged by.
     """
@@ -89,17 +89,17 @@ def compare_versions(
     Args:
         context: of the deployment.
         run_id: of the validation.
-        references: names or function files; what the run evaluated already is read, the rest looks at the frames now.
+        references: names or function files; those that the run evaluated are read, the others predict all frames now.
         open_function: opens a reference.
-        where: persons selected by this expression, *by the first function's scores*, form a group, the others another.
-        region: persons in it form a group, the others another: unlike a selection by scores, this one does not favour
-            any later version by chance alone.
-        mixed: compare also what runs in unequal numeric classes, to see what precision or engine themselves change.
+        where: persons that this expression selects *by the first function's scores* form a group, the others another.
+        region: persons in it form a group, the others another. Unlike a selection by scores, a region favours no later
+            version by chance alone.
+        mixed: also compare versions of unequal numeric classes, to see what precision or engine change by themselves.
         progress: called after every frame with done, total, frames per second and the function.
 
     Raises:
         NotFound, InvalidInput, UnknownName: no such run, function or column.
-        Conflict: the run has no finished frames; or versions run in unequal numeric classes and ``mixed`` is not said.
+        Conflict: the run has no finished frames; or versions run in unequal numeric classes without ``mixed``.
         InferenceError: a function failed.
     """
     if len(references) < 2 or len({display_name(one) for one in references}) < len(references):
@@ -109,35 +109,35 @@ def compare_versions(
         frames = list(finished_frames(connection, run))
     if not frames:
         raise Conflict(f"run {run_id} has no finished frames yet")
-    known = {display_name(one): _known(one, run, open_function) for one in references}
-    if not mixed:  # before the frames are looked at
-        _require_one_class(known)
-    looked = {
-        name: _stored(context, run, one.reference)
-        if one.stored
-        else _look(context, run, frames, one.reference, open_function, progress)
-        for name, one in known.items()
+    versions = {display_name(reference): _version(reference, run, open_function) for reference in references}
+    if not mixed:  # before any function sees a frame
+        _require_one_class(versions)
+    evaluated = {
+        name: _stored(context, run, version.reference)
+        if version.stored
+        else _evaluate(context, run, frames, version.reference, open_function, progress)
+        for name, version in versions.items()
     }
-    tables = aligned([one.table for one in looked.values()])
-    keys = sorted(set.intersection(*(set(one.matrices) for one in looked.values())))
-    common = sorted(frozenset.intersection(*(one.judged for one in known.values())))
-    versions = {
-        name: (table, collection_scores([one.matrices[key] for key in keys], common))
-        for (name, one), table in zip(looked.items(), tables, strict=True)
+    tables = aligned([version.table for version in evaluated.values()])
+    keys = sorted(set.intersection(*(set(version.matrices) for version in evaluated.values())))
+    common = sorted(frozenset.intersection(*(version.judged for version in versions.values())))
+    compared = {
+        name: (table, collection_scores([version.matrices[key] for key in keys], common))
+        for (name, version), table in zip(evaluated.items(), tables, strict=True)
     }
-    groups = _groups(context, run, tables[0], next(iter(looked)), where, region)
+    groups = _groups(context, run, tables[0], next(iter(evaluated)), where, region)
     return compare(
-        versions,
-        numeric_classes=[one.numeric_class for one in known.values()],
+        compared,
+        numeric_classes=[version.numeric_class for version in versions.values()],
         more_groups=groups,
         threshold=run.resolved.spec.detection_threshold,
         seed=run.resolved.spec.seed,
     )
 
 
-def _known(reference: str, run: StoredRun, open_function: Callable[[str], PerceptionFunction]) -> _Version:
+def _version(reference: str, run: StoredRun, open_function: Callable[[str], PerceptionFunction]) -> _Version:
     if reference in run.resolved.spec.functions:
-        card, numeric_class = pinned_card(run.pins, reference), str(run.pins["functions"][reference]["numeric_class"])
+        card, numeric_class = pinned_card(run.pins, reference), run.pins.functions[reference].numeric_class
         return _Version(reference, True, numeric_class, frozenset(card.judged_ids))
     function = open_function(reference)
     try:
@@ -147,14 +147,15 @@ def _known(reference: str, run: StoredRun, open_function: Callable[[str], Percep
 
 
 def _require_one_class(versions: Mapping[str, _Version]) -> None:
-    if len({one.numeric_class for one in versions.values()}) > 1:
-        ran = "; ".join(
-            f"{name} {'ran' if one.stored else 'runs here'} as {one.numeric_class}" for name, one in versions.items()
+    if len({version.numeric_class for version in versions.values()}) > 1:
+        classes = "; ".join(
+            f"{name} {'ran' if version.stored else 'runs here'} as {version.numeric_class}"
+            for name, version in versions.items()
         )
         raise Conflict(
-            f"versions of unequal numeric classes are not compared: {ran}. Let one run look with all of them "
-            "(its spec may name several functions, and equal frames are not rendered again), compare where the run's "
-            "workers run and with as many threads, or say --mixed to see what precision or engine themselves change"
+            f"versions of unequal numeric classes are not compared: {classes}. Name all of them in the spec of one run "
+            "(equal frames are not rendered again), compare where the run's workers run and with as many threads, or use "
+            "--mixed to see what precision or engine change by themselves"
         )
 
 
@@ -166,47 +167,47 @@ def _groups(
     where: str,
     region: Region | None,
 ) -> dict[str, NDArray[np.bool_]]:
-    """Rows that are selected, and rows in the region, each with its opposite."""
+    """Return the rows that are selected and the rows in the region, each with its opposite."""
     groups: dict[str, NDArray[np.bool_]] = {}
     if not where and region is None:
         return groups
     stored = {(row["frame_id"], row["instance_id"]): row for row in table.arrow.to_pylist()}
     with reading(context.engine) as connection:
         assigned = {(row["frame_id"], row["instance_id"]): row for _, row in evaluated_rows(connection, run)}
-    # The first version's scores over all that is assigned.
+    # The first version's scores win over the stored ones.
     rows = [{**assigned.get(key, {}), **stored[key]} for key in row_keys(table)]
-    there = np.array([row["instance_id"] is not None for row in rows], np.bool_)
+    present = np.array([row["instance_id"] is not None for row in rows], np.bool_)
     if region is not None:
         inside = np.array(
             [bool(row["instance_id"]) and region.holds(run_values(row, run.resolved)) for row in rows], np.bool_
         )
-        groups["in the region"], groups["outside the region"] = inside, there & ~inside
+        groups["in the region"], groups["outside the region"] = inside, present & ~inside
     if where:
         condition = run_where(where, run.resolved)
         chosen = np.array([condition.holds(row) for row in rows], np.bool_)
-        groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & there, there & ~chosen
+        groups[f"selected by the scores of {before}"], groups["not selected"] = chosen & present, present & ~chosen
     return groups
 
 
-def _stored(context: Context, run: StoredRun, function: str) -> Looked:
+def _stored(context: Context, run: StoredRun, function: str) -> _Evaluated:
     index = function_index(function, run.resolved)
     varied = varied_types(run.resolved)
     with reading(context.engine) as connection:
         rows = [row for _, row in evaluated_rows(connection, run, sensor=0, function=index)]
         predictions = results.predictions(connection, run.id, 0, index)
     table = EvaluationTable.from_rows(({name: row.get(name) for name in _columns(varied)} for row in rows), varied)
-    return Looked(table, {key: codecs.decode_counts(stored.confusion) for key, stored in predictions.items()})
+    return _Evaluated(table, {key: codecs.decode_counts(stored.confusion) for key, stored in predictions.items()})
 
 
-def _look(
+def _evaluate(
     context: Context,
     run: StoredRun,
     frames: Sequence[ChosenFrame],
     reference: str,
     open_function: Callable[[str], PerceptionFunction],
     progress: Callable[[int, int, float, str], None],
-) -> Looked:
-    """Predict every frame in this process, and count as the evaluation stage does."""
+) -> _Evaluated:
+    """Predict every frame in this process, and score it as the evaluation stage does."""
     varied, name = varied_types(run.resolved), display_name(reference)
     reader = ProductReader(context.store)
     rows: list[dict[str, object]] = []
@@ -215,8 +216,8 @@ def _look(
     started = time.monotonic()
     try:
         shots = ((frame, capture_of(run.resolved, frame.stored, 0)) for frame in frames)
-        taken = ((shot, shot[1].picture(reader)) for shot in shots)
-        for done, ((frame, capture), labels) in enumerate(predicted(function, taken), start=1):
+        pictures = ((shot, shot[1].picture(reader)) for shot in shots)
+        for done, ((frame, capture), labels) in enumerate(predicted(function, pictures), start=1):
             truth = capture.seen_truth(reader)
             scored = score_frame(truth, labels, function.card.judged_ids)
             matrices[frame.key], scores = scored.matrix, scored.scores
@@ -234,7 +235,7 @@ def _look(
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
     finally:
         function.close()
-    return Looked(EvaluationTable.from_rows(rows, varied), matrices)
+    return _Evaluated(EvaluationTable.from_rows(rows, varied), matrices)
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:

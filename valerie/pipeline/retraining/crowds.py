@@ -1,4 +1,4 @@
-"""More people than an asset has, each recoloured and resized alone, for scenes to train on."""
+"""Assets with more people, each recoloured and resized alone, for scenes to train on."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Functions under test on a data set of real (or exported) pictures: the metrics of a run, on other people's labels.
+"""Functions under test on a data set of real (or exported) pictures, with the metrics of a run.
 
-What is ignored is what cityscapesScripts ignores: pixels whose label has no train id (unlabeled, ego vehicle, out of roi,
+Pixels are ignored as cityscapesScripts ignores them: those whose label has no train id (unlabeled, ego vehicle, out of roi,
 static, dynamic, ground …), and license plates, which Cityscapes leaves to the car behind them (id 255, −1 in eight bits,
 is ignored too). A prediction of void on a labelled pixel is a miss.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,21 +23,23 @@ from valerie.datasets.cityscapes import CityscapesFolder
 from valerie.datasets.frame import LabelledFrame
 from valerie.db import results
 from valerie.db.engine import reading
-from valerie.errors import Conflict, InvalidInput
+from valerie.errors import InvalidInput
 from valerie.labels import TRAIN_LABELS
 from valerie.metrics.aggregate import FrameMean, frame_mean
 from valerie.metrics.collection import CollectionScores, collection_scores
 from valerie.metrics.instances import InstanceCounts
 from valerie.metrics.matrix import ConfusionMatrix
 from valerie.metrics.scores import frame_scores
-from valerie.metrics.scoring import score_frame
+from valerie.metrics.scoring import ScoredFrame, score_frame
 from valerie.perception.base import FunctionCard, PerceptionFunction
 from valerie.perception.running.batches import predicted
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.functions.references import display_name
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.selection import as_called, function_index
+from valerie.pipeline.reading.tables import TableRow
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 
 FORMAT: Final = "valerie-dataset-evaluation/1"
@@ -48,12 +50,12 @@ class FunctionResult:
     """One function on all frames.
 
     Attributes:
-        name: shown in results (`display_name`); two versions of one function differ in it.
-        card, numeric_class: of what really ran.
+        name: in results (`display_name`); two versions of one function differ in it.
+        card, numeric_class: of the function that ran.
         names: of the frames, in order.
         matrices: (19, 20) per frame.
         scores: derived from them.
-        persons: rows of the long table, one per person of the labels; empty where the labels tell no instances apart.
+        persons: rows of the long table, one per person in the labels; empty where the labels tell no instances apart.
         seconds: wall time of reading, predicting and counting.
     """
 
@@ -63,12 +65,12 @@ class FunctionResult:
     names: tuple[str, ...]
     matrices: tuple[ConfusionMatrix, ...]
     scores: CollectionScores
-    persons: tuple[dict[str, Any], ...]
+    persons: tuple[TableRow, ...]
     seconds: float
 
     @property
     def person_pacc(self) -> FrameMean:
-        """PACC per person, each person weighing the same; all undefined where no instances are told apart."""
+        """Mean pACC of the persons, each with the same weight; undefined where the labels tell no instances apart."""
         return frame_mean(row["pacc"] for row in self.persons if row["instance_id"] is not None)
 
 
@@ -79,8 +81,8 @@ class DatasetResult:
     Attributes:
         root, split: the data set.
         digest: SHA-256 over names, pictures and labels, hex.
-        has_instances: whether persons are told apart.
-        functions: in the order asked for.
+        has_instances: True where the labels tell persons apart.
+        functions: in the order of the references.
     """
 
     root: Path
@@ -90,7 +92,7 @@ class DatasetResult:
     functions: tuple[FunctionResult, ...]
 
     def as_document(self) -> dict[str, Any]:
-        """JSON values: what was evaluated, and `CollectionScores.as_document` per function."""
+        """Return the result as JSON values, with `CollectionScores.as_document` per function."""
         return {
             "format": FORMAT,
             "dataset": self.root.name,
@@ -111,11 +113,11 @@ class DatasetResult:
         }
 
     def table(self) -> EvaluationTable:
-        """The long table: one row per (frame, function, person); what labels cannot tell is empty."""
+        """Return the long table: one row per (frame, function, person); columns that labels cannot fill are empty."""
         return EvaluationTable.from_rows((row for one in self.functions for row in one.persons), {})
 
     def write(self, folder: Path) -> tuple[Path, ...]:
-        """Write ``evaluation.json``, ``frames.parquet`` and, where persons are told apart, ``persons.parquet``."""
+        """Write ``evaluation.json``, ``frames.parquet`` and, where the labels tell persons apart, ``persons.parquet``."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -131,7 +133,7 @@ class DatasetResult:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationProgress:
-    """How far it is: frames of all functions together."""
+    """How far an evaluation is, in frames of all functions together."""
 
     function: str
     done: int
@@ -159,44 +161,47 @@ def evaluate_dataset(
 
     Args:
         folder: the split.
-        references: what to open; at least one.
-        open_function: opens one; it is closed before the next is opened.
+        references: of the functions; at least one.
+        open_function: opens a reference; the function is closed before the next is opened.
         progress: called after every frame.
 
     Raises:
-        InvalidInput: no function, one named twice, or labels that are none.
+        InvalidInput: no function, one named twice, or files that are no labels.
         CorruptArtifact: a broken file.
         InferenceError: a function failed or answered another size.
     """
-    called = [display_name(reference) for reference in references]
-    if not references or len(set(called)) < len(called):
-        raise InvalidInput("name each function once", field="--function", value=called)
+    names = [display_name(reference) for reference in references]
+    if not references or len(set(names)) < len(names):
+        raise InvalidInput("name each function once", field="--function", value=names)
+    dataset = f"{folder.root.name}/{folder.split}"
     total, done, started = len(folder) * len(references), 0, time.monotonic()
-    made: list[FunctionResult] = []
-    seen = hashlib.sha256()
-    for number, (name, reference) in enumerate(zip(called, references, strict=True)):
+    evaluated: list[FunctionResult] = []
+    content = hashlib.sha256()
+    for number, (name, reference) in enumerate(zip(names, references, strict=True)):
         function = open_function(reference)
         began = time.monotonic()
         matrices: list[ConfusionMatrix] = []
-        persons: list[dict[str, Any]] = []
+        persons: list[TableRow] = []
         try:
             frames = ((frame, frame.picture) for frame in folder)
             for index, (frame, labels) in enumerate(predicted(function, frames)):
                 if number == 0:
                     for part in (str(frame.name).encode(), frame.picture.tobytes(), frame.segment_ids.tobytes()):
-                        seen.update(part)
-                matrix, rows = _evaluated(labels, name, function.card.judged_ids, frame, index, folder)
-                matrices.append(matrix)
-                persons += rows
+                        content.update(part)
+                truth = _Truth(frame.class_map, frame.instance_map)
+                scored = score_frame(truth, labels, function.card.judged_ids)
+                matrices.append(scored.matrix)
+                if folder.has_instances:
+                    persons += _person_rows(scored, name, frame, index, dataset)
                 done += 1
                 rate = done / max(time.monotonic() - started, 1e-9)
                 progress(EvaluationProgress(name, done, total, rate))
-            made.append(
+            evaluated.append(
                 FunctionResult(
                     name=name,
                     card=function.card,
                     numeric_class=function.numeric_class,
-                    names=tuple(str(one) for one in folder.names),
+                    names=tuple(str(frame_name) for frame_name in folder.names),
                     matrices=tuple(matrices),
                     scores=collection_scores(matrices, function.card.judged_ids),
                     persons=tuple(persons),
@@ -205,46 +210,44 @@ def evaluate_dataset(
             )
         finally:
             function.close()
-    return DatasetResult(folder.root, folder.split, seen.hexdigest(), folder.has_instances, tuple(made))
+    return DatasetResult(folder.root, folder.split, content.hexdigest(), folder.has_instances, tuple(evaluated))
 
 
-def _evaluated(
-    labels: NDArray[np.uint8],
-    name: str,
-    judged: Sequence[int],
-    frame: LabelledFrame,
-    index: int,
-    folder: CityscapesFolder,
-) -> tuple[ConfusionMatrix, list[dict[str, Any]]]:
-    scored = score_frame(_Truth(frame.class_map, frame.instance_map), labels, judged)
-    matrix, scores = scored.matrix, scored.scores
-    if not folder.has_instances:
-        return matrix, []
+def _person_rows(scored: ScoredFrame, name: str, frame: LabelledFrame, index: int, dataset: str) -> list[TableRow]:
+    """Return a scored frame's rows of the long table.
+
+    Args:
+        scored: the frame.
+        name: of the function.
+        frame: its labels.
+        index: of the frame in its split.
+        dataset: folder and split, in the place of a run's id.
+    """
     common = {
-        "run_id": f"{folder.root.name}/{folder.split}",
+        "run_id": dataset,
         "variant_index": index,
         "frame_id": str(frame.name),
         "camera": frame.name.city,
         "sensor": "as recorded",
         "function": name,
-        **scores.columns,
+        **scored.scores.columns,
     }
     if not scored.persons:
-        return matrix, [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
+        return [{**common, "tp": 0, "fn": 0, "undefined_reason": "absent"}]
     pixels = frame.class_map.size
-    return matrix, [
+    return [
         {
             **common,
-            "instance_id": one.instance_id,
-            "pixel_area": one.tp + one.fn,
-            "pixel_area_percent": 100.0 * (one.tp + one.fn) / pixels,
-            **one.columns,
+            "instance_id": person.instance_id,
+            "pixel_area": person.tp + person.fn,
+            "pixel_area_percent": 100.0 * (person.tp + person.fn) / pixels,
+            **person.columns,
         }
-        for one in scored.persons
+        for person in scored.persons
     ]
 
 
-def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
+def _frame_rows(result: DatasetResult) -> list[TableRow]:
     rows = []
     for one in result.functions:
         for name, matrix in zip(one.names, one.matrices, strict=True):
@@ -264,21 +267,21 @@ def _frame_rows(result: DatasetResult) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunSide:
-    """One function as a run saw it, to stand beside a data set.
+    """One function as a run evaluated it, to be compared with a data set.
 
     Attributes:
-        called: what the run's spec calls it.
+        called: its name in the run's spec.
         pin: digest and numeric class that the run pinned; `valerie.pipeline.functions.references.open_pinned` opens it again.
         scores: of the run's evaluated frames (first sensor setting).
     """
 
     called: str
-    pin: Mapping[str, Any]
+    pin: FunctionPin
     scores: CollectionScores
 
 
 def run_side(context: Context, run_id: str, function: str) -> RunSide:
-    """The same scores of a run's frames, and of which version of the function they are.
+    """Return a function's scores on a run's frames, and the version that they belong to.
 
     Args:
         context: of the deployment.
@@ -290,11 +293,9 @@ def run_side(context: Context, run_id: str, function: str) -> RunSide:
         Conflict: the run has not started yet.
     """
     run = read_run(context, run_id)
-    if not run.pins:
-        raise Conflict(f"run {run_id} has not started yet")
     called = as_called(function, run)
     with reading(context.engine) as connection:
         predictions = results.predictions(connection, run_id, 0, function_index(called, run.resolved))
     judged = pinned_card(run.pins, called).judged_ids
     scores = collection_scores([codecs.decode_counts(one.confusion) for one in predictions.values()], judged)
-    return RunSide(called, run.pins["functions"][called], scores)
+    return RunSide(called, run.pins.functions[called], scores)

@@ -1,8 +1,8 @@
 """The loop back to training: from the region where a function is weak (`weakness`) to a new version of it.
 
-Draw scenes on streets that neither the run nor the function has seen until they fall into the region, and go on training from the
-function's weights. What comes out is a function file, and registered it is the next version of the function; comparing it is
-`valerie.pipeline.retraining.comparison`.
+Scenes are drawn on streets that neither the run nor the function has seen, until enough of them lie in the region; training
+goes on from the function's weights. The result is a function file; registered, it is the function's next version.
+`valerie.pipeline.retraining.comparison` compares the two.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from valerie.perception.shipped import file_document
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder, Shard
 from valerie.perception.training.provenance import training_provenance
 from valerie.perception.training.settings import TrainingSettings
-from valerie.perception.training.start_weights import beginning
+from valerie.perception.training.start_weights import start_file
 from valerie.perception.training.training_set import TrainingSet
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.functions.registry import Registered, register
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
     from valerie.perception.training.fit import TrainingProgress
 
 
-#: Looks at the held-out frames, the last one at the end.
+#: Evaluations of the held-out frames during a training, the last one at its end.
 _VALIDATIONS: Final = 3
 
 
 class RetrainSettings(BaseModel):
-    """How to build the training set and how long to train.
+    """Size of the training set and length of the training.
 
     Attributes:
         frames: to render, at least; rounded up to whole streets.
         streets: to spread them over.
-        broad_share: of the frames, drawn anywhere, so that what the function could do is not forgotten.
+        broad_share: share of the frames that are drawn anywhere, so that the function forgets nothing.
         width, height: of the frames, pixels.
         held_out_frames: for the figures on the function's card; 0 leaves them out.
-        steps, learning_rate, batch, seed: of the training; all else is as the function was trained before.
-        first_seed: street seed to begin with; None: after those that the function has seen.
+        steps, learning_rate, batch, seed: of the training; everything else stays as in the training before.
+        first_seed: first street seed; None: after those that the function has seen.
         targeted: False draws all frames anywhere: the control that a targeted set is measured against.
     """
 
@@ -69,7 +69,7 @@ class RetrainSettings(BaseModel):
     targeted: bool = True
 
     def frame_settings(self, asset: str, arguments: dict[str, Any], region: Region, first_seed: int) -> FrameSettings:
-        """What `render_frames` is to do."""
+        """Return the settings of `render_frames`."""
         return FrameSettings(
             streets=self.streets,
             per_street=-(-self.frames // self.streets),
@@ -85,14 +85,14 @@ class RetrainSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Retrained:
-    """What came out.
+    """The result of a training.
 
     Attributes:
         file: the function file.
-        digest: SHA-256 of it.
-        before: the document of the function that it began with.
+        digest: SHA-256 of the file.
+        before: document of the function at the start.
         frames: training frames.
-        drawn: scenes drawn to get them; as many as ``frames`` where every draw was taken.
+        drawn: scenes that were drawn for them.
         steps: training steps.
         curve: picture of loss and held-out figures over the steps.
         street_seeds: of the training frames, first and last.
@@ -122,14 +122,14 @@ def retrain(
     """Render a training set for a weakness and train a new version of the function.
 
     Args:
-        weakness: what to train against.
+        weakness: to train against.
         out: function file to write.
-        settings: how much.
-        folder: where the frames go (``frames``, ``held-out`` and a checkpoint); what an earlier attempt with the same
-            settings finished there is taken up.
-        processes: that render.
-        threads: torch's.
-        on_street, on_step: progress.
+        settings: of frames and training.
+        folder: for frames (``frames``, ``held-out``) and a checkpoint; the work of an earlier attempt with the same settings
+            is used.
+        processes: number of processes that render.
+        threads: of torch.
+        on_street, on_step: called after every street and every step.
 
     Raises:
         InvalidInput: hardly any scene lies in the region, or the folder holds something else.
@@ -138,17 +138,17 @@ def retrain(
     from valerie.perception.training.curve import TrainingCurve
     from valerie.perception.training.fit import train
 
-    wanted = _wanted(weakness, settings)
+    frame_settings = _frame_settings(weakness, settings)
     _require_same(folder, _request(weakness, settings))
     start = folder / "start.safetensors"
-    start.write_bytes(beginning(weakness.document, weakness.file))
-    frames = _frames(folder / "frames", wanted, processes, on_street)
-    held_out = _held_out(folder / "held-out", settings, wanted, processes)
+    start.write_bytes(start_file(weakness.document, weakness.file))
+    frames = _frames(folder / "frames", frame_settings, processes, on_street)
+    held_out = _held_out(folder / "held-out", settings, frame_settings, processes)
     curve = TrainingCurve(folder / "curve.json")
 
-    def note(now: TrainingProgress) -> None:
-        curve(now)
-        on_step(now)
+    def note(progress: TrainingProgress) -> None:
+        curve(progress)
+        on_step(progress)
 
     model = train(
         _training_settings(weakness.document, settings),
@@ -171,7 +171,7 @@ def retrain(
     }
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(model.to_bytes(provenance))
-    seeds = wanted.seeds()
+    seeds = frame_settings.seeds()
     return Retrained(
         file=out,
         digest=read_header(out).digest,
@@ -184,29 +184,32 @@ def retrain(
     )
 
 
-def register_retrained(context: Context, made: Retrained, name: str) -> tuple[Registered, bool]:
-    """Register a new version: as the function that it began with, with other weights.
+def register_retrained(context: Context, retrained: Retrained, name: str) -> tuple[Registered, bool]:
+    """Register a new version: the function of the start, with other weights.
 
     Returns:
-        What is registered now, and whether it is new.
+        The registered version, and whether it is new.
 
     Raises:
         InvalidInputs: not a name of functions.
         Conflict: the name belongs to a function that is installed.
         StorageFull: no space left.
     """
-    return register(context, _next_document(made, name), made.file)
+    return register(context, _next_document(retrained, name), retrained.file)
 
 
-def _next_document(made: Retrained, name: str) -> FunctionDocument:
-    """Engine, precision and how frames go in stay; the normalisation is the file's, in training's channels and unit."""
-    written = file_document(name, made.file)
+def _next_document(retrained: Retrained, name: str) -> FunctionDocument:
+    """Return the document of the new version.
+
+    Engine, precision and input size stay; the normalisation is that of the file, in the channels and unit of training.
+    """
+    written = file_document(name, retrained.file)
     normalised = {field: getattr(written.input, field) for field in ("mean", "std", "scale", "channel_order")}
-    document = made.before.model_copy(
+    document = retrained.before.model_copy(
         update={
             "name": name,
             "payload": written.payload,
-            "input": made.before.input.model_copy(update=normalised),
+            "input": retrained.before.input.model_copy(update=normalised),
             "provenance": written.provenance,
         }
     )
@@ -214,15 +217,15 @@ def _next_document(made: Retrained, name: str) -> FunctionDocument:
 
 
 def training_folder(weakness: Weakness, settings: RetrainSettings, name: str) -> str:
-    """What to call the folder of a training: the same for the same training, so that the same command goes on with it."""
+    """Return the name of a training's folder: equal for equal trainings, so that the same command goes on with it."""
     return f"{name}-{digest('training', _request(weakness, settings))[:8]}"
 
 
 def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
-    """What must be equal for two trainings to be one."""
+    """Return the document that is equal for equal trainings."""
     return {
         "start": _digest(weakness.document),
-        "frames": _wanted(weakness, settings).model_dump(mode="json"),
+        "frames": _frame_settings(weakness, settings).model_dump(mode="json"),
         "wanted": settings.model_dump(mode="json"),
         "training": _training_settings(weakness.document, settings).model_dump(
             mode="json", exclude={"loader_threads", "device"}
@@ -230,7 +233,7 @@ def _request(weakness: Weakness, settings: RetrainSettings) -> dict[str, Any]:
     }
 
 
-def _wanted(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
+def _frame_settings(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
     return settings.frame_settings(
         weakness.asset,
         weakness.arguments,
@@ -240,30 +243,30 @@ def _wanted(weakness: Weakness, settings: RetrainSettings) -> FrameSettings:
 
 
 def _digest(document: FunctionDocument) -> str:
-    """SHA-256 of a network's weights."""
+    """Return the SHA-256 of a network's weights."""
     assert document.payload is not None, "networks have a file"
     return document.payload.sha256
 
 
 def _frames(
-    folder: Path, wanted: FrameSettings, processes: int, progress: Callable[[Shard], None] = lambda _: None
+    folder: Path, settings: FrameSettings, processes: int, progress: Callable[[Shard], None] = lambda _: None
 ) -> FrameFolder:
-    """The frames, rendered unless an earlier attempt finished them."""
+    """Return the frames; they are rendered unless an earlier attempt finished them."""
     if (folder / "frames.json").is_file():
         return FrameFolder(folder)
-    if folder.exists():  # an attempt that was interrupted: shards without their list
+    if folder.exists():  # shards without their list, of an interrupted attempt
         for path in folder.iterdir():
             path.unlink()
-    return render_frames(folder, wanted, processes=processes, progress=progress)
+    return render_frames(folder, settings, processes=processes, progress=progress)
 
 
-def _held_out(folder: Path, settings: RetrainSettings, wanted: FrameSettings, processes: int) -> FrameFolder | None:
+def _held_out(folder: Path, settings: RetrainSettings, frames: FrameSettings, processes: int) -> FrameFolder | None:
     if not settings.held_out_frames:
         return None
     streets = min(len(SEEDS["held-out"]), max(1, settings.held_out_frames // 5))
     return _frames(
         folder,
-        wanted.model_copy(
+        frames.model_copy(
             update={
                 "split": "held-out",
                 "streets": streets,
@@ -278,7 +281,7 @@ def _held_out(folder: Path, settings: RetrainSettings, wanted: FrameSettings, pr
 
 
 def _training_settings(document: FunctionDocument, settings: RetrainSettings) -> TrainingSettings:
-    """As the function was trained before, but shorter and gentler."""
+    """Return the settings of the training before, made shorter and gentler."""
     before = json.loads(document.provenance.get("training-settings", "{}"))
     known = {name: value for name, value in before.items() if name in TrainingSettings.model_fields}
     return TrainingSettings.model_validate(
@@ -299,7 +302,9 @@ def _require_same(folder: Path, request: dict[str, Any]) -> None:
     path = folder / "request.json"
     if path.is_file():
         if json.loads(path.read_bytes()) != json.loads(json.dumps(request)):
-            raise InvalidInput("the folder holds another training; name a new one", field="folder", value=str(folder))
+            raise InvalidInput(
+                "the folder holds another training; name another folder", field="folder", value=str(folder)
+            )
         return
     if folder.exists() and any(folder.iterdir()):
         raise InvalidInput("the folder is not empty", field="folder", value=str(folder))

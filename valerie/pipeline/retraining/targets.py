@@ -1,4 +1,4 @@
-"""Whether a drawn training scene shows a person in a region of weakness: measured as in a run, not assumed."""
+"""Training scenes that show a person in a region of weakness; everything is measured as in a run, not assumed."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from valerie.runs.spec import ResolvedRun
 from valerie.scene.assets.attributes import ABSENT, ATTRIBUTES, resolve
 from valerie.scene.assets.attributes import Target as Thing
 
-#: Measured for each person, known once the truth is drawn; the distance is known before.
+#: Measured for each person once the truth is drawn; the distance is known before.
 MEASURED: Final = ("distance_m", "occlusion_rate", "truncation_rate", "pixel_area_percent")
 #: Attributes of the person itself.
 OF_PERSON: Final = {"heading": ParameterType.ANGLE, "character": ParameterType.CATEGORICAL}
-#: Share of worn things that keep their colour where the region says which characters are meant.
+#: Share of worn things that keep their colour where the region names characters.
 _AS_MADE_CHARACTERS: Final = 0.5
 
 
 def quantities(resolved: ResolvedRun) -> dict[str, ParameterType]:
-    """What a run's region may speak of: visibility, the person's heading and character, light and radiometry.
+    """Return the quantities that a run's region may bound: visibility, heading and character of the person, light, radiometry.
 
-    Places are left out: they mean something in one street only. Distance and visibility stand for them.
+    Places have a meaning in one street only; distance and visibility stand for them.
     """
     varied = [d for d in resolved.definitions if d.path in set(resolved.space.varied)]
-    found = dict.fromkeys(MEASURED, ParameterType.FLOAT)
-    found |= {name: kind for name, kind in OF_PERSON.items() if any(_person_attribute(d) == name for d in varied)}
-    found |= {d.path: d.type for d in varied if d.affects in (Affects.LIGHT, Affects.SENSOR_RADIOMETRY)}
-    return found
+    types = dict.fromkeys(MEASURED, ParameterType.FLOAT)
+    types |= {name: kind for name, kind in OF_PERSON.items() if any(_person_attribute(d) == name for d in varied)}
+    types |= {d.path: d.type for d in varied if d.affects in (Affects.LIGHT, Affects.SENSOR_RADIOMETRY)}
+    return types
 
 
 def run_values(row: Mapping[str, Any], resolved: ResolvedRun) -> dict[str, Any]:
-    """The quantities of one row of a run (columns and assigned parameters)."""
+    """Return the quantities of one row of a run (columns and assigned parameters)."""
     person = f"scene.{PERSON.node_class}-{(row['instance_id'] or 0) % 1000}"
     values = {name: row.get(name) for name in MEASURED}
     for definition in resolved.definitions:
@@ -53,19 +53,19 @@ def run_values(row: Mapping[str, Any], resolved: ResolvedRun) -> dict[str, Any]:
 
 
 class Target:
-    """A region, as something that a drawn scene either shows or not."""
+    """A region that a drawn scene shows or does not show."""
 
     def __init__(self, region: Region) -> None:
         self._region = region
         self.as_made = _AS_MADE_CHARACTERS if isinstance(region.bounds.get("character"), Choices) else AS_MADE
 
     def possible(self, drawn: TrainingScene) -> bool:
-        """Whether some person could lie in the region, by what is known without drawing anything."""
+        """Return whether some person could lie in the region, before anything is drawn."""
         common = self._common(drawn)
         return self._region.allows(common) and any(self._region.allows(values) for _, values in self._persons(drawn))
 
     def hit(self, drawn: TrainingScene, truth: GroundTruth, view: View) -> bool:
-        """Whether some person lies in the region, everything measured on the truth."""
+        """Return whether some person lies in the region, by measures on the truth."""
         common, persons = self._common(drawn), dict(self._persons(drawn))
         return any(
             self._region.holds(
@@ -76,7 +76,7 @@ class Target:
         )
 
     def _common(self, drawn: TrainingScene) -> dict[str, Any]:
-        """Light and radiometry, of those that the region bounds."""
+        """Return the light and radiometry that the region bounds."""
         values: dict[str, Any] = {}
         for name in self._region.bounds:
             if name.startswith("sensor."):
@@ -97,7 +97,7 @@ class Target:
 
 
 def _person_attribute(definition: ParameterDefinition) -> str | None:
-    """``heading`` or ``character`` if that is what a definition of a person's is about."""
+    """Return ``heading`` or ``character`` where a person's definition is about that."""
     parts = definition.path.split(".")
     of_person = len(parts) == 3 and parts[1].startswith(f"{PERSON.node_class}-")
     return parts[2] if of_person and parts[2] in OF_PERSON else None

@@ -1,6 +1,6 @@
-"""Render frames to train on: streets of seeds that no run uses by default, random scenes, exact labels.
+"""Frames to train on: streets of seeds that no run uses by default, random scenes, exact labels.
 
-Training streets have seeds from 1000 on, held-out ones 900 to 999; seed 0, the default of every run, is in neither.
+Training streets have seeds from 1000 on, held-out ones 900 to 999. Seed 0, the default of every run, is in neither.
 """
 
 from __future__ import annotations
@@ -43,24 +43,24 @@ from valerie.sensing.sensor import Shot, develop
 #: Frames of a street that share camera, light and weather, and so their background.
 _TAKES: Final = 2
 _TRIES: Final = 10
-#: Scenes that are drawn for one frame that must lie in a region; most cost 6 CPU-ms.
+#: Scenes drawn at most for one frame that must lie in a region; most of them cost 6 CPU-ms.
 _TARGET_DRAWS: Final = 5_000
 
 
 class FrameSettings(BaseModel):
-    """Which frames to render.
+    """Number, size and content of frames to render.
 
     Attributes:
-        split: ``train`` or ``held-out``: which seeds.
+        split: ``train`` or ``held-out``; chooses the seeds.
         streets: number of streets.
         per_street: frames of each.
         width, height: pixels.
         asset: a generated asset that takes a ``seed``.
         arguments: of the generator; others than these and the seed are drawn (`training_scenes.draw_arguments`).
-        first_seed: where the street seeds begin; None: with the split.
-        region: None, or what a frame must show: at least one person for whom all bounds hold
-            (`valerie.pipeline.retraining.targets`). Scenes are drawn until one does.
-        broad_share: of the frames, where a region is given: those that need not lie in it.
+        first_seed: first street seed; None: that of the split.
+        region: None, or the bounds that must hold for at least one person of a frame
+            (`valerie.pipeline.retraining.targets`). Scenes are drawn until they do.
+        broad_share: share of the frames that need not lie in the region.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -77,17 +77,17 @@ class FrameSettings(BaseModel):
     broad_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
     def is_targeted(self, number: int) -> bool:
-        """Whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
+        """Return whether frame ``number`` of a street must lie in the region; broad frames are spread evenly."""
         if self.region is None:
             return False
         return math.floor((number + 1) * self.broad_share) == math.floor(number * self.broad_share)
 
     def street(self, seed: int) -> dict[str, Any]:
-        """The asset of one street, as `load_asset` takes it."""
+        """Return the asset of one street, as `load_asset` takes it."""
         return {"name": self.asset, **draw_arguments(self.asset, seed), **self.arguments, "seed": seed}
 
     def seeds(self) -> range:
-        """Street seeds, ascending.
+        """Return the street seeds, ascending.
 
         Raises:
             InvalidInput: the split has fewer.
@@ -113,9 +113,9 @@ def render_frames(
     """Render all streets into a folder; frames depend on settings, seed and number only, not on processes.
 
     Args:
-        folder: made if missing; must not hold frames already.
-        settings: what to render.
-        processes: each has a GL context of its own.
+        folder: created if missing; must be empty.
+        settings: of the frames.
+        processes: number of processes; each has its own GL context.
         progress: called after every street.
 
     Raises:
@@ -163,7 +163,7 @@ def _give_back() -> None:
 
 @dataclass(slots=True)
 class Draws:
-    """How many scenes were drawn so far."""
+    """Number of scenes drawn so far."""
 
     count: int = 0
 
@@ -171,13 +171,13 @@ class Draws:
 def frames_of(
     asset: SceneAsset, seed: int, settings: FrameSettings, draws: Draws | None = None
 ) -> Iterator[TrainingFrame]:
-    """The frames of one street, one after the other, from this process's GL context.
+    """Render the frames of one street, one after the other, in this process's GL context.
 
     Args:
         asset: the street.
-        seed: of the street, and of everything that is drawn.
+        seed: of the street and of all draws.
         settings: number and size of frames.
-        draws: counts what is drawn.
+        draws: counts the scenes.
 
     Raises:
         RenderingError: no usable image after several draws.

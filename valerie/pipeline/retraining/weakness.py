@@ -1,4 +1,4 @@
-"""Where a run found one of its functions weak: the region of the selected rows, and what is needed to train against it."""
+"""The region where a function of a run is weak, and everything that training against it needs."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from valerie.perception.shipped import FUNCTIONS
 from valerie.perception.training.frame_folder import SEEDS
 from valerie.perception.training.provenance import streets_seen
 from valerie.pipeline.base.context import Context
+from valerie.pipeline.base.resolved_runs import StoredRun, read_run
 from valerie.pipeline.functions.references import pinned_network
 from valerie.pipeline.functions.registry import SHORT
-from valerie.pipeline.reading.run_cache import StoredRun, read_run
 from valerie.pipeline.reading.selection import evaluated_rows, function_index, run_where
 from valerie.pipeline.retraining.targets import quantities, run_values
 from valerie.runs.spec import ResolvedRun
 
-#: Streets of functions that do not say which they have seen begin here.
+#: First street seed for functions whose training streets are unknown.
 _UNSEEN_SEED: Final = 50_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weakness:
-    """What a selection says about one function of a run.
+    """A selection of rows in which one function of a run is weak.
 
     Attributes:
-        run_id, function, where: what was asked.
-        selected, evaluated: rows (persons in frames) that are selected, and all of that function with a person.
+        run_id, function, where: the request.
+        selected, evaluated: number of selected rows (persons in frames), and of all rows of the function with a person.
         region: read from the selected rows.
         asset, arguments: of the run's generated asset, without its seed.
-        asset_seed: of the run; no training frame is from it.
-        document, file: of the function as the run saw it, and its weights.
+        asset_seed: of the run; no training frame comes from it.
+        document, file: of the version that the run pinned, and its weights.
     """
 
     run_id: str
@@ -52,25 +52,25 @@ class Weakness:
     file: Path
 
     def first_seed(self) -> int:
-        """The first street seed that neither the function's training nor the run has shown."""
+        """Return the first street seed that neither the function's training nor the run used."""
         first = max((seeds[-1] for seeds in streets_seen(self.document.provenance)), default=_UNSEEN_SEED - 1) + 1
         return max(first, self.asset_seed + 1) if self.asset_seed in SEEDS["train"] else first
 
     @property
     def reference(self) -> str:
-        """What a spec writes to mean exactly the version that the run saw, also when there are newer ones."""
+        """Reference, for specs, of exactly the version that the run pinned."""
         name = self.function.partition("@")[0]
         return name if name in FUNCTIONS else f"{name}@{self.document.digest[:SHORT]}"
 
     @property
     def next_name(self) -> str:
-        """How its next version is called when nobody says: what ships with VALERIE keeps its name for itself."""
+        """Default name of the next version; functions that ship with VALERIE keep their names for themselves."""
         name = self.function.partition("@")[0]
         return f"{name}-retrained" if name in FUNCTIONS else name
 
 
 def find_weakness(context: Context, run_id: str, where: str, function: str | None = None) -> Weakness:
-    """Read the region of the selected rows of one function of a run, and what is needed to train against it.
+    """Read the region of the selected rows of one function of a run, and everything that training against it needs.
 
     Args:
         context: of the deployment.
@@ -79,15 +79,15 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
         function: one of the run's; None where it has only one.
 
     Raises:
-        NotFound: no such run, or the version that it saw was removed.
+        NotFound: no such run, or the version that it pinned was removed.
         InvalidInput, UnknownName: the expression, the function or the asset do not allow it; or nothing is selected.
-        Conflict: other weights of the function are installed than the run saw.
+        Conflict: the installed weights of the function are not those that the run pinned.
     """
     run = read_run(context, run_id)
     name = _function(run.resolved, function)
     asset, arguments, seed = _generated(run.resolved)
     region, evaluated = _region(context, run, where, name)
-    document, file = pinned_network(name, run.pins["functions"][name], context=context)  # what has rows has pins
+    document, file = pinned_network(name, run.pins.functions[name], context=context)
     return Weakness(
         run_id=run_id,
         function=name,
@@ -104,7 +104,7 @@ def find_weakness(context: Context, run_id: str, where: str, function: str | Non
 
 
 def selected_region(context: Context, run_id: str, where: str, function: str) -> Region | None:
-    """The region of a selection of one function's rows; None where the run did not evaluate that function.
+    """Return the region of a selection of one function's rows, or None where the run did not evaluate the function.
 
     Raises:
         NotFound: no such run.
@@ -115,7 +115,7 @@ def selected_region(context: Context, run_id: str, where: str, function: str) ->
 
 
 def functions_of(context: Context, run_id: str) -> tuple[str, ...]:
-    """The functions of a run, as its spec names them.
+    """Return the functions of a run, as its spec names them.
 
     Raises:
         NotFound: no such run.
@@ -148,7 +148,7 @@ def _function(resolved: ResolvedRun, function: str | None) -> str:
 
 
 def _generated(resolved: ResolvedRun) -> tuple[str, dict[str, Any], int]:
-    """Name, other arguments and seed of the run's asset.
+    """Return name, other arguments and seed of the run's asset.
 
     Raises:
         InvalidInput: it is not generated from a seed, so there are no fresh streets.

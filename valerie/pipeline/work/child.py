@@ -1,4 +1,4 @@
-"""The forked process in which a worker's tasks run: holds the context and the maker that were opened after the fork."""
+"""The forked process in which a worker's tasks run."""
 
 from __future__ import annotations
 
@@ -9,28 +9,30 @@ from valerie.pipeline.work.stages import Maker, run_stage
 
 
 class Child:
-    """Filled by `open` in the child; in the parent it stays empty."""
+    """The context and the maker of a worker's child process; empty in the parent."""
 
     def __init__(self) -> None:
         self._opened: tuple[Context, Maker] | None = None
 
     def open(self, context: Context, maker: Maker) -> None:
-        """Called once, in the child, before its first task."""
+        """Take what was opened after the fork; called once, in the child, before its first task."""
         self._opened = (context, maker)
 
     @property
     def context(self) -> Context:
-        """The child's context.
+        """What the child opened.
 
         Raises:
             RuntimeError: called in the parent.
         """
-        if self._opened is None:
-            raise RuntimeError("the worker's child process was not opened")
-        return self._opened[0]
+        return self._both[0]
 
     def run(self, digests: Sequence[str]) -> None:
-        """Make products; see `valerie.pipeline.work.stages`."""
+        """Make products; see `valerie.pipeline.work.stages.run_stage`."""
+        run_stage(*self._both, digests)
+
+    @property
+    def _both(self) -> tuple[Context, Maker]:
         if self._opened is None:
             raise RuntimeError("the worker's child process was not opened")
-        run_stage(*self._opened, digests)
+        return self._opened

@@ -1,4 +1,4 @@
-"""Finishing a run: its long table, the summary of the paper's section 6.2, and the report, stored as artifacts."""
+"""The end of a run: its long table, the summary of the paper's section 6.2, and the report are stored."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import io
 from collections import defaultdict
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 import orjson
 import structlog
@@ -18,16 +17,18 @@ from valerie.analysis.table import EvaluationTable
 from valerie.db import results, runs
 from valerie.db.engine import reading, writing
 from valerie.db.results import FailedLink
+from valerie.db.runs import RunRow
 from valerie.errors import NotFound, ValerieError
 from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pins import pinned_card
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
+from valerie.pipeline.base.run_artifacts import REPORT, SUMMARY
 from valerie.pipeline.reading.frame_pictures import find_picture, paint_picture
 from valerie.pipeline.reading.painting import jpeg
-from valerie.pipeline.reading.run_cache import StoredRun
 from valerie.pipeline.reading.tables import read_classes, read_table
 from valerie.runs.frames import FrameKey
+from valerie.runs.products import Fault
 from valerie.runs.spec import ResolvedRun
 from valerie.runs.states import RunState
 from valerie.storage.keys import run_key
@@ -42,9 +43,9 @@ _KIND_OF_PICTURE = {
 
 
 def finish_run(context: Context, run_id: str) -> None:
-    """Store table, summary and report of a run that has nothing left to do, and end it.
+    """Store table, summary and report of a run whose products are all done or failed, and end it.
 
-    Safe to call twice: the artifacts are replaced by equal ones, and one conditional UPDATE ends the run.
+    A second call replaces the artifacts by equal ones; one conditional UPDATE ends the run.
     """
     with reading(context.engine) as connection:
         try:
@@ -55,15 +56,15 @@ def finish_run(context: Context, run_id: str) -> None:
             return
         failures = results.failures(connection, run_id)
     try:
-        summary = write_results(context, run, failures)
-        state, reason = (RunState.COMPLETED, None)
+        write_results(context, run, failures)
+        state, reason = RunState.COMPLETED, None
         if failures:
-            roots = [failure for failure in failures if "cause" not in failure.error]
+            roots = [failure for failure in failures if isinstance(failure.error, Fault)]
             state = RunState.COMPLETED_WITH_FAILURES
             reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
     except ValerieError as error:
         log.exception("finish.failed", run=run_id)
-        summary, state, reason = None, RunState.FAILED, f"the results could not be written: {error}"
+        state, reason = RunState.FAILED, f"the results could not be written: {error}"
     with writing(context.engine) as connection:
         runs.change_state(
             connection,
@@ -71,17 +72,16 @@ def finish_run(context: Context, run_id: str) -> None:
             expected=(RunState.FINISHING,),
             state=state,
             reason=reason,
-            summary=summary,
             finished_at=runs.now_utc(),
         )
     log.info("run.finished", run=run_id, state=state)
 
 
-def write_results(context: Context, run: Any, failures: Sequence[FailedLink]) -> dict[str, Any]:
-    """Write table (Parquet, CSV), summary and report; returns the summary document."""
-    resolved = resolve_stored(run, context.settings)
-    cards = tuple(pinned_card(run.pins, name) for name in resolved.spec.functions)
-    stored = StoredRun(run.id, resolved, run.pins)
+def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink]) -> None:
+    """Write table (Parquet, CSV), summary and report."""
+    stored = resolve_stored(run, context.settings)
+    resolved = stored.resolved
+    cards = tuple(pinned_card(stored.pins, name) for name in resolved.spec.functions)
     table = read_table(context.engine, stored)
     classes = read_classes(context.engine, stored, cards)
     analysis = analyze(
@@ -91,48 +91,45 @@ def write_results(context: Context, run: Any, failures: Sequence[FailedLink]) ->
         threshold=resolved.spec.detection_threshold,
         seed=resolved.spec.seed,
     )
-    document = summary_document(analysis)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
         buffer = io.BytesIO()
         write(buffer)
         context.store.put(run_key(run.id, name), buffer.getvalue(), replace=True)
-    context.store.put(run_key(run.id, "summary.json"), orjson.dumps(document), replace=True)
-    html = build_report(_report_input(context, run, resolved, cards, table, analysis, failures))
-    context.store.put(run_key(run.id, "report.html"), html.encode(), replace=True)
-    return document
+    context.store.put(run_key(run.id, SUMMARY), summary_json(analysis), replace=True)
+    html = build_report(_report_input(context, run, stored, cards, table, analysis, failures))
+    context.store.put(run_key(run.id, REPORT), html.encode(), replace=True)
 
 
-def summary_document(analysis: Analysis) -> dict[str, Any]:
-    """The numbers of a run as plain JSON types."""
-    text = orjson.dumps(
+def summary_json(analysis: Analysis) -> bytes:
+    """Return the numbers of a run as JSON."""
+    return orjson.dumps(
         {"summary": analysis.summary.to_json(), "findings": analysis.findings.to_json()},
         option=orjson.OPT_SERIALIZE_NUMPY,
     )
-    document: dict[str, Any] = orjson.loads(text)
-    return document
 
 
 def _report_input(
     context: Context,
-    run: Any,
-    resolved: ResolvedRun,
+    run: RunRow,
+    stored: StoredRun,
     cards: tuple[FunctionCard, ...],
     table: EvaluationTable,
     analysis: Analysis,
     failures: Sequence[FailedLink],
 ) -> ReportInput:
+    resolved, pins = stored.resolved, stored.pins
     spec = resolved.spec
     with reading(context.engine) as connection:
         rejected = runs.rejections(connection, run.id)
-    classes = {"image": run.pins["engine"]["numeric_class"], "ground truth": run.pins["truth"]["numeric_class"]}
-    classes |= {f"inference, {name}": run.pins["functions"][name]["numeric_class"] for name in spec.functions}
+    classes = {"image": pins.engine.numeric_class, "ground truth": pins.truth.numeric_class}
+    classes |= {f"inference, {name}": pins.functions[name].numeric_class for name in spec.functions}
     provenance = Provenance(
         run_id=run.id,
         spec_digest=run.spec_digest,
         seed=spec.seed,
         asset=resolved.manifest.name,
         asset_digest=run.asset_digest,
-        renderer=_renderer(resolved, run.pins["engine"]["revision"]),
+        renderer=_renderer(resolved, pins.engine.revision),
         resolution=(spec.resolution.width, spec.resolution.height),
         numeric_classes=classes,
         functions=cards,
@@ -142,7 +139,7 @@ def _report_input(
         more={"parent run": run.parent_run or "none", "iteration": str(run.iteration)},
     )
     return ReportInput(
-        document=run.spec,
+        document=run.spec.model_dump(mode="json"),
         provenance=provenance,
         table=table,
         summary=analysis.summary,
@@ -157,7 +154,7 @@ def _report_input(
 
 
 class _Pictures:
-    """The gallery's pictures, from the artifact store."""
+    """Paints the report's pictures."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -176,15 +173,17 @@ class _Pictures:
 
 
 def _grouped(failures: Sequence[FailedLink]) -> tuple[Failure, ...]:
-    """Failures of the same kind together."""
+    """Return failures of the same kind as one, with their number."""
     groups: dict[tuple[str, str, int], list[str]] = defaultdict(list)
     for failure in failures:
         error = failure.error
-        message = str(error.get("message") or f"its input {error.get('cause')} failed")
-        groups[failure.kind, message, int(error.get("attempts") or 0)].append(str(failure.frame))
+        message, attempts = (
+            (error.message, error.attempts) if isinstance(error, Fault) else (f"its input {error.cause} failed", 0)
+        )
+        groups[failure.kind, message, attempts].append(str(failure.frame))
     return tuple(
-        Failure(stage=stage, error=message, attempts=attempts, count=len(where), example=where[0])
-        for (stage, message, attempts), where in sorted(groups.items(), key=lambda item: -len(item[1]))
+        Failure(stage=stage, error=message, attempts=attempts, count=len(frames), example=frames[0])
+        for (stage, message, attempts), frames in sorted(groups.items(), key=lambda item: -len(item[1]))
     )
 
 
@@ -196,6 +195,6 @@ def _version() -> str:
 
 
 def _renderer(resolved: ResolvedRun, revision: int) -> str:
-    """The engine as the report names it."""
+    """Return the engine as the report names it."""
     settings = ", ".join(f"{name} {value}" for name, value in resolved.engine_inputs.items())
     return f"{resolved.spec.engine}, revision {revision}" + (f" ({settings})" if settings else "")

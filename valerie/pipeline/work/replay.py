@@ -20,6 +20,7 @@ from valerie.pipeline.work.makers.inference import InferMaker
 from valerie.pipeline.work.makers.rendering import RenderMaker
 from valerie.pipeline.work.stages import Maker
 from valerie.runs.frames import FrameKey
+from valerie.runs.states import ProductKind
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
@@ -65,16 +66,20 @@ def replay_frame(context: Context, key: FrameKey) -> list[Replayed]:
     replay = _Replay(context)
     scratch = replay.scratch
     render, infer, evaluate = RenderMaker(scratch), InferMaker(scratch), EvaluateMaker(scratch)
-    products = {"background": frame.products.background, "layer": frame.products.layer, "truth": frame.products.truth}
-    replayed = [replay.compare(render, Job(digest, kind, 1, frame)) for kind, digest in products.items()]
+    kinds = (ProductKind.BACKGROUND, ProductKind.LAYER, ProductKind.TRUTH)
+    products = zip(kinds, frame.products.required, strict=True)
+    replayed = [replay.compare(render, Job(digest, kind, 1, frame)) for kind, digest in products]
     replayed += [
-        replay.compare(render, Job(link.product, kind, 1, frame), stored=link) for kind, link in annotations.items()
+        replay.compare(render, Job(link.product, ProductKind(kind), 1, frame), stored=link)
+        for kind, link in annotations.items()
     ]
     for row in evaluations:
         look = Look(row.sensor_index, row.function_index, row.prediction)
-        name = f"{run.spec['functions'][look.function]} / {run.spec['sensors'][look.sensor]['name']}"
-        replayed.append(replay.compare(infer, Job(row.prediction, "prediction", 1, frame, look), name))
-        replayed.append(replay.compare(evaluate, Job(row.scores, "evaluation", 1, frame, look), name, stored=row))
+        name = f"{run.spec.functions[look.function]} / {run.spec.sensors[look.sensor].name}"
+        replayed.append(replay.compare(infer, Job(row.prediction, ProductKind.PREDICTION, 1, frame, look), name))
+        replayed.append(
+            replay.compare(evaluate, Job(row.scores, ProductKind.EVALUATION, 1, frame, look), name, stored=row)
+        )
     return replayed
 
 

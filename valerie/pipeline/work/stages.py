@@ -1,14 +1,14 @@
-"""The life of a product in a worker: claim → compute → store → publish → ring for what became ready.
+"""The life of a product in a worker: claim → compute → store → publish → tell whoever waited for it.
 
-No transaction is open while computing; a heartbeat thread renews the leases. Everything here may be killed at any moment:
-what was stored but not published is stored again with equal bytes, what was claimed comes back when its lease ends.
+No transaction is open while computing; a heartbeat thread renews the leases. A worker may be killed at any moment: what was
+stored but not published is stored again with equal bytes, what was claimed comes back when its lease ends.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, Protocol, runtime_checkable
 
@@ -26,6 +26,8 @@ from valerie.errors import (
 )
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.pausing import pause_for_storage
+from valerie.pipeline.base.sending import send_ready
+from valerie.runs.products import Fault
 from valerie.storage.keys import product_key
 
 log = structlog.get_logger()
@@ -55,7 +57,7 @@ class LooksAhead(Protocol):
     """A maker that makes some products more cheaply together."""
 
     def expect(self, jobs: Sequence[Job]) -> None:
-        """These will be asked for next, one by one and in this order, unless the process ends or another call of this comes."""
+        """Announce the jobs that follow one by one, in this order, unless the process ends or another announcement comes."""
         ...
 
 
@@ -64,7 +66,7 @@ class MayEnd(Protocol):
     """A maker that ends this process where a product takes too long: nothing else stops compiled code."""
 
     def before_end(self, tell: Callable[[str], None]) -> None:
-        """Before that, ``tell(reason)`` is to be called, from any thread, while the product is still being made."""
+        """Take what to call before that, with the reason, from any thread, while the product is still being made."""
         ...
 
 
@@ -77,29 +79,76 @@ def run_stage(context: Context, maker: Maker, digests: Sequence[str]) -> None:
         )
     if not jobs:
         return
-    pending = {job.digest for job in jobs}
-    finished: list[Finished] = []
+    batch = _Batch(context, jobs)
     if isinstance(maker, LooksAhead):
         maker.expect(jobs)
-    current = jobs[0]
     if isinstance(maker, MayEnd):
-        maker.before_end(lambda reason: _end(context, current, pending, finished, reason))
-    with _heartbeat(context, pending):
-        last = time.monotonic()
-        for current in jobs:
-            made = _attempt(context, maker, current)
-            if made is not None:
-                finished.append(made)
-            if finished and time.monotonic() - last > _PUBLISH_SECONDS:
-                _publish(context, finished)
-                pending.difference_update(f.digest for f in finished)
-                finished, last = [], time.monotonic()
-        if finished:
-            _publish(context, finished)
+        maker.before_end(batch.end)
+    with _heartbeat(context, batch):
+        for job in jobs:
+            batch.begin(job)
+            made = _attempt(context, maker, job)
+            batch.settle(job, made)
+        batch.publish()
+
+
+class _Batch:
+    """The claimed products of one message.
+
+    Three threads share it: the one that computes, the heartbeat that renews the leases, and a guard that may end the process.
+    """
+
+    def __init__(self, context: Context, jobs: Sequence[Job]) -> None:
+        self._context = context
+        self._lock = threading.RLock()
+        self._current = jobs[0]
+        self._held = {job.digest for job in jobs}
+        self._finished: list[Finished] = []
+        self._published_at = time.monotonic()
+
+    @property
+    def held(self) -> list[str]:
+        """The products that this process still holds."""
+        with self._lock:
+            return list(self._held)
+
+    def begin(self, job: Job) -> None:
+        """Note which product is being made."""
+        with self._lock:
+            self._current = job
+
+    def settle(self, job: Job, made: Finished | None) -> None:
+        """Note a finished product, or one that was given back or failed; publish what was finished some time ago."""
+        with self._lock:
+            if made is None:
+                self._held.discard(job.digest)
+            else:
+                self._finished.append(made)
+            if time.monotonic() - self._published_at > _PUBLISH_SECONDS:
+                self.publish()
+
+    def publish(self) -> None:
+        """Publish the finished products."""
+        with self._lock:
+            if self._finished:
+                _publish(self._context, self._finished)
+                self._held.difference_update(product.digest for product in self._finished)
+                self._finished = []
+            self._published_at = time.monotonic()
+
+    def end(self, reason: str) -> None:
+        """Publish the finished products and give the others back: this process ends, for ``reason``, in the middle of one."""
+        with self._lock:
+            try:
+                self.publish()
+                rest = self._held - {self._current.digest}
+                _give_back(self._context, rest, seconds=0.0, count_attempt=False)
+            finally:
+                _again_or_never(self._context, self._current, TransientError(reason))
 
 
 def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
-    """One product; what goes wrong is recorded, never raised, so that the rest of the message is done."""
+    """Make one product; an error is recorded, never raised, so that the rest of the message is done."""
     try:
         return maker.make(job)
     except MissingInput as error:
@@ -123,45 +172,33 @@ def _attempt(context: Context, maker: Maker, job: Job) -> Finished | None:
     return None
 
 
-def _end(context: Context, job: Job, pending: set[str], finished: Sequence[Finished], reason: str) -> None:
-    """This process is about to end in the middle of ``job``: what is finished is kept, what was not begun goes back uncounted."""
-    try:
-        if finished:
-            _publish(context, finished)
-        rest = pending - {job.digest, *(one.digest for one in finished)}
-        _give_back(context, rest, seconds=0.0, count_attempt=False)
-    finally:
-        _again_or_never(context, job, TransientError(reason))
-
-
 def _publish(context: Context, finished: Sequence[Finished]) -> None:
     now = time.time()
     with writing(context.engine) as connection:
-        products.publish(connection, finished, owner=context.owner, now=now)
+        published = products.publish(connection, finished, owner=context.owner, now=now)
+    lost = {product.digest for product in finished} - set(published)
+    if lost:
+        log.warning("stage.lease_lost", digests=sorted(lost))
     # In a transaction of its own: see promote_dependents.
     with writing(context.engine) as connection:
-        ready = products.promote_dependents(connection, [f.digest for f in finished], now)
-    if ready:
-        try:
-            context.broker.send_products(sorted(ready, key=lambda item: (item[2], item[3])))
-        except TransientError as error:
-            log.warning("stage.broker", reason=str(error))  # the sweeper rings again
+        ready = products.promote_dependents(connection, published, now)
+    send_ready(context, ready)
 
 
 def _fail(context: Context, job: Job, error: BaseException) -> None:
-    document = {
-        "stage": job.kind,
-        "type": type(error).__name__,
-        "message": str(error)[:2000] or type(error).__name__,
-        "attempts": job.attempts,
-    }
-    log.error("stage.failed", digest=job.digest, **document)
+    fault = Fault(
+        stage=job.kind,
+        type=type(error).__name__,
+        message=str(error)[:2000] or type(error).__name__,
+        attempts=job.attempts,
+    )
+    log.error("stage.failed", digest=job.digest, **dict(fault))
     with writing(context.engine) as connection:
-        products.fail(connection, job.digest, owner=context.owner, error=document, now=time.time())
+        products.fail(connection, job.digest, owner=context.owner, error=fault, now=time.time())
 
 
 def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
-    """Another attempt after a pause, while there are any left."""
+    """Give a product back for another attempt after a pause; fail it after the last."""
     if job.attempts >= context.settings.max_attempts:
         _fail(context, job, error)
         return
@@ -169,12 +206,12 @@ def _again_or_never(context: Context, job: Job, error: TransientError) -> None:
     _give_back(context, [job.digest], seconds=_BACKOFF_SECONDS[min(job.attempts, len(_BACKOFF_SECONDS)) - 1])
 
 
-def _give_back(context: Context, digests: Iterable[str], *, seconds: float, count_attempt: bool = True) -> None:
-    # The sweeper rings for what was not rung for in `resend_seconds`; that long before the pause's end is when it "was".
+def _give_back(context: Context, digests: Collection[str], *, seconds: float, count_attempt: bool = True) -> None:
+    # The sweeper sends again what was last sent `resend_seconds` ago: that long before the end of the pause.
     with writing(context.engine) as connection:
         products.hand_back(
             connection,
-            list(digests),
+            digests,
             owner=context.owner,
             not_before=time.time() + seconds - context.settings.resend_seconds,
             count_attempt=count_attempt,
@@ -182,6 +219,7 @@ def _give_back(context: Context, digests: Iterable[str], *, seconds: float, coun
 
 
 def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
+    """Have a lost input made again; the product waits for it."""
     if job.attempts >= context.settings.max_attempts:
         _fail(context, job, error)
         return
@@ -192,15 +230,12 @@ def _ask_again(context: Context, job: Job, error: MissingInput) -> None:
         products.await_inputs(connection, [job.digest], owner=context.owner)
         products.forget(connection, [error.digest])
         ready = products.promote(connection, [error.digest], now)
-    try:
-        context.broker.send_products(ready)
-    except TransientError as failure:
-        log.warning("stage.broker", reason=str(failure))
+    send_ready(context, ready)
 
 
 @contextmanager
-def _heartbeat(context: Context, pending: set[str]) -> Iterator[None]:
-    """Renew the leases of ``pending`` while the body computes."""
+def _heartbeat(context: Context, batch: _Batch) -> Iterator[None]:
+    """Renew the leases of a batch while the body computes."""
     stop = threading.Event()
 
     def beat() -> None:
@@ -209,7 +244,7 @@ def _heartbeat(context: Context, pending: set[str]) -> Iterator[None]:
                 with writing(context.engine) as connection:
                     products.renew(
                         connection,
-                        list(pending),
+                        batch.held,
                         owner=context.owner,
                         until=time.time() + context.settings.lease_seconds,
                     )

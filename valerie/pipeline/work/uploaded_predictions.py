@@ -1,13 +1,13 @@
-"""Predictions that people bring: label maps for the frames of a run whose function is of kind ``predictions``.
+"""Uploaded predictions: label maps for the frames of a run whose function is of kind ``predictions``.
 
-Such a prediction is a product like any other, on a route that no worker serves. It is *ready* when its frame can be seen, and
-done when somebody uploads the label map; until then its run is ``awaiting-predictions``. When the run's deadline has passed,
-what is missing has failed for good, with the deadline as the reason.
+Such a prediction is a product like any other, on a route that no worker serves. It is *ready* when its frame is rendered, and
+done when a user uploads the label map; until then its run is ``awaiting-predictions``. When the run's deadline has passed,
+missing predictions have failed for good, with the deadline as the reason.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from valerie.perception.documents.function import FunctionDocument
 from valerie.perception.running.label_png import decode_labels
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.base.deadlines import deadlines
-from valerie.pipeline.base.resolved_runs import resolve_stored
+from valerie.pipeline.base.resolved_runs import StoredRun, resolve_stored
 from valerie.pipeline.work.stages import run_stage
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
@@ -31,17 +31,17 @@ from valerie.storage.keys import product_key
 def put_prediction(
     context: Context, key: FrameKey, data: bytes, *, function: str | None = None, sensor: str | None = None
 ) -> bool:
-    """Take the label map of one frame.
+    """Store the label map of one frame as its prediction.
 
     Args:
         context: of this process.
         key: the frame.
         data: PNG of 8 bits per pixel, of the frame's size; values are ids of the function's classes, 255 is void.
-        function: as the spec calls it; may be left out where only one of the run's is of this kind.
-        sensor: sensor setting; may be left out where there is one.
+        function: as the spec calls it; None where the run awaits predictions of one function.
+        sensor: sensor setting; None where the run has one.
 
     Returns:
-        Whether it is new; the same label map again changes nothing.
+        True where it is new; the same label map again changes nothing.
 
     Raises:
         NotFound: no such run or frame, or the function was removed.
@@ -49,23 +49,23 @@ def put_prediction(
         Conflict: there is another label map for this frame already, the frame is not rendered yet, or the deadline passed.
     """
     with reading(context.engine) as connection:
-        run = runs.get(connection, key.run_id)
-        resolved = resolve_stored(run, context.settings)
-        place = _place(run, resolved, function, sensor)
+        run = resolve_stored(runs.get(connection, key.run_id), context.settings)
+        resolved = run.resolved
+        place = _place(run, function, sensor)
         rows = results.frame_evaluations(connection, key)
         if not rows:
             raise NotFound("frame", key)
-        digest = next(one.prediction for one in rows if (one.sensor_index, one.function_index) == place)
+        digest = next(row.prediction for row in rows if (row.sensor_index, row.function_index) == place)
         name = resolved.spec.functions[place[1]]
-        registered = functions.of_digest(connection, run.pins["functions"][name]["digest"])
+        registered = functions.of_digest(connection, run.pins.functions[name].digest)
     if registered is None:
         raise NotFound("version of the function", f"{name}: it was removed")
-    encoded, pixels = _encoded(data, FunctionDocument.model_validate(registered.document), resolved)
+    encoded, pixels = _encoded(data, registered.document, resolved)
     return _publish(context, digest, encoded, pixels)
 
 
-class _Given:
-    """The maker of a prediction that is there already."""
+class _Uploaded:
+    """The maker of a prediction that was made elsewhere."""
 
     def __init__(self, context: Context, data: bytes, pixels: int) -> None:
         self._context, self._data, self._pixels = context, data, pixels
@@ -76,17 +76,23 @@ class _Given:
         return Finished(job.digest, len(self._data), self._pixels, 0.0)
 
 
-def _place(run: Any, resolved: ResolvedRun, function: str | None, sensor: str | None) -> tuple[int, int]:
-    """(sensor index, function index)."""
+def _place(run: StoredRun, function: str | None, sensor: str | None) -> tuple[int, int]:
+    """Return the indexes of sensor and function.
+
+    Raises:
+        Conflict: the run awaits no predictions.
+        InvalidInput, UnknownName: several are possible and none is named, or the name is unknown.
+    """
+    resolved = run.resolved
     awaited = tuple(deadlines(run.pins))
     if not awaited:
         raise Conflict(f"run {run.id} waits for no predictions")
     sensors = [setting.name for setting in resolved.spec.sensors]
-    for what, given, known in (("function", function, awaited), ("sensor", sensor, sensors)):
-        if given is None and len(known) > 1:
-            raise InvalidInput(f"which {what}?", field=what, limit=", ".join(known))
-        if given is not None and given not in known:
-            raise UnknownName(what, given, known, field=what)
+    for what, name, names in (("function", function, awaited), ("sensor", sensor, sensors)):
+        if name is None and len(names) > 1:
+            raise InvalidInput(f"which {what}?", field=what, limit=", ".join(names))
+        if name is not None and name not in names:
+            raise UnknownName(what, name, names, field=what)
     return (
         0 if sensor is None else sensors.index(sensor),
         resolved.spec.functions.index(awaited[0] if function is None else function),
@@ -94,15 +100,15 @@ def _place(run: Any, resolved: ResolvedRun, function: str | None, sensor: str | 
 
 
 def _encoded(data: bytes, document: FunctionDocument, resolved: ResolvedRun) -> tuple[bytes, int]:
-    """The stored object of a label map, and its pixels."""
+    """Return the stored object of a label map, and its number of pixels."""
     size, classes = resolved.spec.resolution, document.output.classes
     ids = decode_labels(data, size.height, size.width, field="label map")
-    foreign = [number for number in np.unique(ids).tolist() if number >= len(classes) and number != VOID]
-    if foreign:
+    unknown = [number for number in np.unique(ids).tolist() if number >= len(classes) and number != VOID]
+    if unknown:
         raise InvalidInput(
-            "an id that no class has",
+            "an id without a class",
             field="label map",
-            value=", ".join(map(str, foreign[:8])),
+            value=", ".join(map(str, unknown[:8])),
             limit=f"0…{len(classes) - 1} as {document.name} declares its classes, or {VOID} for void",
         )
     return codecs.encode_prediction(document.output.lookup[ids]), int(ids.size)
@@ -114,15 +120,15 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
     if state == "done":
         if context.store.get(key) != encoded:
             raise Conflict(
-                "there is another prediction for this frame already, and results may rest on it; to bring others, register "
-                "the function anew with another document (its provenance, say) and submit a run with it"
+                "there is another prediction for this frame already, and results may rest on it; to upload others, register "
+                "the function again with another document (its provenance, say) and submit a run with it"
             )
         return False
     if state != "ready":
         raise Conflict(_WHY_NOT.get(state, f"the prediction is {state}"))
-    # Left by an upload that was cut off before anybody could see it; the first that is published counts.
+    # An upload that was cut off may have left an object that no result uses; the first published one counts.
     context.store.delete(key)
-    run_stage(context, _Given(context, encoded, pixels), [digest])
+    run_stage(context, _Uploaded(context, encoded, pixels), [digest])
     state = _state(context, digest)
     if state == "parked":
         raise Conflict(_WHY_NOT[state])
@@ -133,12 +139,12 @@ def _publish(context: Context, digest: str, encoded: bytes, pixels: int) -> bool
 
 def _state(context: Context, digest: str) -> str:
     with reading(context.engine) as connection:
-        return str(results.product(connection, digest).state)
+        return results.product_state(connection, digest)
 
 
 _WHY_NOT: Final = {
     "waiting": "the frame is not rendered yet",
-    "running": "somebody else is storing the prediction of this frame",
+    "running": "another upload of the prediction of this frame is being stored",
     "parked": "no running run waits for this prediction",
-    "failed": "the frame failed or its deadline has passed; `valerie retry` makes the run wait anew",
+    "failed": "the frame failed or its deadline has passed; `valerie retry` makes the run wait again",
 }

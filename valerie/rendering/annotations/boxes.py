@@ -1,4 +1,4 @@
-"""Boxes of instances: in the world, before the camera and in the image. Pure numpy, from the scene and its ground truth."""
+"""Boxes of instances in world, camera and image coordinates. From scene and ground truth, in numpy and SciPy."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from valerie.rendering.projection import clip_hull, project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items, instance_roots
 from valerie.scene.graph.model import Camera, Mesh, Node, Scene, freeze
 
-#: Of a box of size 1 around the origin that faces +y.
+#: Corners of a unit box around the origin that faces +y.
 _CORNERS: Final = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))]
 )
-#: Pairs of corners that an edge joins; the last four are those in front.
+#: Edges as pairs of corners; the last four are those of the front.
 EDGES: Final = (
     (0, 1), (3, 0), (1, 2), (4, 5), (7, 4), (5, 6), (0, 4), (1, 5),
     (2, 3), (6, 7), (2, 6), (3, 7),
@@ -70,15 +70,15 @@ class Boxes:
 
 
 def measure_boxes(scene: Scene, view: View, truth: GroundTruth) -> Boxes:
-    """The boxes of a scene seen by a camera.
+    """Return the boxes of all instances that a scene draws.
 
     Args:
-        scene: places and shapes.
-        view: which camera looks, and into how many pixels.
-        truth: of this scene and view: what is visible.
+        scene: gives places and shapes.
+        view: camera and image size.
+        truth: ground truth of this scene and view.
 
     Raises:
-        UnknownName: the scene has no such camera.
+        UnknownName: The scene has no such camera.
     """
     camera = camera_of(scene, view)
     parts: dict[int, list[DrawItem]] = {}
@@ -119,9 +119,9 @@ class _Box:
     projected: tuple[float, float, float, float]
 
     def corners(self) -> NDArray[np.float64]:
-        """(8, 3) metres in the world; see `Boxes`."""
-        found: NDArray[np.float64] = self.centre + (_CORNERS * self.size) @ _upright(self.heading).T
-        return found
+        """Return the (8, 3) corners, metres in the world; see `Boxes`."""
+        corners: NDArray[np.float64] = self.centre + (_CORNERS * self.size) @ _upright(self.heading).T
+        return corners
 
 
 def _box(scene: Scene, root: Node, items: Sequence[DrawItem], camera: Camera, view: View) -> _Box:
@@ -138,7 +138,7 @@ def _box(scene: Scene, root: Node, items: Sequence[DrawItem], camera: Camera, vi
 
 @lru_cache(maxsize=1024)
 def _hull(mesh: Mesh) -> NDArray[np.float64]:
-    """(K, 3) vertices that span the convex hull of a mesh: no other is the outermost in any direction or projection."""
+    """Return the (K, 3) vertices that span the convex hull of a mesh, which bound it in every direction and projection."""
     positions = mesh.positions.astype(np.float64)
     try:
         return positions[ConvexHull(positions).vertices]
@@ -153,7 +153,7 @@ def _projected(vertices: NDArray[np.float64], camera: Camera, view: View) -> tup
     if not before.any():
         return (math.nan,) * 4
     if not before.all():
-        # The instance reaches through the near plane: the hull of its box, cut there, bounds what is before it.
+        # The instance crosses the near plane. Its bounding box, clipped there, bounds the part in front.
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         vertices = clip_hull(corners, forward, nearest)
@@ -163,11 +163,11 @@ def _projected(vertices: NDArray[np.float64], camera: Camera, view: View) -> tup
 
 
 def _pixels(corners: NDArray[np.float64], camera: Camera, view: View) -> NDArray[np.float32]:
-    """(N, 8, 3) world points to (N, 8, 2) pixels."""
+    """Project (N, 8, 3) world points to (N, 8, 2) pixels; NaN behind the near plane."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = project(corners.reshape(-1, 3), camera, view.width, view.height)
-    found[found[:, 2] < camera.near] = np.nan
-    pixels: NDArray[np.float32] = found[:, :2].astype(np.float32).reshape(-1, 8, 2)
+        projected = project(corners.reshape(-1, 3), camera, view.width, view.height)
+    projected[projected[:, 2] < camera.near] = np.nan
+    pixels: NDArray[np.float32] = projected[:, :2].astype(np.float32).reshape(-1, 8, 2)
     return pixels
 
 
@@ -178,7 +178,7 @@ def _visible(truth: GroundTruth, number: int) -> tuple[int, tuple[int, int, int,
 
 
 def _upright(heading: float) -> NDArray[np.float64]:
-    """(3, 3) whose columns are across the heading (to its right), along it, and up."""
+    """Return the (3, 3) matrix whose columns point right of the heading, along it, and up."""
     cosine, sine = math.cos(heading), math.sin(heading)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 

@@ -1,4 +1,4 @@
-"""Vectors of movement in the image: optical flow and velocity."""
+"""Optical flow and image velocity."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from valerie.scene.graph.model import freeze
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowMap:
-    """How what is seen at each pixel moves across the image.
+    """The motion across the image of each pixel's surface point.
 
     Attributes:
         vectors: (H, W, 2) float32, to the right and down: pixels until the next frame of the sequence (flow), or pixels per
@@ -26,5 +26,5 @@ class FlowMap:
 
     @property
     def defined(self) -> NDArray[np.bool_]:
-        """(H, W) bool."""
+        """(H, W) bool; true where the vector is defined."""
         return np.isfinite(self.vectors[..., 0]) & np.isfinite(self.vectors[..., 1])

@@ -1,4 +1,4 @@
-"""Joints of persons and riders: in the world, before the camera and in the image. From the scene and its truth, in numpy."""
+"""Joints of persons and riders in world, camera and image coordinates. From scene and ground truth, in numpy."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from valerie.rendering.projection import project, view_from_world
 from valerie.rendering.scene_reading import DrawItem, camera_of, draw_items
 from valerie.scene.graph.model import JOINTS, Camera, Scene, freeze
 
-#: What is said of a joint: it lies outside of the image or behind the camera; something else is before it; the person's own body
-#: is before it; it is visible.
+#: Visibility of a joint: outside of the image or behind the camera; hidden by another object; hidden by the person's own body;
+#: visible.
 OUTSIDE, HIDDEN, SELF_HIDDEN, VISIBLE = 0, 1, 2, 3
-#: A joint lies within the body. It counts as visible if the person's surface at its pixel is at most this far before it, metres:
-#: more than flesh and clothes around a shoulder, a hip or a head, less than a trunk.
+#: Largest depth, metres, of a visible joint below the person's surface at its pixel: more than flesh and clothes around a
+#: shoulder, a hip or a head, less than a trunk.
 DEPTH_WITHIN_M: Final = 0.2
 
 #: Classes of human bodies.
@@ -44,12 +44,11 @@ LIMBS: Final = tuple(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joints:
-    """The joints of every person and rider who is drawn, by ascending instance id; of J = ``len(JOINTS)``, in that order.
+    """The joints of every drawn person and rider, by ascending instance id. There are J = ``len(JOINTS)``, in that order.
 
     Attributes:
         instances: (N,) int64, label id × 1000 + n.
-        known: (N,) uint8, 1 where there is a skeleton; 0 for one whose shape came without: nothing is guessed, the other
-            arrays hold NaN and `OUTSIDE`.
+        known: (N,) uint8, 1 with a skeleton. 0 without one: the other arrays hold NaN and `OUTSIDE`.
         places: (N, J, 3) float32, metres in the world.
         camera_places: (N, J, 3) float32, metres in the camera's frame (x right, y up, −z is where it looks).
         pixels: (N, J, 2) float32, x and y in the image, also beyond its border; NaN behind the camera.
@@ -69,23 +68,23 @@ class Joints:
 
 
 def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
-    """The joints of a scene's persons and riders seen by a camera.
+    """Return the joints of a scene's persons and riders, seen by a camera.
 
     Args:
-        scene: who stands where, and how.
-        view: which camera looks, and into how many pixels.
-        truth: of this scene and view: what hides what.
+        scene: gives places and poses.
+        view: camera and image size.
+        truth: ground truth of this scene and view, which tells hidden joints.
 
     Raises:
-        UnknownName: the scene has no such camera.
+        UnknownName: The scene has no such camera.
     """
     camera = camera_of(scene, view)
     skeletons: dict[int, NDArray[np.float64] | None] = {}
     for item in (*draw_items(scene, movable=False), *draw_items(scene, movable=True)):
         if item.node.label_id in _BODIES and item.node.instance_id:
             skeletons.setdefault(item.node.instance_id, None)
-            if (found := _in_the_world(item)) is not None:
-                skeletons[item.node.instance_id] = found
+            if (joints := _in_the_world(item)) is not None:
+                skeletons[item.node.instance_id] = joints
     numbers = sorted(skeletons)
     places = np.full((len(numbers), len(JOINTS), 3), np.nan)
     for i, number in enumerate(numbers):
@@ -110,19 +109,19 @@ def measure_joints(scene: Scene, view: View, truth: GroundTruth) -> Joints:
 
 
 def _in_the_world(item: DrawItem) -> NDArray[np.float64] | None:
-    """(J, 3) the joints of what is drawn, or None."""
+    """Return the joints of a drawn item, (J, 3) metres in the world, or None without a skeleton."""
     node = item.node
     joints = node.joints if node.figure is None else node.figure.joints
     return None if joints is None else np.asarray(joints @ item.world[:3, :3].T + item.world[:3, 3], np.float64)
 
 
 def _pixels(places: NDArray[np.float64], camera: Camera, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, J, 2) pixels, NaN behind the camera, and (N, J) depths along the optical axis."""
+    """Return (N, J, 2) pixels, NaN behind the camera, and (N, J) depths along the optical axis, metres."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = project(places.reshape(-1, 3), camera, view.width, view.height)
-    found[~(found[:, 2] >= camera.near), :2] = np.nan
+        projected = project(places.reshape(-1, 3), camera, view.width, view.height)
+    projected[~(projected[:, 2] >= camera.near), :2] = np.nan
     shape = places.shape[:2]
-    return found[:, :2].reshape(*shape, 2), found[:, 2].reshape(shape)
+    return projected[:, :2].reshape(*shape, 2), projected[:, 2].reshape(shape)
 
 
 def _visibility(number: int, place: tuple[float, float], depth: float, truth: GroundTruth) -> int:

@@ -1,4 +1,4 @@
-"""Which annotations there are; needs no graphics library."""
+"""The kinds of annotations. Imports no graphics library."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from enum import StrEnum
 
 
 class AnnotationKind(StrEnum):
-    """Truth of a frame that is made only when a spec asks for it; each is a product of its own."""
+    """Ground truth that a frame gets only if the spec requests it. Each kind is a product of its own."""
 
-    #: The direction of the surface in every pixel.
+    #: The surface normal at every pixel.
     NORMALS = "normals"
-    #: Place, size and heading of every instance in the world and before the camera, and its rectangles in the image.
+    #: Place, size and heading of every instance in world and camera coordinates, and its rectangles in the image.
     BOXES = "boxes"
-    #: Of every person with a skeleton the joints in the world, before the camera and in the image, and what is seen of them.
+    #: Joints of every person with a skeleton, in world, camera and image coordinates, and their visibility.
     JOINTS = "joints"
-    #: Of every person the light that arrives on the body, its share in shadow and its contrast: columns, no arrays.
+    #: Irradiance, share in shadow and contrast of every person: database columns, no arrays.
     LIGHT = "light"
 
     @property
     def stored(self) -> bool:
-        """Whether it has an object in the store; one that has none is rows of the database."""
+        """True if the annotation is an object in the store; otherwise it is rows of the database."""
         return self is not AnnotationKind.LIGHT
 
-    #: Where what is seen in every pixel is seen in the next frame of the sequence.
+    #: Optical flow of every pixel to the next frame of the sequence.
     FLOW = "flow"
-    #: How fast what is seen in every pixel moves across the image.
+    #: Image velocity of every pixel.
     VELOCITY = "velocity"

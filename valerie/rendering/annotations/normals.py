@@ -1,8 +1,8 @@
-"""Surface normals as they are kept: the octahedral map in two 16-bit numbers per pixel.
+"""Stored surface normals: the octahedral map in two 16-bit numbers per pixel.
 
 The unit sphere is projected onto the octahedron |x| + |y| + |z| = 1 and unfolded to a square (Cigolle et al. 2014, "A survey of
-efficient representations for independent unit vectors", JCGT 3(2)). Rounded to 16 bits a side, a vector comes back within
-0.004° of itself.
+efficient representations for independent unit vectors", JCGT 3(2)). Rounding to 16 bits a side
+changes a vector by at most 0.004°.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _SCALE: Final = 32767.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normals:
-    """Which way the surface in each pixel faces, in the world; in step with the class map.
+    """The world-space surface normals of an image; the surfaces are those of the class map.
 
-    The interpolated vertex normal of the surface at the pixel's centre, turned to the side that is seen; normal maps and
-    wetness do not change it.
+    A normal is the interpolated vertex normal at the pixel's centre, on the visible side. Normal maps and wetness do not change
+    it.
 
     Attributes:
         octahedral: (H, W, 2) int16, the octahedral map scaled to ±32767; `NOTHING` twice where there is no surface (sky).
@@ -38,30 +38,30 @@ class Normals:
 
     @property
     def defined(self) -> NDArray[np.bool_]:
-        """(H, W) bool: where there is a surface."""
-        there: NDArray[np.bool_] = self.octahedral[..., 0] != NOTHING
-        return there
+        """(H, W) bool; true where there is a surface."""
+        surface: NDArray[np.bool_] = self.octahedral[..., 0] != NOTHING
+        return surface
 
     def vectors(self) -> NDArray[np.float32]:
-        """(H, W, 3) float32 unit vectors in the world (x across the street, y along it, z up); zero where there is no surface."""
+        """Return (H, W, 3) float32 unit vectors in the world (x across the street, y along it, z up); zero on the sky."""
         plane = self.octahedral.astype(np.float32) / np.float32(_SCALE)
         upright = 1.0 - np.abs(plane).sum(axis=-1)
         folded = (1.0 - np.abs(plane[..., ::-1])) * np.where(plane >= 0, 1.0, -1.0)
         plane = np.where((upright < 0)[..., None], folded, plane)
-        found = np.concatenate([plane, upright[..., None]], axis=-1).astype(np.float32)
-        found /= np.linalg.norm(found, axis=-1, keepdims=True)
-        found[~self.defined] = 0.0
-        return found
+        vectors = np.concatenate([plane, upright[..., None]], axis=-1).astype(np.float32)
+        vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
+        vectors[~self.defined] = 0.0
+        return vectors
 
     @classmethod
     def of(cls, vectors: NDArray[np.floating]) -> Normals:
-        """Normals from (H, W, 3) unit vectors; zero vectors stand for no surface."""
+        """Encode (H, W, 3) unit vectors; a zero vector means no surface."""
         size = np.abs(vectors).sum(axis=-1)
-        there = size > 0
-        scaled = vectors / np.where(there, size, 1.0)[..., None]
+        surface = size > 0
+        scaled = vectors / np.where(surface, size, 1.0)[..., None]
         plane = scaled[..., :2]
         folded = (1.0 - np.abs(plane[..., ::-1])) * np.where(plane >= 0, 1.0, -1.0)
         plane = np.where((scaled[..., 2] < 0)[..., None], folded, plane)
         octahedral = np.rint(plane * _SCALE).astype(np.int16)
-        octahedral[~there] = NOTHING
+        octahedral[~surface] = NOTHING
         return cls(octahedral)

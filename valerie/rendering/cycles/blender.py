@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from valerie.errors import MissingDependency, RenderingError, TransientError
 from valerie.settings import Settings, load_settings
 
-#: Of the package `inside`, which Blender's Python has not installed. The folder comes last, so that its other modules hide none.
+#: Folder of the package `inside`, which Blender's Python has not installed. Last in the path, it hides no module.
 _FOLDER: Final = Path(__file__).parent
 _START: Final = (
     "import runpy, sys; sys.path.append(sys.argv.pop(1)); "
@@ -37,7 +37,7 @@ _HEADER: Final = struct.Struct("<I")
 #: Seconds that importing Blender and looking for devices may take.
 _START_SECONDS: Final = 120.0
 _LOOK_SECONDS: Final = 0.5
-#: What Blender says when memory, not the scene, is at fault.
+#: Messages of Blender for a lack of memory.
 _OUT_OF_MEMORY: Final = re.compile(r"out of (\w+ )?memory|MemoryError|failed to allocate", re.IGNORECASE)
 _LONGEST_LOG: Final = 2_000
 
@@ -79,9 +79,9 @@ class BlenderProcess:
         )
         self.pid = self._process.pid
         device = settings.cycles_device
-        found, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
-        self.version, self.device = str(found["version"]), str(found["device"])
-        self.device_name = str(found["device_name"])
+        answer, _ = self.ask("hello", device=device, threads=settings.cycles_threads, silence=_START_SECONDS)
+        self.version, self.device = str(answer["version"]), str(answer["device"])
+        self.device_name = str(answer["device_name"])
         if device not in ("auto", self.device.lower()):
             self.close()
             raise MissingDependency(f"VALERIE_CYCLES_DEVICE is {device}, but Blender finds no such device here")
@@ -210,7 +210,7 @@ class Wire:
         self._silence = silence
 
     def send(self, data: bytes | memoryview) -> None:
-        """All of it; raises EOFError when nobody reads."""
+        """Send all of it; raises EOFError if nobody reads."""
         view = memoryview(data)
         while view:
             self._wait(self._requests, writing=True)
@@ -245,7 +245,7 @@ class Wire:
 
 
 def interpreter(settings: Settings) -> Path:
-    """The Python that has Blender.
+    """Return the Python that has Blender.
 
     Raises:
         MissingDependency: there is none at that place.
@@ -262,7 +262,7 @@ def interpreter(settings: Settings) -> Path:
 
 @cache
 def process_blender(pid: int) -> BlenderHolder:
-    """The one Blender of this process (``pid`` is its own: a forked child must not speak over its parent's pipes)."""
+    """Return the one Blender of this process (``pid`` is its own: a forked child must not speak over its parent's pipes)."""
     assert pid == os.getpid()
     return BlenderHolder(load_settings())
 
@@ -284,7 +284,7 @@ class BlenderHolder:
         return self._past_cpu_seconds + (self._blender.cpu_seconds if self._blender is not None else 0.0)
 
     def get(self) -> BlenderProcess:
-        """The running Blender.
+        """Return the running Blender.
 
         Raises:
             MissingDependency: see `BlenderProcess`.
@@ -303,12 +303,12 @@ class BlenderHolder:
 
 
 def blender_program(python: Path, module: str, *arguments: str) -> list[str]:
-    """The command that runs a module of `inside` in Blender's Python, isolated from this environment."""
+    """Return the command that runs a module of `inside` in Blender's Python, isolated from this environment."""
     return [str(python), "-I", "-B", "-c", _START, str(_FOLDER), module, *arguments]
 
 
 def blender_environment() -> dict[str, str]:
-    """What Blender gets to see of the environment: nothing of VALERIE's settings and tokens, no user's Blender settings."""
+    """Return Blender's environment, without VALERIE's settings and tokens and without the user's Blender settings."""
     kept = (
         "PATH",
         "LANG",
@@ -319,5 +319,5 @@ def blender_environment() -> dict[str, str]:
         "HIP_VISIBLE_DEVICES",
         "SYSTEMROOT",
     )
-    found = {name: os.environ[name] for name in kept if name in os.environ}
-    return {**found, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": os.devnull}
+    inherited = {name: os.environ[name] for name in kept if name in os.environ}
+    return {**inherited, "HOME": tempfile.gettempdir(), "BLENDER_USER_RESOURCES": os.devnull}

@@ -24,12 +24,12 @@ _LOOK_SECONDS: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """What became of a .blend file.
+    """The result of a converted .blend file.
 
     Attributes:
-        path: of the glTF file.
-        version: of Blender.
-        notes: what was left out, in words.
+        path: the glTF file.
+        version: version of Blender.
+        notes: the omitted parts, in words.
     """
 
     path: Path
@@ -38,7 +38,7 @@ class Conversion:
 
 
 def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
-    """Turn a .blend file into one binary glTF file; nothing that the file brings is run.
+    """Convert a .blend file to one binary glTF file. No script of the file is run.
 
     Args:
         source: the .blend file.
@@ -59,26 +59,30 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
         raise InvalidInput("not a .blend file", field=source.name, value=start.hex(" "), limit="starts with BLENDER")
     python = interpreter(settings)
     with tempfile.TemporaryDirectory(prefix="valerie-convert-") as folder:
-        made, report = Path(folder, "scene.glb"), Path(folder, "report.json")
-        command = blender_program(python, "inside.convert", str(source.resolve()), str(made), str(report))
+        output, report_path = Path(folder, "scene.glb"), Path(folder, "report.json")
+        command = blender_program(python, "inside.convert", str(source.resolve()), str(output), str(report_path))
         with Path(folder, "log").open("w+b") as log:
             _run(command, log, settings.cycles_max_memory_mb * 1_000_000)
             log.seek(0)
             last = log.read().decode(errors="replace").strip().splitlines()[-1:]
-        if not report.is_file():
+        if not report_path.is_file():
             raise RenderingError(f"Blender ended while it converted {source.name}: {' '.join(last) or 'no message'}")
-        found = json.loads(report.read_text("utf-8"))
-        if "error" in found or not made.is_file():
-            raise InvalidInput(f"Blender cannot convert it: {found.get('error', last)}", field=source.name)
+        report = json.loads(report_path.read_text("utf-8"))
+        if "error" in report or not output.is_file():
+            raise InvalidInput(f"Blender cannot convert it: {report.get('error', last)}", field=source.name)
         try:
-            target.write_bytes(made.read_bytes())
+            target.write_bytes(output.read_bytes())
         except OSError as error:
             raise InvalidInput(f"the file cannot be written ({error.strerror})", value=str(target)) from None
-    return Conversion(target, str(found["version"]), tuple(map(str, found["notes"])))
+    return Conversion(target, str(report["version"]), tuple(map(str, report["notes"])))
 
 
 def _run(command: list[str], log: Any, memory: int) -> None:
-    """Run to the end; raises RenderingError where it outgrows its memory or its time."""
+    """Run a command to its end.
+
+    Raises:
+        RenderingError: It needs too much memory or time.
+    """
     until = time.monotonic() + _LONGEST_S
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=blender_environment()

@@ -1,10 +1,9 @@
-"""Which rectangle of a picture a path tracer has to render again when movables stand in it.
+"""The rectangle of an image that a path tracer renders again when movables stand in it.
 
-Light that a movable reflects, or keeps from others, reaches everywhere, only ever less. So this bound is not exact, as the
-raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, what it changes by
-indirect light is smaller than the noise of a picture of the default quality (docs/cycles.md has the measurement).
-Its own pixels and its shadow from the sun are bounded exactly; its mirror image in a wet road is inside, those in distant
-smooth surfaces are not.
+The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. So this bound is not exact, as the
+raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, its effect on indirect
+light is smaller than the noise of an image of the default quality (docs/cycles.md has the measurement). The bounds of its own
+pixels and its shadow are exact. They include its reflection in a wet road, but not reflections in distant smooth surfaces.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _FILTER: Final = 3
 
 
 def reached_rectangle(scene: Scene, view: View) -> Rectangle:
-    """The rectangle of a scene's movables; empty where they reach nothing of the image.
+    """Return the rectangle of a scene's movables; empty where they reach nothing of the image.
 
     Raises:
         UnknownName: the scene has no such camera.
@@ -68,7 +67,7 @@ def reached_rectangle(scene: Scene, view: View) -> Rectangle:
 
 
 def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
-    """The part of the image that is rendered for the denoiser where only a rectangle is wanted.
+    """Return the part of the image that is rendered for the denoiser where only a rectangle is wanted.
 
     It begins and ends where the pixels that the denoiser's network takes together do in the whole image: else the network would
     see other blocks of pixels than there, and differ more than a margin of any width makes good (docs/cycles.md).
@@ -84,7 +83,7 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
 
 
 def _frame_lamps(scene: Scene, view: View) -> FrameLamps:
-    """The lamps that shine, and of those that stand still the ones whose shadows are looked for: the raster engine's."""
+    """Return the lamps that shine, and of those that stand still the ones whose shadows are looked for: the raster engine's."""
     return FrameLamps.seen_by(lit_lamps(scene, sky_of(scene)), camera_of(scene, view), view)
 
 

@@ -55,11 +55,15 @@ class CyclesRenderer:
         return self._holder.cpu_seconds
 
     def background(self, scene: Scene, view: View) -> LinearImage:
-        """The frame without movables; raises `RenderingError` if it is constant or not finite."""
+        """Render the frame without movables.
+
+        Raises:
+            RenderingError: The image is constant or not finite.
+        """
         return LinearImage(self._whole(scene, view, movables=False))
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """The rectangle that movables change noticeably; empty where they reach nothing of the image."""
+        """Render the rectangle that movables change noticeably; the layer is empty if they change none."""
         rectangle = reached_rectangle(scene, view)
         if rectangle.empty:
             return Layer(rectangle, np.zeros((0, 0, 3), np.float16))
@@ -71,7 +75,7 @@ class CyclesRenderer:
         return Layer(rectangle, np.ascontiguousarray(part))
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """The frame from scratch: Blender keeps nothing of what was rendered before."""
+        """Render the whole frame after Blender has dropped all of its caches."""
         self._holder.get().reset()
         return LinearImage(self._whole(scene, view, movables=True))
 
@@ -98,7 +102,7 @@ def numeric_class(version: str, device: str, device_name: str) -> str:
 
 
 def _instruction_set() -> str:
-    """The widest of the instruction sets that Cycles or its denoiser have code of their own for."""
+    """Return the widest of the instruction sets that Cycles or its denoiser have code of their own for."""
     try:
         lines = Path("/proc/cpuinfo").read_text("ascii", "replace").splitlines()
     except OSError:  # not Linux

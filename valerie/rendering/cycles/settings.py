@@ -1,4 +1,4 @@
-"""What a spec may say of the engine `cycles`: how many samples, which denoiser, how light travels."""
+"""Settings of the engine `cycles`: samples, denoiser, light transport."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Quality = Literal["draft", "standard", "high", "paper"]
 
 
 class Preset(NamedTuple):
-    """Samples per pixel, and whether Open Image Denoise cleans the picture."""
+    """Samples per pixel, and the use of Open Image Denoise."""
 
     samples: int
     denoise: bool
 
 
-#: What docs/cycles.md gives errors and costs of. ``paper``: 1024 samples as in the paper, section 6.
+#: Presets; docs/cycles.md has their errors and costs. ``paper``: 1024 samples as in the paper, section 6.
 PRESETS: Final[Mapping[Quality, Preset]] = {
     "draft": Preset(16, denoise=True),
     "standard": Preset(64, denoise=True),
@@ -54,7 +54,7 @@ class CyclesSettings(EngineSettings):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
 
     def inputs(self) -> dict[str, Any]:
-        """What the pixels depend on: the preset spelled out. Equal inputs, equal pixels."""
+        """Return every value that the pixels depend on, with the preset resolved. Equal inputs give equal pixels."""
         preset = PRESETS[self.quality]
         return {
             **self.model_dump(exclude={"quality"}),
@@ -63,5 +63,5 @@ class CyclesSettings(EngineSettings):
         }
 
     def cost(self) -> float:
-        """CPU seconds of a picture relative to the default settings, roughly: they grow with the samples."""
+        """Return roughly the CPU time of an image relative to the default settings. It is proportional to the samples."""
         return float(self.inputs()["samples"]) / PRESETS["standard"].samples

@@ -47,11 +47,11 @@ class _Placed(NamedTuple):
 
 
 class Guided(NamedTuple):
-    """What a denoiser is given, each (h, w, 3) float32.
+    """The inputs of a denoiser, each (h, w, 3) float32.
 
     Attributes:
-        noisy: the picture as its samples left it.
-        albedo, normal: of what is seen through each pixel, as Cycles' denoiser takes them.
+        noisy: the image before denoising.
+        albedo, normal: guides of each pixel, as Cycles' denoiser takes them.
     """
 
     noisy: NDArray[np.float32]
@@ -68,16 +68,16 @@ def render(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> NDArray[np.float32]:
-    """(h, w, 3) float32 pixels of the border, or of the whole image.
+    """Return the pixels of the border, (h, w, 3) float32, or of the whole image.
 
     Args:
         settings: `CyclesSettings.inputs`.
         movables: whether they are part of the picture.
     """
     items = _items(scene, movables=movables)
-    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
+    _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=border, movables=movables)
     sky, part = sky_of(scene), border if border is not None else Rectangle(0, 0, view.width, view.height)
-    return rained_on(made["pixels"], sky.drops, sky.haze, part, view.height)
+    return rained_on(arrays["pixels"], sky.drops, sky.haze, part, view.height)
 
 
 def guided(
@@ -89,19 +89,19 @@ def guided(
     border: Rectangle | None = None,
     movables: bool = True,
 ) -> Guided:
-    """As `render` without denoiser and before rain falls, with the denoiser's guides.
+    """Render as `render` does, but without denoiser and rain, and return the denoiser's guides.
 
     Frames are composed of it to validate layers (docs/cycles.md); no product is made of it.
     """
     items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}
-    _, made = _ask(blender, scene, view, items, settings=noisy, border=border, guides=True, movables=movables)
-    return Guided(**made)
+    _, arrays = _ask(blender, scene, view, items, settings=noisy, border=border, guides=True, movables=movables)
+    return Guided(**arrays)
 
 
-def denoised(blender: BlenderProcess, given: Guided) -> NDArray[np.float32]:
-    """What Cycles' own denoiser makes of a picture: up to rounding of floats, what `render` gives with ``denoise``."""
-    return blender.ask("denoise", given._asdict())[1]["pixels"]
+def denoised(blender: BlenderProcess, guided_image: Guided) -> NDArray[np.float32]:
+    """Denoise with Cycles' own denoiser. Up to float rounding, the result is that of `render` with ``denoise``."""
+    return blender.ask("denoise", guided_image._asdict())[1]["pixels"]
 
 
 def object_index(
@@ -112,8 +112,8 @@ def object_index(
     Checks the truth pass in tests; no product is made of it.
     """
     items = _items(scene, movables=True)
-    _, made = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
-    return made["index"].astype(np.int32), items
+    _, arrays = _ask(blender, scene, view, items, settings=dict(settings), border=None, index=True)
+    return arrays["index"].astype(np.int32), items
 
 
 def _items(scene: Scene, *, movables: bool) -> tuple[DrawItem, ...]:
@@ -190,15 +190,15 @@ class _Sender:
         self._used: set[str] = set()
 
     def placed(self, item: DrawItem, place: int) -> list[_Placed]:
-        """The meshes of a node, sent."""
-        found = []
+        """Send the meshes of a node and return them."""
+        meshes = []
         for i, mesh in enumerate(item.meshes):
             if not mesh.faces.size:
                 continue
             material = self._material(material_of(self._scene, mesh, item.node.path))
             key, world = self._mesh(mesh, item.world)
-            found.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
-        return found
+            meshes.append(_Placed(f"{item.node.path}#{i}", key, material, world, place))
+        return meshes
 
     def forget_unused(self) -> None:
         """Remove what this picture does not use, once that is much: memory stays flat over changing scenes."""
@@ -299,7 +299,7 @@ def _light(scene: Scene, sky: Sky) -> dict[str, Any]:
 
 
 def _lamp(lamp: Lamp) -> dict[str, Any]:
-    """A lamp for Blender, whose energy in watts is that of a sphere: radiant intensity is energy / 4π, and a white surface
+    """Return a lamp for Blender, whose energy in watts is that of a sphere: radiant intensity is energy / 4π, and a white surface
     shows its irradiance divided by π.
     """
     strength = np.array(lamp.strength)
@@ -318,7 +318,7 @@ def _lamp(lamp: Lamp) -> dict[str, Any]:
 
 
 def _panorama(sky: Sky) -> NDArray[np.float32]:
-    """(H, W, 3) equirectangular picture of our sky: straight up at the top, +x in the middle, +y a quarter to the left."""
+    """Return an equirectangular image of our sky, (H, W, 3): zenith at the top, +x in the middle, +y a quarter to the left."""
     height, width = _PANORAMA
     elevation = np.maximum(np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi, 0.0)
     direction = np.pi - (np.arange(width) + 0.5) / width * 2 * np.pi
@@ -331,7 +331,7 @@ def _panorama(sky: Sky) -> NDArray[np.float32]:
 
 
 def _sheared(world: Matrix) -> bool:
-    """Whether a matrix is more than a place, a rotation and a scale along the object's own axes."""
+    """Return True if a matrix has more than translation, rotation and scale along the object's own axes."""
     axes = world[:3, :3]
     lengths = np.maximum(np.linalg.norm(axes, axis=0), 1e-300)
     cosines = (axes / lengths).T @ (axes / lengths)

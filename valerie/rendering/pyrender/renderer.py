@@ -63,11 +63,15 @@ class PyrenderRenderer:
         return self._numeric_class
 
     def background(self, scene: Scene, view: View) -> LinearImage:
-        """The frame without movables; raises `RenderingError` if it is constant."""
+        """Render the frame without movables.
+
+        Raises:
+            RenderingError: The image is constant.
+        """
         return LinearImage(self._render(scene, view, draw_items(scene, movable=False)))
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """The rectangle in which the frame differs from the background."""
+        """Render the rectangle in which the frame differs from the background."""
         movables = draw_items(scene, movable=True)
         if not movables:
             return Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
@@ -82,7 +86,7 @@ class PyrenderRenderer:
         return Layer(rectangle, pixels[rectangle.slices].copy())
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """The frame from scratch."""
+        """Render the whole frame at once."""
         items = (*draw_items(scene, movable=False), *draw_items(scene, movable=True))
         return LinearImage(self._render(scene, view, items))
 
@@ -111,7 +115,7 @@ class PyrenderRenderer:
         return found[1]
 
     def _render(self, scene: Scene, view: View, items: tuple[DrawItem, ...]) -> NDArray[np.float16]:
-        """(height, width, 3) linear."""
+        """Render a linear image, (height, width, 3)."""
         camera = camera_of(scene, view)
         sky = sky_of(scene)
         if sky.lux < DARKEST_LUX:
@@ -152,7 +156,7 @@ class PyrenderRenderer:
         return pixels
 
     def _mesh(self, mesh: Mesh, material: Material, scene: Scene) -> Any:
-        """The library's mesh, kept by identity for the next frame."""
+        """Return the library's mesh, kept by identity for the next frame."""
         key = (id(mesh), material)
         found = self._meshes.get(key)
         if found is None:
@@ -218,7 +222,7 @@ def _import_pyrender() -> Any:
 
 @cache
 def _process_renderer() -> tuple[Any, str]:
-    """The library's renderer and the driver's numeric class: one per process, kept until it ends.
+    """Return the library's renderer and the driver's numeric class: one per process, kept until it ends.
 
     Once deleted, or merely collected, it terminates the whole EGL display, and with that the contexts of all others in this
     process (the truth pass, the raster engine).
@@ -234,7 +238,7 @@ def _process_renderer() -> tuple[Any, str]:
 
 
 def _ordered_node(library: Any) -> Any:
-    """A node class that is drawn in the order in which nodes were added.
+    """Return a node class that is drawn in the order in which nodes were added.
 
     The library keeps nodes in a set and draws those at equal distance in its order, which with the usual hash (an address)
     differs from frame to frame; where surfaces coincide, so would the picture.
@@ -262,7 +266,7 @@ def _ambient(sky: Sky) -> NDArray[np.float64]:
 
 
 def _pose_along(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4, 4) pose whose −z is ``direction``."""
+    """Return (4, 4) pose whose −z is ``direction``."""
     back = -direction / np.linalg.norm(direction)
     reference = np.array([0.0, 1.0, 0.0]) if abs(back[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
     right = np.cross(reference, back)

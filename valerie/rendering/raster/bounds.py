@@ -20,7 +20,7 @@ from valerie.scene.graph.model import Camera
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How far the filters of the engine reach.
+    """The reach of the engine's filters.
 
     Attributes:
         occlusion_radius: metres, beyond which near occlusion is exactly nothing.
@@ -103,7 +103,7 @@ def covered_rectangle(boxes: Iterable[Points], camera: Camera, view: View, pad_x
 
 
 def union(first: Rectangle, second: Rectangle) -> Rectangle:
-    """The smallest rectangle around both."""
+    """Return the smallest rectangle around both."""
     if first.empty or second.empty:
         return second if first.empty else first
     x, y = min(first.x, second.x), min(first.y, second.y)
@@ -113,7 +113,7 @@ def union(first: Rectangle, second: Rectangle) -> Rectangle:
 
 
 def grown(rectangle: Rectangle, pixels: int, view: View) -> Rectangle:
-    """The rectangle with ``pixels`` more on each side, inside the image."""
+    """Return the rectangle with ``pixels`` more on each side, inside the image."""
     more = Rectangle(
         rectangle.x - pixels, rectangle.y - pixels, rectangle.width + 2 * pixels, rectangle.height + 2 * pixels
     )
@@ -131,12 +131,12 @@ def _seen(hulls: Sequence[Points], camera: Camera, view: View) -> list[Points]:
     if not (together @ forward >= nearest).all():
         hulls = [clip_hull(points, forward, nearest) for points in hulls]
         together = np.concatenate(hulls)
-    found = project(together, camera, view.width, view.height)
-    return np.split(found, np.cumsum([len(points) for points in hulls])[:-1])
+    pixels = project(together, camera, view.width, view.height)
+    return np.split(pixels, np.cumsum([len(points) for points in hulls])[:-1])
 
 
 def _shadow_prism(corners: Points, toward_sun: Points, lowest: float, penumbra: float) -> Points:
-    """(128, 3) points that span a box, grown by the penumbra, and its shadow down to height ``lowest``."""
+    """Return (128, 3) points that span a box, grown by the penumbra, and its shadow down to height ``lowest``."""
     cube = box_corners(np.full(3, -penumbra), np.full(3, penumbra))
     top = (corners[:, None] + cube[None]).reshape(-1, 3)
     drop = max(float(top[:, 2].max()) - lowest, 0.0) + penumbra

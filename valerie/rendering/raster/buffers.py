@@ -29,7 +29,7 @@ class Buffers:
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The vertex array of a program, with those attributes that it reads."""
+        """Return the vertex array of a program, with those attributes that it reads."""
         found = self._arrays.get(program.glo)
         if found is None:
             found = self._arrays[program.glo] = self._gl.vertex_array(
@@ -38,7 +38,7 @@ class Buffers:
         return found
 
     def array_with(self, program: moderngl.Program, elsewhere: Buffers) -> moderngl.VertexArray:
-        """The same, for a program that also reads where the vertices of ``elsewhere`` are; the caller releases the array."""
+        """Return the vertex array of a program that also reads the positions of ``elsewhere``. The caller releases it."""
         there = (elsewhere._vertices["in_position"], _ATTRIBUTES["in_position"], "in_elsewhere")
         return self._gl.vertex_array(program, [*self._read_by(program), there], index_buffer=self._faces)
 

@@ -35,7 +35,7 @@ class LeastRecentlyUsed(Generic[Entry]):
         return iter(tuple(self._entries.values()))
 
     def get(self, key: Hashable, make: Callable[[], Entry]) -> Entry:
-        """The entry of ``key``, made now if it is not there."""
+        """Return the entry of ``key``, made now if it is not there."""
         entry = self._entries.get(key)
         if entry is not None:
             self._entries.move_to_end(key)

@@ -1,8 +1,8 @@
-"""What is kept between frames: the statics' picture, and the targets in which a frame is made of it.
+"""Caches between frames: the statics' image, and the targets in which frames are composed.
 
-A layer differs from the statics' picture in few places. So the targets keep the statics' values from frame to frame, with a
-mask per pass of the tiles that hold them; movables are drawn over a part, the tiles that they change are made again, and marked
-as not the statics' afterwards. Nothing of this can be seen in a pixel: a tile is either made now, or was made from equal inputs.
+A layer differs from the statics' image in few tiles. So the targets keep the statics' values from frame to frame, with one mask
+per pass of the tiles that hold them. Movables are drawn over a part; the tiles that they change are recomputed and then marked
+as invalid. The cache never affects a pixel: a tile is computed either now or earlier from equal inputs.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 Area = tuple[int, int, int, int]
 
 _NEIGHBOURS: Final = np.ones((3, 3), np.uint8)
-#: Rows of tiles whose samples are read at once.
+#: Rows of tiles read at once.
 _BAND: Final = 16
 
 
 class StaticSurfaces:
-    """The statics seen by one camera: the G-buffer, and what of it decides where movables can change near occlusion.
+    """The statics seen by one camera: the G-buffer, and depths and ambient occlusion that bound the effect of movables.
 
-    Rows from the bottom. Entries are valid where ``known``.
+    Rows count from the bottom. Entries are valid where ``known``.
 
     Attributes:
         target: the G-buffer.
-        nearest, farthest: metres along the optical axis, per tile, over all samples of its pixels and of their neighbours, whose
-            light the tent filter brings in.
-        open: per tile, whether near occlusion before its blur is nothing in every pixel.
-        smooth: (height, width) uint8, near occlusion after its blur, 255 for none.
+        nearest, farthest: depths in metres per tile, over all samples of its pixels and of their neighbours, which the tent
+            filter blends in.
+        open: per tile, True if no pixel has ambient occlusion before the blur.
+        smooth: (height, width) uint8, ambient occlusion after the blur; 255 for none.
     """
 
     def __init__(self, target: Target, grid: TileGrid) -> None:
@@ -53,9 +53,9 @@ class StaticSurfaces:
         self.smooth = np.zeros((grid.height, grid.width), np.uint8)
 
     def learn(self, mask: Mask, targets: ImageTargets, near: float, far: float) -> None:
-        """Read what is not known yet of the tiles of ``mask``, whose occlusion is in ``targets``."""
+        """Read the tiles of ``mask`` that are not known yet. Their ambient occlusion is in ``targets``."""
         mask = mask & ~self.known
-        # Band by band: memory of the size of a whole picture's samples would be taken from the system anew each time.
+        # Band by band, since a buffer for the whole image would be allocated from the system anew each time.
         for first in range(0, self.grid.shape[0], _BAND):
             band = self.grid.none()
             band[first : first + _BAND] = mask[first : first + _BAND]
@@ -70,11 +70,11 @@ class StaticSurfaces:
         tall = min(y + height + 1, self.grid.height) - bottom
         fine = left * SAMPLES, bottom * SAMPLES, wide * SAMPLES, tall * SAMPLES
         window = _read(self.target.framebuffer, fine, 1, "f4", -1).reshape(tall * SAMPLES, wide * SAMPLES)
-        # Two by two samples to a pixel, pixels with their neighbours, then to tiles; depth grows with the window's.
+        # Reduce two by two samples to pixels, pixels with their neighbours, then tiles. Depth increases with the buffer's value.
         inner = np.s_[y - bottom : y - bottom + height, x - left : x - left + width]
         nearest = np.minimum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
         low: NDArray[np.float32] = cv2.erode(nearest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
-        # Where nothing was drawn there is nothing to change.
+        # Movables change nothing on the sky, so it does not count.
         window = np.where(window < 1, window, 0)
         farthest = np.maximum.reduce([window[i::2, j::2] for i in (0, 1) for j in (0, 1)])
         high: NDArray[np.float32] = cv2.dilate(farthest, _NEIGHBOURS)[inner].astype(np.float32, copy=False)
@@ -82,9 +82,9 @@ class StaticSurfaces:
         smooth = _read(targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(height, width)
         rows, columns = slice(y // TILE, -(-(y + height) // TILE)), slice(x // TILE, -(-(x + width) // TILE))
         part = mask[rows, columns]
-        for found, pixels, largest in ((self.nearest, low, False), (self.farthest, high, True)):
+        for depths, pixels, largest in ((self.nearest, low, False), (self.farthest, high, True)):
             depth = near * far / (far - self.grid.reduced(pixels, largest=largest) * (far - near))
-            found[rows, columns][part] = depth[part]
+            depths[rows, columns][part] = depth[part]
         dark = self.grid.holding(raw < 255, x, y)
         self.open[mask] = ~dark[mask]
         inside = self.grid.pixels(mask, area)
@@ -96,23 +96,23 @@ class StaticSurfaces:
 
 
 class StaticImage:
-    """The statics' picture under one light: pixels where ``known``; rows from the bottom, (height, width, 3) float16."""
+    """The statics' image under one light: (height, width, 3) float16, rows from the bottom, valid where ``known``."""
 
     def __init__(self, grid: TileGrid) -> None:
         self.known = grid.none()
         self.pixels = np.zeros((grid.height, grid.width, 3), np.float16)
 
     def release(self) -> None:
-        """Nothing but memory is held."""
+        """Do nothing: an image holds only memory. Caches call it."""
 
 
 class Canvas:
-    """The targets of one image size, and which of their tiles hold the statics' values.
+    """The targets of one image size, with masks of the tiles that hold the statics' values.
 
     Attributes:
-        targets: what the passes write.
-        occluded, smoothed, opened, skylit, told, shaded: per pass, the tiles that are right for the statics alone. In those
-            ``told``, plain pixels have been told from the others.
+        targets: the outputs of the passes.
+        occluded, smoothed, opened, skylit, classified, shaded: per pass, the tiles that are valid for the statics alone. In
+            ``classified`` tiles, plain pixels are separated from the others.
     """
 
     def __init__(self, gl: moderngl.Context, view: View) -> None:
@@ -123,16 +123,18 @@ class Canvas:
         self.forget()
 
     def forget(self) -> None:
-        """Take nothing for granted any more."""
+        """Mark every tile as invalid."""
         self._camera: Hashable = None
         self._light: Hashable = None
-        #: Where the G-buffer is not the statics': where movables were drawn; everywhere, before anything was.
+        #: Area in which the G-buffer may differ from the statics': at first all of it, later that of the movables.
         self.drawn: Area = (0, 0, self.grid.width, self.grid.height)
         none = self.grid.none
-        self.occluded, self.smoothed, self.opened, self.skylit, self.told, self.shaded = (none() for _ in range(6))
+        self.occluded, self.smoothed, self.opened, self.skylit, self.classified, self.shaded = (
+            none() for _ in range(6)
+        )
 
     def take(self, camera: Hashable, light: Hashable) -> None:
-        """Go on with the statics seen by this camera under this light."""
+        """Prepare for the statics seen by this camera under this light; keep the tiles that are still valid."""
         if camera != self._camera:
             self.forget()
             self._camera = camera
@@ -141,20 +143,20 @@ class Canvas:
             self._light = light
 
     def light(self, frame: LitFrame, wanted: Mask) -> None:
-        """Make the pixels of the tiles of ``wanted``, and what they need."""
+        """Compute the pixels of the ``wanted`` tiles, and all inputs that are not valid."""
         spans = self.grid.spans
         shaded = widened(wanted) & ~self.shaded
         self.occlude(frame, widened(shaded))
         self.light_sky(frame, widened(shaded))
-        told = shaded & ~self.told
-        frame.tell_plain(spans(told))
-        self.told |= told
+        classified = shaded & ~self.classified
+        frame.classify(spans(classified))
+        self.classified |= classified
         frame.shade(spans(shaded))
         self.shaded |= shaded
         frame.resolve.run(spans(wanted))
 
     def light_sky(self, frame: LitFrame, wanted: Mask) -> None:
-        """Make the sky light of the tiles of ``wanted``."""
+        """Compute the sky light of the ``wanted`` tiles."""
         skylit = wanted & ~self.skylit
         opened = skylit & ~self.opened
         frame.open_sky(self.grid.spans(opened))
@@ -163,7 +165,7 @@ class Canvas:
         self.skylit |= skylit
 
     def occlude(self, frame: LitFrame, wanted: Mask) -> None:
-        """Make the near occlusion of the tiles of ``wanted``."""
+        """Compute the ambient occlusion of the ``wanted`` tiles."""
         smoothed = wanted & ~self.smoothed
         occluded = widened(smoothed) & ~self.occluded
         frame.occlusion.run(self.grid.spans(occluded))
@@ -172,15 +174,15 @@ class Canvas:
         self.smoothed |= smoothed
 
     def cover(self, tiles: Mask) -> None:
-        """Take what is known of tiles for granted no more, but for near occlusion: movables have come or gone."""
-        self.told &= ~tiles
+        """Mark tiles in which movables came or went as invalid. Ambient occlusion is the caller's to mark."""
+        self.classified &= ~tiles
         self.opened &= ~tiles
         self.skylit &= ~tiles
 
     def receive(self, frame: LitFrame, lighting: Lighting, areas: Sequence[Area]) -> list[NDArray[np.float32]]:
-        """Light on what is seen in each area, movables included: (height, width, 4), rows from the bottom.
+        """Return the light that arrives on the surfaces in each area, with movables: (height, width, 4), rows from the bottom.
 
-        What it takes of the kept values of the statics is marked as not theirs afterwards.
+        The tiles that it overwrites are invalid afterwards.
         """
         if self._received is None:
             self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
@@ -200,16 +202,16 @@ class Canvas:
         return [_read(self._received.framebuffer, area, 4, "f4").reshape(area[3], area[2], 4) for area in areas]
 
     def read_pixels(self, area: Area) -> NDArray[np.float16]:
-        """(height, width, 3) pixels, rows from the bottom."""
+        """Return the pixels of an area, (height, width, 3), rows from the bottom."""
         data = _read(self.targets.pixels.framebuffer, area, 3, "f2")
         return data.view(np.float16).reshape(area[3], area[2], 3)
 
     def read_smooth(self, area: Area) -> NDArray[np.uint8]:
-        """(height, width) near occlusion after its blur."""
+        """Return the ambient occlusion of an area after the blur, (height, width)."""
         return _read(self.targets.smooth_occlusion.framebuffer, area, 1, "f1").reshape(area[3], area[2])
 
     def read_moving(self, area: Area) -> Mask:
-        """(height, width) whether a movable, drawn last, is seen in a sample of the pixel."""
+        """Return a mask, (height, width), of the pixels of an area that show a movable, drawn last, in a sample."""
         x, y, width, height = (n * SAMPLES for n in area)
         rows = _read(self.targets.moving.framebuffer, (x, y, width, height), 1, "u2", 2).reshape(height, width)
         across = np.logical_or.reduce([rows[:, i::SAMPLES] for i in range(SAMPLES)])

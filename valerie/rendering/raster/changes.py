@@ -1,4 +1,4 @@
-"""Where movables may change a frame, tile by tile: bounds that are never too small, inside the frame's rectangle."""
+"""Conservative bounds, by tile, of the parts of a frame that movables may change."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def occluded_tiles(
 def shadowed_tiles(
     wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
 ) -> Mask:
-    """Those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
+    """Return those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
 
     What a camera sees in a tile lies in a frustum between two depths; its box in the light's axes is held against those of the
     movables, and against what their shadow map really holds.
@@ -94,7 +94,7 @@ def shadowed_tiles(
 
 
 def _meets(low: Points, high: Points, caster: Points, border: float) -> Mask:
-    """(N,) whether the caster's box may throw a shadow into boxes ``low`` … ``high``, (N, 3) in the light's axes."""
+    """Return (N,) bool, True if a caster's box may shadow the box ``low`` … ``high``, (N, 3) in the light's axes."""
     first, last = caster.min(axis=0), caster.max(axis=0)
     across = (low[:, 0] < last[0] + border) & (high[:, 0] > first[0] - border)
     across &= (low[:, 1] < last[1] + border) & (high[:, 1] > first[1] - border)

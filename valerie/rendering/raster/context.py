@@ -20,7 +20,7 @@ _INCLUDE: Final = re.compile(r'^#include "([a-z_]+\.glsl)"$', re.MULTILINE)
 
 
 def shader_source(name: str, defines: Mapping[str, int] | None = None) -> str:
-    """A shader of this package with its includes put in and ``defines`` set, ready to compile.
+    """Return a shader of this package with its includes put in and ``defines`` set, ready to compile.
 
     Args:
         name: file below ``shaders/`` without ``.glsl``, e.g. ``lighting.frag``.
@@ -69,15 +69,15 @@ class GraphicsContext:
                 raise RenderingError(f"OpenGL ({self.numeric_class}): {error}") from error
 
     def program(self, vertex: str, fragment: str, **defines: int) -> moderngl.Program:
-        """The program of two shader files; compiled at the first call."""
+        """Return the program of two shader files; compiled at the first call."""
         key = (vertex, fragment, tuple(sorted(defines.items())))
-        found = self._programs.get(key)
-        if found is None:
-            found = self.gl.program(
+        program = self._programs.get(key)
+        if program is None:
+            program = self.gl.program(
                 vertex_shader=shader_source(vertex, defines), fragment_shader=shader_source(fragment, defines)
             )
-            self._programs[key] = found
-        return found
+            self._programs[key] = program
+        return program
 
     def close(self) -> None:
         """Free the context and all that lives in it."""
@@ -93,5 +93,5 @@ class GraphicsContext:
 
 @cache
 def process_context() -> GraphicsContext:
-    """The one context of this process, made at the first call."""
+    """Return the one context of this process, made at the first call."""
     return GraphicsContext()

@@ -1,4 +1,4 @@
-"""Drawing surfaces: which program and which state each kind of surface needs."""
+"""Drawing of surfaces, with the program and the GL state that each kind of surface needs."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ class SurfaceDrawer:
     """Draws statics and movables with one fragment shader.
 
     Args:
-        context: owns programs; current in every call.
-        fragment: the shader file, e.g. ``surface.frag``.
-        colors: whether it reads textures (else only the alpha of cut surfaces).
-        frames: whether it wants to know of textures, without reading them.
-        depth_test: False draws over everything.
-        all_faces: True draws back faces of single-sided surfaces too, as shadow casters need.
-        panes: what becomes of `Material.transmission`: a pane is drawn ``whole`` (for labels), ``sampled`` (some of the samples
-            show what is behind it) or ``not`` at all (it casts no shadow).
-        elsewhere: whether it wants to know where the vertices are at another moment (`moved` alone).
-        sampler: replaces the filters of the textures of surfaces that are not cut.
+        context: owns the programs; it must be current in every call.
+        fragment: name of the shader, e.g. ``surface.frag``.
+        textures: use of textures beside the alpha of cut surfaces: ``ignored``, ``known`` (the shader gets texture coordinates
+            and frames but no texture) or ``read``.
+        depth_test: if False, draw over everything.
+        all_faces: if True, draw back faces of single-sided surfaces too, as shadow casters need.
+        panes: treatment of `Material.transmission`: draw a pane ``whole`` (for labels), ``sampled`` (some samples show the
+            background) or ``not`` at all (a pane casts no shadow).
+        sampler: replaces the texture filters of surfaces that are not cut.
     """
 
     def __init__(
@@ -38,28 +37,24 @@ class SurfaceDrawer:
         context: GraphicsContext,
         fragment: str,
         *,
-        colors: bool = False,
-        frames: bool = False,
+        textures: Literal["ignored", "known", "read"] = "ignored",
         depth_test: bool = True,
         all_faces: bool = False,
         panes: Literal["whole", "sampled", "not"] = "whole",
-        elsewhere: bool = False,
         sampler: moderngl.Sampler | None = None,
     ) -> None:
         self._context = context
         self._fragment = fragment
-        self._colors = colors
-        self._frames = frames
+        self._textures = textures
         self._depth_test = depth_test
         self._all_faces = all_faces
         self._panes = panes
-        self._elsewhere = elsewhere
         self._sampler = sampler
 
     def statics(self, statics: Statics, table: moderngl.Texture, values: Mapping[str, Any]) -> None:
         """Draw all statics into the target in use."""
         geometry = statics.geometry
-        for batch in geometry.batches if self._colors else geometry.whole:
+        for batch in geometry.batches if self._textures == "read" else geometry.whole:
             if batch.kind.clear and self._panes == "not":
                 continue
             program = self._ready(batch.kind, statics.textures, table, values, movable=False)
@@ -81,8 +76,8 @@ class SurfaceDrawer:
             mesh.draw(program)
 
     def _kind(self, kind: SurfaceKind) -> SurfaceKind:
-        """As much of a kind as makes a difference here."""
-        if self._colors or self._frames or kind.cut:
+        """Return the kind without the details that this drawer ignores, so that more meshes share a program."""
+        if self._textures != "ignored" or kind.cut:
             return kind
         return kind._replace(color_side=0, normal_side=0, roughness_side=0)
 
@@ -93,9 +88,10 @@ class SurfaceDrawer:
         table: moderngl.Texture,
         values: Mapping[str, Any],
     ) -> None:
-        """Draw meshes, each with what it is at another moment and with values of its own, into the target in use."""
+        """Draw meshes into the target in use, each with its shape at another moment and with uniforms of its own."""
         for mesh, elsewhere, own in placed:
-            mesh.draw(self._ready(mesh.kind, textures, table, {**values, **own}, movable=True), elsewhere)
+            program = self._ready(mesh.kind, textures, table, {**values, **own}, movable=True, elsewhere=True)
+            mesh.draw(program, elsewhere)
 
     def _ready(
         self,
@@ -105,22 +101,24 @@ class SurfaceDrawer:
         values: Mapping[str, Any],
         *,
         movable: bool,
+        elsewhere: bool = False,
     ) -> moderngl.Program:
-        gl = self._context.gl
+        """Return the program for a kind of surface, with textures, uniforms and GL state set."""
+        gl, read = self._context.gl, self._textures == "read"
         defines = {"MOVABLE": 1} if movable else {}
-        if self._elsewhere:
+        if elsewhere:
             defines["ELSEWHERE"] = 1
         bound: dict[str, Any] = {"material_table": table}
-        if kind.color_side and (self._colors or kind.cut):
+        if kind.color_side and (read or kind.cut):
             defines["COLOR_TEXTURE"] = 1
             bound["color_textures"] = textures.arrays[kind.color_side]
-        if kind.normal_side and self._colors:
+        if kind.normal_side and read:
             defines["NORMAL_TEXTURE"] = 1
             bound["normal_textures"] = textures.arrays[kind.normal_side]
-        if kind.roughness_side and self._colors:
+        if kind.roughness_side and read:
             defines["ROUGHNESS_TEXTURE"] = 1
             bound["roughness_textures"] = textures.arrays[kind.roughness_side]
-        if self._frames and (kind.color_side or kind.normal_side or kind.roughness_side):
+        if self._textures == "known" and (kind.color_side or kind.normal_side or kind.roughness_side):
             defines["TEXTURED"] = 1
             if kind.normal_side:
                 defines["NORMAL_TEXTURE"] = 1
@@ -141,7 +139,7 @@ class SurfaceDrawer:
 
 
 def table_texture(gl: moderngl.Context, table: Any) -> moderngl.Texture:
-    """The material table, (N, 5, 4) float32, as a texture of N rows."""
+    """Upload the material table, (N, 5, 4) float32, as a texture of N rows."""
     texture = gl.texture((table.shape[1], table.shape[0]), 4, table.tobytes(), dtype="f4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -1,17 +1,17 @@
-"""Optical flow: where what is seen at a pixel is seen at another moment, exact from geometry.
+"""Optical flow, exact from geometry.
 
-For the surface point X under a pixel centre p, and the camera's projection π, the flow to another moment is π'(X') − p, where X'
-is the same point of the same object then and π' the camera then. Whether something else hides the point then does not matter.
+The flow at a pixel centre p that shows the surface point X is π'(X') − p. X' is the same point of the same object at the other
+moment, and π' is the camera's projection then. The flow is defined even if another object hides X' then.
 
-Everything that stands still follows from the depth of the ground truth and the two cameras. What moves is drawn with the same
-vertex shader as the truth, with the place of every vertex at the other moment as a further attribute: rigid movements and
-bodies that change their pose alike. The sky is infinitely far away: it moves as the camera turns.
+The flow of statics follows from the depth of the ground truth and the two cameras. Movables are drawn with the vertex shader of
+the truth pass; a further attribute holds each vertex's position at the other moment. This covers rigid motion and changes of
+pose alike. The sky is infinitely far away and moves only as the camera turns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,67 +28,62 @@ from valerie.rendering.raster.targets import Target, gl_rectangle
 from valerie.rendering.scene_reading import camera_of
 from valerie.scene.graph.model import Camera, Scene
 
-#: A movable is what the truth shows where its depth is the truth's up to this share (another program may round it otherwise).
+#: Largest relative difference between the depth of a movable and that of the truth where the truth shows the movable. Another
+#: program may round depths differently.
 _SAME_DEPTH: Final = 1e-5
 
 Flow = NDArray[np.float32]
 
 
 class FlowPass:
-    """Draws flow. One per process; shares the uploaded scenes with engine and truth pass.
+    """The pass that draws flow. It shares uploaded scenes with engine and truth pass.
 
     Args:
-        context: the process's context if not given.
+        context: GL context; by default that of the process.
     """
 
     def __init__(self, context: GraphicsContext | None = None) -> None:
         self._context = context if context is not None else process_context()
-        self._drawer = SurfaceDrawer(self._context, "flow.frag", elsewhere=True)
+        self._drawer = SurfaceDrawer(self._context, "flow.frag")
         self._target: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
 
     def flow(self, now: Scene, then: Scene, view: View, truth: GroundTruth, *, deforming: bool = True) -> Flow:
-        """The flow from one moment to another.
+        """Return the flow from one moment to another.
 
         Args:
             now, then: the same asset at two moments.
             view: camera and size, the same at both.
-            truth: of ``now`` in this view.
-            deforming: False leaves every mesh in the shape that it has now, and moves it as a whole.
+            truth: ground truth of ``now`` in this view.
+            deforming: if False, keep the present shape of every mesh and move it rigidly.
 
         Returns:
-            (H, W, 2) float32, pixels to the right and down; NaN where an object is not there then, has another mesh, or
-            the point lies behind the camera then.
+            (H, W, 2) float32, pixels to the right and down; NaN where the object is absent then, has another mesh, or the
+            point lies behind the camera then.
 
         Raises:
-            UnknownName: the scenes have no such camera.
+            UnknownName: The scenes have no such camera.
         """
-        camera, other = camera_of(now, view), camera_of(then, view)
-        found = still_flow(truth.depth, camera, other)
-        with self._context.current() as gl:
+        camera = camera_of(now, view)
+        flow = still_flow(truth.depth, camera, camera_of(then, view))
+        with self._context.current():
             before = self._context.scenes.prepare(now)
             rectangle = covered_rectangle([mesh.corners for mesh in before.placed], camera, view)
             if rectangle.empty:
-                return found
-            after = self._context.scenes.prepare(then)
-            table = table_texture(gl, before.table())
-            try:
-                drawn = self._draw(before, after, camera, other, view, rectangle, table, deforming)
-            finally:
-                table.release()
-        _put_in(found, drawn, truth, rectangle)
-        return found
+                return flow
+            samples = self._draw(before, self._context.scenes.prepare(then), view, rectangle, deforming=deforming)
+        _insert_movables(flow, samples, truth, rectangle)
+        return flow
 
     def velocity(self, now: Scene, after: Scene, view: View, truth: GroundTruth, seconds: float) -> Flow:
-        """The velocity of what is seen at each pixel, from where it is shortly after.
+        """Return the image velocity of each pixel's surface point, from its position shortly after.
 
-        Not before: what begins to move at this very moment moves.
-
-        Bodies move as a whole: a walk is drawn at a few instants of its cycle, and jumps between them are no velocity.
+        The difference is forward, so that an object that starts at this moment already moves. Bodies move rigidly: a walk has
+        only a few poses per cycle, and the jump from one to the next is no velocity.
 
         Args:
             now, after: the same asset at two moments.
             view, truth: as for `flow`.
-            seconds: from the one to the other.
+            seconds: time from ``now`` to ``after``.
 
         Returns:
             (H, W, 2) float32, pixels per second to the right and down; 0 where `flow` is undefined.
@@ -98,23 +93,16 @@ class FlowPass:
         return velocity
 
     def close(self) -> None:
-        """Free what this pass holds; the context stays with who made it."""
+        """Free the resources of this pass. The context stays open: it belongs to its creator."""
         if not self._context.closed:
             with self._context.current():
                 self._target.clear()
 
     def _draw(
-        self,
-        before: Prepared,
-        after: Prepared,
-        camera: Camera,
-        other: Camera,
-        view: View,
-        rectangle: Rectangle,
-        table: Any,
-        deforming: bool,
+        self, before: Prepared, after: Prepared, view: View, rectangle: Rectangle, *, deforming: bool
     ) -> NDArray[np.float32]:
-        """(h, w, 4) of the rectangle, as the shader says; 0 where nothing is drawn."""
+        """Draw the movables in a rectangle and return the output of ``flow.frag``, (h, w, 4); 0 where nothing is drawn."""
+        camera, other = camera_of(before.scene, view), camera_of(after.scene, view)
         size = (view.width, view.height)
         target = self._target.get(size, lambda: Target(self._context.gl, size, ((4, "f4"),), depth=True))
         area = gl_rectangle(rectangle, view)
@@ -129,21 +117,25 @@ class FlowPass:
         }
         pairs = []
         for mesh, counterpart in _counterparts(before, after):
-            known = counterpart is not None and (not deforming or _same_mesh(mesh.buffers, counterpart.buffers))
-            shape = counterpart.buffers if counterpart is not None and known and deforming else mesh.buffers
+            defined = counterpart is not None and (not deforming or _same_mesh(mesh.buffers, counterpart.buffers))
+            shape = counterpart.buffers if counterpart is not None and defined and deforming else mesh.buffers
             world = counterpart.item.world if counterpart is not None else mesh.item.world
-            pairs.append((mesh, shape, {"clip_from_elsewhere": clip_then @ world, "is_elsewhere": known}))
-        self._drawer.moved(pairs, before.statics.textures, table, values)
+            pairs.append((mesh, shape, {"clip_from_elsewhere": clip_then @ world, "is_elsewhere": defined}))
+        table = table_texture(self._context.gl, before.table())
+        try:
+            self._drawer.moved(pairs, before.statics.textures, table, values)
+        finally:
+            table.release()
         data = target.framebuffer.read(viewport=area, components=4, dtype="f4", alignment=1)
         return np.frombuffer(data, np.float32).reshape(rectangle.height, rectangle.width, 4)[::-1]
 
 
 def still_flow(depth: NDArray[np.float32], camera: Camera, other: Camera) -> Flow:
-    """The flow of everything that does not move, from its depth.
+    """Return the flow of static surfaces from their depth.
 
     Args:
-        depth: (H, W) float32, metres along the optical axis of ``camera``, inf for what is infinitely far away.
-        camera, other: now and at the other moment.
+        depth: (H, W) float32, metres along the optical axis of ``camera``; inf for the sky.
+        camera, other: the camera now and at the other moment.
 
     Returns:
         (H, W, 2) float32, pixels to the right and down; NaN where a point lies behind the other camera.
@@ -158,47 +150,47 @@ def still_flow(depth: NDArray[np.float32], camera: Camera, other: Camera) -> Flo
     rays = np.empty((height, width, 3))  # of depth 1, in the camera's axes
     rays[..., 0], rays[..., 1], rays[..., 2] = (x - 0.5 * width) / focal, (0.5 * height - y) / focal, -1.0
     relative = np.linalg.inv(other.transform) @ camera.transform
-    # The point divided by its depth, so that what is infinitely far away is a direction.
-    seen = rays @ relative[:3, :3].T + relative[:3, 3] / depth[..., None].astype(np.float64)
+    # The point divided by its depth, so that an infinitely distant point is a direction.
+    local = rays @ relative[:3, :3].T + relative[:3, 3] / depth[..., None].astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.where(seen[..., 2] < 0.0, -focal_then / seen[..., 2], np.nan)
-    found = np.empty((height, width, 2), np.float32)
-    found[..., 0] = 0.5 * width + scale * seen[..., 0] - x
-    found[..., 1] = 0.5 * height - scale * seen[..., 1] - y
-    return found
+        scale = np.where(local[..., 2] < 0.0, -focal_then / local[..., 2], np.nan)
+    flow = np.empty((height, width, 2), np.float32)
+    flow[..., 0] = 0.5 * width + scale * local[..., 0] - x
+    flow[..., 1] = 0.5 * height - scale * local[..., 1] - y
+    return flow
 
 
 def _counterparts(before: Prepared, after: Prepared) -> Iterator[tuple[PlacedMesh, PlacedMesh | None]]:
-    """Each placed mesh with the same one of the same node at the other moment, if it is there."""
+    """Pair each placed mesh with its counterpart of the same node at the other moment, or with None."""
     then: dict[str, list[PlacedMesh]] = {}
     for mesh in after.placed:
         then.setdefault(mesh.item.node.path, []).append(mesh)
-    met: dict[str, int] = {}
+    indices: dict[str, int] = {}
     for mesh in before.placed:
         path = mesh.item.node.path
-        index = met[path] = met.get(path, -1) + 1
+        index = indices[path] = indices.get(path, -1) + 1
         others = then.get(path, [])
         yield mesh, others[index] if index < len(others) else None
 
 
-def _same_mesh(one: MeshBuffers, other: MeshBuffers) -> bool:
-    """Whether vertices correspond to each other."""
-    return one is other or (
-        len(one.mesh.positions) == len(other.mesh.positions) and np.array_equal(one.mesh.faces, other.mesh.faces)
+def _same_mesh(first: MeshBuffers, second: MeshBuffers) -> bool:
+    """Return True if the vertices of two meshes correspond."""
+    return first is second or (
+        len(first.mesh.positions) == len(second.mesh.positions) and np.array_equal(first.mesh.faces, second.mesh.faces)
     )
 
 
-def _put_in(found: Flow, drawn: NDArray[np.float32], truth: GroundTruth, rectangle: Rectangle) -> None:
-    """Put the flow of movables where the truth shows them."""
+def _insert_movables(flow: Flow, samples: NDArray[np.float32], truth: GroundTruth, rectangle: Rectangle) -> None:
+    """Write the flow of movables to the pixels at which the truth shows them."""
     part = rectangle.slices
-    ids = np.abs(drawn[..., 3]).astype(np.int64)
+    ids = np.abs(samples[..., 3]).astype(np.int64)
     depth = truth.depth[part]
     with np.errstate(invalid="ignore"):
-        shown = np.abs(drawn[..., 2] - depth) <= _SAME_DEPTH * depth
+        shown = np.abs(samples[..., 2] - depth) <= _SAME_DEPTH * depth
     shown &= (ids // 65536 == truth.class_map[part]) & (ids % 65536 == truth.instance_map[part]) & (ids > 0)
     rows, columns = np.nonzero(shown)
-    there = drawn[rows, columns]
+    targets = samples[rows, columns]
     centres = np.stack([columns + rectangle.x + 0.5, rows + rectangle.y + 0.5], axis=1)
-    moved = (there[:, :2] - centres).astype(np.float32)
-    moved[there[:, 3] < 0.0] = np.nan
-    found[part][rows, columns] = moved
+    vectors = (targets[:, :2] - centres).astype(np.float32)
+    vectors[targets[:, 3] < 0.0] = np.nan
+    flow[part][rows, columns] = vectors

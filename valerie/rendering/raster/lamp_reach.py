@@ -1,5 +1,6 @@
-"""Which lamps have shadow maps, and what of a picture movables change by lamplight: their shadows, and all of it where they carry
-lamps themselves. Numbers only: nothing is drawn here.
+"""The choice of lamps with shadow maps, and bounds of the pixels that movables change by lamplight. Numpy only.
+
+Movables change pixels by their shadows. A movable that carries a lamp may change the whole image.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ _FILTERS: Final = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LampView:
-    """One lamp's map: what it sees.
+    """The projection of one lamp's shadow map.
 
     Attributes:
-        lamp: whose.
-        clip_from_world: (4, 4).
+        lamp: the lamp.
+        clip_from_world: (4, 4), world to clip space.
         texel: metres of a texel at a distance of one metre along the axis.
     """
 
@@ -49,7 +50,7 @@ class LampView:
 
     @classmethod
     def of(cls, lamp: Lamp) -> LampView:
-        """The map's projection: a square around the cone."""
+        """Return the map's projection: a square around the cone."""
         rows = light_axes(-np.array(lamp.direction))
         view = np.eye(4)
         view[:3, :3] = rows
@@ -79,17 +80,17 @@ class FrameLamps:
 
     @classmethod
     def seen_by(cls, lit: tuple[Lamp, ...], camera: Camera, view: View) -> FrameLamps:
-        """The lamps of a frame; those with maps are picked by camera and view alone."""
+        """Return the lamps of a frame; those with maps are picked by camera and view alone."""
         return cls(lit, with_shadows(lit, camera), moving_with_shadows(lit, camera, view))
 
     @property
     def moving(self) -> bool:
-        """Whether a movable carries a lamp that shines."""
+        """True if a movable carries a lamp that shines."""
         return any(lamp.movable for lamp in self.lit)
 
     @property
     def still(self) -> tuple[Lamp, ...]:
-        """Those that stand still: all that a picture without movables has."""
+        """The static lamps: those of an image without movables."""
         return tuple(lamp for lamp in self.lit if not lamp.movable)
 
 
@@ -111,7 +112,7 @@ def moving_with_shadows(lamps: Sequence[Lamp], camera: Camera, view: View) -> tu
 
 
 def light_hull(lamp: Lamp) -> Points:
-    """(5, 3) points that span all that a lamp may light, with a cone of at most 80°: itself, and a square at its reach."""
+    """Return (5, 3) points that span all that a lamp may light, with a cone of at most 80°: itself, and a square at its reach."""
     rows = light_axes(-np.array(lamp.direction))
     wide = math.tan(lamp.outer) * lamp.reach
     square = np.array([(x, y, lamp.reach) for x in (-wide, wide) for y in (-wide, wide)])
@@ -126,7 +127,7 @@ def _distance(lamp: Lamp, camera: Camera) -> float:
 def with_lamps(
     rectangle: Rectangle, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
 ) -> Rectangle:
-    """The rectangle that movables change, with what they change by lamplight.
+    """Return the rectangle that movables change, with what they change by lamplight.
 
     Args:
         rectangle: what they change without lamps.
@@ -144,16 +145,16 @@ def with_lamps(
 def lamp_shadowed_tiles(
     grid: TileGrid, boxes: Sequence[Points], camera: Camera, view: View, lowest: float, lamps: FrameLamps
 ) -> Mask:
-    """The tiles in which movables may change lamplight; arguments as `with_lamps`."""
-    found = grid.none()
+    """Return the tiles in which movables may change lamplight; arguments as `with_lamps`."""
+    tiles = grid.none()
     if lamps.moving:
-        return ~found
+        return ~tiles
     for box in boxes:
         for lamp in lamps.shadowed:
             shadow = _shadow(box, camera, view, lamp, lowest)
             bottom = view.height - shadow.y - shadow.height
-            found |= grid.touching((shadow.x, bottom, shadow.width, shadow.height))
-    return found
+            tiles |= grid.touching((shadow.x, bottom, shadow.width, shadow.height))
+    return tiles
 
 
 def _shadow(box: Points, camera: Camera, view: View, lamp: LampView, lowest: float) -> Rectangle:
@@ -165,7 +166,7 @@ def _shadow(box: Points, camera: Camera, view: View, lamp: LampView, lowest: flo
 
 
 def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None:
-    """(N, 3) points that span all places that a box keeps a lamp's light from; (0, 3) if the box is out of its reach.
+    """Return (N, 3) points that span all places that a box keeps a lamp's light from; (0, 3) if the box is out of its reach.
 
     Args:
         corners: (8, 3) of the box, metres.
@@ -180,7 +181,7 @@ def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None
     middle = corners.mean(axis=0)
     size = float(np.linalg.norm(corners - middle, axis=1).max())
     distance = float(np.linalg.norm(middle - lamp))
-    # What the filter and the offset along the normal add, at the box.
+    # The reach, at the box, of the filter and of the offset along the normal.
     more = 0.1 + FILTER_TEXELS * view.texel * (distance + size)
     if distance < 2.0 * (size + more):
         return None
@@ -197,7 +198,7 @@ def shadow_hull(corners: Points, view: LampView, lowest: float) -> Points | None
 
 
 def within_reach(corners: Points, lamp: Lamp) -> bool:
-    """Whether a lamp's light may reach a box."""
+    """Return True if a lamp's light may reach a box."""
     middle = corners.mean(axis=0)
     size = float(np.linalg.norm(corners - middle, axis=1).max())
     return float(np.linalg.norm(middle - np.array(lamp.position))) < lamp.reach + size

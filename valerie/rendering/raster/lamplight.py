@@ -75,7 +75,7 @@ class LampShadows:
         self._movable: LampMaps | None = None
 
     def static(self, statics: Statics, views: Sequence[LampView], table: moderngl.Texture) -> LampMaps:
-        """The statics' maps, in as many rows as they take."""
+        """Return the statics' maps, in as many rows as they take."""
         maps = LampMaps(self._context.gl, max(-(-len(views) // LAMP_ACROSS), 1))
         maps.begin()
         for index, view in enumerate(views):
@@ -84,7 +84,7 @@ class LampShadows:
         return maps
 
     def movable(self, prepared: Prepared, lamps: FrameLamps, table: moderngl.Texture) -> LampMaps:
-        """The movables' maps, those of lamps that stand still first; valid until the next call."""
+        """Return the movables' maps, those of lamps that stand still first; valid until the next call."""
         if self._movable is None:
             self._movable = LampMaps(self._context.gl, _STILL_ROWS + _MOVING_ROWS)
         self._movable.begin()
@@ -124,14 +124,16 @@ class LampLight:
 
     @property
     def dipped(self) -> bool:
-        """Whether a lamp has a dipped beam."""
+        """True if a lamp has a dipped beam."""
         return any(lamp.dipped for lamp in self.lamps)
 
     def table(self) -> NDArray[np.float32]:
-        """(N, 5, 4) float32, per lamp: position, 1 / reach² · axis, cosine of the outer angle · strength, 1 / (difference of the
-        cosines) · tile (−1: none), texel at one metre, 0, 0 · up, 1 for a dipped beam.
+        """Return the lamp table, (N, 5, 4) float32: five RGBA texels per lamp.
+
+        0: position, 1 / reach² · 1: axis, cosine of the outer angle · 2: strength, 1 / (difference of the cosines) ·
+        3: tile (−1: none), texel at one metre, 0, 0 · 4: up, 1 for a dipped beam.
         """
-        known = {view.lamp: (tile, view.texel) for tile, view in self.tiles.items()}
+        maps = {view.lamp: (tile, view.texel) for tile, view in self.tiles.items()}
         rows = np.zeros((len(self.lamps), _TEXELS, 4), np.float32)
         for row, lamp in zip(rows, self.lamps, strict=True):
             outer, inner = math.cos(lamp.outer), math.cos(lamp.inner)
@@ -139,12 +141,12 @@ class LampLight:
             row[0] = (*lamp.position, 1.0 / lamp.reach**2)
             row[1] = (*lamp.direction, -2.0 if everywhere else outer)
             row[2] = (*lamp.strength, 1e3 if everywhere else 1.0 / max(inner - outer, 1e-3))
-            row[3, :2] = known.get(lamp, (-1.0, 0.0))
+            row[3, :2] = maps.get(lamp, (-1.0, 0.0))
             row[4] = (*lamp.up, float(lamp.dipped))
         return rows
 
     def matrices(self) -> NDArray[np.float32]:
-        """(LAMP_TILES + MOVING_TILES, 4, 4) float32 world to clip space, column-major."""
+        """Return (LAMP_TILES + MOVING_TILES, 4, 4) float32 world to clip space, column-major."""
         matrices = np.zeros((LAMP_TILES + MOVING_TILES, 4, 4), np.float32)
         for tile, view in self.tiles.items():
             matrices[tile] = view.clip_from_world.T
@@ -158,7 +160,7 @@ def tiles_of(lamps: FrameLamps, *, movable: bool) -> dict[int, LampView]:
 
 
 def bounced(lamps: Sequence[Lamp], low: Points, high: Points) -> Points:
-    """(3,) radiance of the ground by lamps, as if their light fell evenly on all of it: an estimate of what walls get back.
+    """Return the ground's radiance by lamps, (3,), as if their light fell evenly on it: an estimate of the light on walls.
 
     Args:
         lamps: those that stand still.

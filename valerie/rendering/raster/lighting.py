@@ -1,4 +1,4 @@
-"""From a G-buffer to pixels: sky light, near occlusion, sun, reflections, air, antialiasing; over parts of the image."""
+"""Shading of a G-buffer: sky light, ambient occlusion, sun, reflections, air and antialiasing, over parts of the image."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from valerie.rendering.base import View
 from valerie.rendering.beams import DIPPED
@@ -26,13 +27,13 @@ from valerie.rendering.raster.targets import (
 )
 from valerie.rendering.raster.tiles import Spans
 from valerie.rendering.sky import Sky
-from valerie.scene.graph.model import Camera, Scene
+from valerie.scene.graph.model import Camera, Sun
 
 if TYPE_CHECKING:
     from valerie.rendering.raster.context import GraphicsContext
     from valerie.rendering.raster.scenes import Statics
 
-#: What a frame may need of the shading pass beside sun and sky, and what is shaded: symbols of its shader.
+#: Features of the shading pass beside sun and sky, as symbols of its shader.
 Need = Literal["LAMPS", "DIPPED", "MOVING_LAMPS", "MOVABLES", "RAIN", "RECEIVED", "PLAIN"]
 
 
@@ -64,6 +65,46 @@ class SkyLight:
         self.hiding.release()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """Surfaces that light falls on.
+
+    Attributes:
+        statics: G-buffer of the scene without its movables.
+        materials: table of the scene's materials.
+    """
+
+    statics: Target
+    materials: moderngl.Texture
+
+
+@dataclass(frozen=True, slots=True)
+class Viewpoint:
+    """Camera of a frame, and the size of its image."""
+
+    camera: Camera
+    view: View
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Daylight:
+    """Sun and sky of a frame.
+
+    Attributes:
+        sun: of the scene.
+        sky: radiance of sun and sky.
+        maps: how much of the sky each place sees.
+        light: light of this sky, with the light that the statics reflect.
+        shadow: shadows of the statics.
+    """
+
+    sun: Sun
+    sky: Sky
+    maps: SkyMaps
+    light: SkyLight
+    shadow: ShadowMap
+
+
 class Lighting:
     """The passes over the screen.
 
@@ -90,10 +131,10 @@ class Lighting:
         self._shading: dict[tuple[str, ...], ScreenPass] = {}
 
     def _shade(self, kind: Set[Need]) -> ScreenPass:
-        """The shading pass; each of its kinds is compiled when it is first needed.
+        """Return the shading pass with these features; it is compiled at first use.
 
         Args:
-            kind: what it can do. What is not needed would cost nearly as much as what is: a CPU rasteriser leaves nothing out.
+            kind: features. A CPU rasteriser executes unused branches too, so an unused feature would not be free.
         """
         key = tuple(sorted(kind))
         if key not in self._shading:
@@ -107,145 +148,86 @@ class Lighting:
         return self._shading[key]
 
     def receive(self, frame: LitFrame, target: Target, parts: Spans) -> None:
-        """Light before materials instead of the picture, over parts of ``target``, one sample per pixel.
+        """Compute the light that arrives on surfaces, before materials, over parts of ``target``, one sample per pixel.
 
-        Needs what `LitFrame.shade` needs around these parts, but no plain pixels.
+        The inputs of `LitFrame.shade` must be valid around these parts, except those of plain pixels.
         """
         shade = frame.shade_detail
         self._shade(frame.needs - {"RAIN"} | {"RECEIVED"}).run(target, parts, shade.textures, shade.values)
 
-    def inputs(
+    def bind(
         self,
         targets: ImageTargets,
-        statics: Target,
-        table: moderngl.Texture,
-        camera: Camera,
-        view: View,
-        scene: Scene,
-        sky: Sky,
-        sky_maps: SkyMaps,
-        sky_light: SkyLight,
-        static_shadow: ShadowMap,
-        movable_shadow: ShadowMap | None,
+        surfaces: Surfaces,
+        pose: Viewpoint,
+        day: Daylight,
+        movable_shadow: ShadowMap | None = None,
         lamps: LampLight | None = None,
     ) -> LitFrame:
-        """The passes with everything they read bound to them, for one frame; ``statics`` is the G-buffer without movables."""
-        surfaces = targets.surfaces
-        assert surfaces.depth is not None
-        assert statics.depth is not None
-        assert static_shadow.casters is not None
-        common = _sample_values(camera, view)
-        depth = {"depth_map": surfaces.depth}
-        normals = {"normals_map": surfaces.colors[1]}
-        samples = depth | normals | {"albedo_map": surfaces.colors[0], "material_map": surfaces.colors[2]}
-        plain_maps = ("albedo_map", "normals_map", "material_map", "plain_depth")
-        plain = dict(zip(plain_maps, targets.plain.colors, strict=True))
-        openness = common | {
-            "tiles": SKY_TILES,
-            "tile_rows": sky_maps.rows.reshape(-1),
-            "tile_extents": sky_maps.extents.reshape(-1),
-        }
-        hidden, below = sky_light.hidden.copy(), sky_light.ground
+        """Bind the passes to everything that they read, for one frame.
+
+        Args:
+            targets: of the image; `ImageTargets.surfaces` holds the G-buffer with the movables.
+            surfaces: what light falls on.
+            pose: the camera.
+            day: sun and sky.
+            movable_shadow: shadows of the movables; None without movables.
+            lamps: None where none shines.
+        """
+        camera = _camera_values(pose)
+        textures = _shading_textures(targets, surfaces, day, movable_shadow)
+        values = camera | _shading_values(pose, day, movable_shadow)
+        values["screen_basis"] = np.linalg.inv(camera["ray_basis"])
+        owned: tuple[moderngl.Texture, ...] = ()
+        bounce: NDArray[np.float64] | None = None
         if lamps is not None:
-            hidden[:3] += from_below(lamps.bounce)
-            below = below + lamps.bounce
-        skylight = common | {"hidden": hidden.reshape(-1), "weights": sky_light.weights.reshape(-1)}
-        occlusion = common | {
-            "radius": self._reach.occlusion_radius,
-            "largest_radius": self._reach.largest_occlusion,
-            "focal": camera.focal_length_px(view.width),
-        }
-        caster = movable_shadow or static_shadow
+            table = table_texture(self._gl, lamps.table())
+            owned = (table,)
+            textures |= _lamp_textures(lamps, table)
+            values |= _lamp_values(lamps)
+            bounce = lamps.bounce
+        values["below"] = day.light.ground if bounce is None else day.light.ground + bounce
+        needs = _needs(day.sky, movable_shadow, lamps)
+        samples = _sample_textures(targets)
+        geometry = {name: samples[name] for name in ("depth_map", "normals_map")}
+        depth = {"depth_map": samples["depth_map"]}
         first, second = targets.openness.colors
-        red, green, blue, zonal = targets.skylight.colors
-        shade_textures = samples | {
-            "material_table": table,
-            "sky_table": sky_light.table,
-            "skylight_red": red,
-            "skylight_green": green,
-            "skylight_blue": blue,
-            "skylight_zonal": zonal,
-            "openness_first": first,
-            "openness_second": second,
-            "nearest_directions": sky_maps.nearest,
-            "direction_shares": sky_maps.shares,
-            "hiding": sky_light.hiding,
-            "occlusion_map": targets.smooth_occlusion.colors[0],
-            "static_shadow": static_shadow.texture,
-            "static_casters": static_shadow.casters,
-            "movable_shadow": caster.texture,
-            "mirror_albedo": statics.colors[0],
-            "mirror_material": statics.colors[2],
-            "mirror_depth": statics.depth,
-        }
-        shade = common | {
-            "light_rows": static_shadow.light.rows,
-            "static_origin": static_shadow.light.origin,
-            "static_extent": static_shadow.light.extent,
-            "movable_origin": caster.light.origin,
-            "movable_extent": caster.light.extent,
-            "sun_spread": float(np.tan(scene.sun.angular_diameter / 2)),
-            "sun_angle": scene.sun.angular_diameter / 2,
-            "largest_penumbra": LARGEST_PENUMBRA,
-            "shadow_distance": SHADOW_DISTANCE,
-            "toward_sun": sky.sun_direction,
-            "sun": sky.sun,
-            "haze": sky.haze,
-            "ground": sky.ground,
-            "below": below,
-            "mirrored_light": sky_light.on_walls,
-            "screen_basis": np.linalg.inv(common["ray_basis"]),
-            "extinction": sky.extinction,
-            "wetness": sky.wetness,
-            "drops": sky.drops,
-            "pixel_height": view.height,
-        }
-        owned: list[moderngl.Texture] = []
-        if lamps is not None:
-            owned.append(table_texture(self._gl, lamps.table()))
-            shade_textures |= {
-                "lamp_table": owned[-1],
-                "static_lamps": lamps.static.texture,
-                "moving_lamps": (lamps.moving or lamps.static).texture,
-                "movable_lamps": (lamps.movable or lamps.static).texture,
-            }
-            shade |= {
-                "lamp_count": len(lamps.lamps),
-                "lamp_clip": lamps.matrices(),
-                "dipped_spread": DIPPED.spread,
-                "dipped_cut_off": (DIPPED.rise, DIPPED.edge, DIPPED.stray),
-            }
-        wanted: dict[Need, bool] = {
-            "LAMPS": lamps is not None,
-            "DIPPED": lamps is not None and lamps.dipped,
-            "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
-            "MOVABLES": movable_shadow is not None,
-            "RAIN": sky.wetness > 0 or sky.drops > 0,
-        }
-        needs = frozenset(need for need, there in wanted.items() if there)
+        plain_names = ("albedo_map", "normals_map", "material_map", "plain_depth")
+        plain = dict(zip(plain_names, targets.plain.colors, strict=True))
+        radiance = {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]}
         return LitFrame(
-            occlusion=_Step(self.occlusion, targets.occlusion, depth | normals, occlusion),
-            smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, common),
-            openness=_Step(self.openness, targets.openness, depth | normals | {"atlas": sky_maps.texture}, openness),
-            skylight=_Step(self.skylight, targets.skylight, depth | {"first": first, "second": second}, skylight),
-            plain=_Step(self.plain, targets.plain, samples, common),
+            occlusion=_Step(self.occlusion, targets.occlusion, geometry, camera | self._occlusion_values(pose)),
+            smooth=_Step(self.blur, targets.smooth_occlusion, depth | {"noisy": targets.occlusion.colors[0]}, camera),
+            openness=_Step(
+                self.openness,
+                targets.openness,
+                geometry | {"atlas": day.maps.texture},
+                camera | _openness_values(day.maps),
+            ),
+            skylight=_Step(
+                self.skylight,
+                targets.skylight,
+                depth | {"first": first, "second": second},
+                camera | _skylight_values(day.light, bounce),
+            ),
+            plain=_Step(self.plain, targets.plain, samples, camera),
             detail=_Step(
                 self.detail, targets.detail, {"plain_albedo": plain["albedo_map"]}, {}, samples=SAMPLES, depth="written"
             ),
-            shade_plain=_Step(self._shade(needs | {"PLAIN"}), targets.plain_radiance, shade_textures | plain, shade),
-            shade_detail=_Step(
-                self._shade(needs), targets.radiance, shade_textures, shade, samples=SAMPLES, depth="tested"
-            ),
-            resolve=_Step(
-                self.resolve,
-                targets.pixels,
-                {"radiance": targets.radiance.colors[0], "plain_radiance": targets.plain_radiance.colors[0]},
-                {},
-            ),
-            owned=tuple(owned),
+            shade_plain=_Step(self._shade(needs | {"PLAIN"}), targets.plain_radiance, textures | plain, values),
+            shade_detail=_Step(self._shade(needs), targets.radiance, textures, values, samples=SAMPLES, depth="tested"),
+            resolve=_Step(self.resolve, targets.pixels, radiance, {}),
+            owned=owned,
             movable_shadow=movable_shadow,
             needs=needs,
         )
+
+    def _occlusion_values(self, pose: Viewpoint) -> dict[str, Any]:
+        return {
+            "radius": self._reach.occlusion_radius,
+            "largest_radius": self._reach.largest_occlusion,
+            "focal": pose.camera.focal_length_px(pose.view.width),
+        }
 
     def release(self) -> None:
         """Free the passes."""
@@ -275,8 +257,8 @@ class _Step:
 class LitFrame:
     """The passes of one frame, in order; each runs over parts of the image (`Spans`).
 
-    Each pixel is a function of its place in the image and of what lies around it, never of the parts. A pass reads of the ones
-    before what lies within 2 pixels of its own.
+    Each pixel depends on its place in the image and its neighbourhood, never on the parts. A pass reads the results of earlier
+    passes within 2 pixels.
     """
 
     occlusion: _Step
@@ -293,25 +275,25 @@ class LitFrame:
     needs: frozenset[Need]
 
     def open_sky(self, parts: Spans) -> None:
-        """How open the sky is over the cells that touch the parts."""
+        """Compute the visibility of the sky from the cells that touch the parts."""
         self.openness.run(_cells(parts))
 
     def light_sky(self, parts: Spans) -> None:
-        """Sky light of the cells that touch the parts."""
+        """Compute the sky light of the cells that touch the parts."""
         self.skylight.run(_cells(parts))
 
-    def tell_plain(self, parts: Spans) -> None:
-        """Tell plain pixels from the others."""
+    def classify(self, parts: Spans) -> None:
+        """Separate plain pixels from the others."""
         self.plain.run(parts)
         self.detail.run(parts)
 
     def shade(self, parts: Spans) -> None:
-        """Radiance of plain pixels, and of each sample of the others."""
+        """Compute the radiance of plain pixels, and of each sample of the others."""
         self.shade_plain.run(parts)
         self.shade_detail.run(parts)
 
     def release(self) -> None:
-        """Free what belongs to this frame alone."""
+        """Free the textures that only this frame uses."""
         for texture in self.owned:
             texture.release()
 
@@ -321,8 +303,9 @@ def _cells(parts: Spans) -> Spans:
     return np.concatenate([samples[:, :2] // SKYLIGHT_CELL, -(-samples[:, 2:] // SKYLIGHT_CELL)], axis=1)
 
 
-def _sample_values(camera: Camera, view: View) -> dict[str, Any]:
-    """Uniforms of ``sample.glsl``."""
+def _camera_values(pose: Viewpoint) -> dict[str, Any]:
+    """Return the uniforms of ``sample.glsl``."""
+    camera, view = pose.camera, pose.view
     focal = camera.focal_length_px(view.width)
     axes = camera.transform[:3, :3]
     basis = np.stack([axes[:, 0] * view.width / 2 / focal, axes[:, 1] * view.height / 2 / focal, -axes[:, 2]], axis=1)
@@ -332,3 +315,106 @@ def _sample_values(camera: Camera, view: View) -> dict[str, Any]:
         "eye": camera.position,
         "ray_basis": basis,
     }
+
+
+def _sample_textures(targets: ImageTargets) -> dict[str, moderngl.Texture]:
+    surfaces = targets.surfaces
+    assert surfaces.depth is not None
+    albedo, normals, material = surfaces.colors
+    return {"depth_map": surfaces.depth, "normals_map": normals, "albedo_map": albedo, "material_map": material}
+
+
+def _openness_values(maps: SkyMaps) -> dict[str, Any]:
+    return {"tiles": SKY_TILES, "tile_rows": maps.rows.reshape(-1), "tile_extents": maps.extents.reshape(-1)}
+
+
+def _skylight_values(light: SkyLight, bounce: NDArray[np.float64] | None) -> dict[str, Any]:
+    """Return the sky's light; ``bounce`` is the light of lamps that the ground reflects."""
+    hidden = light.hidden.copy()
+    if bounce is not None:
+        hidden[:3] += from_below(bounce)
+    return {"hidden": hidden.reshape(-1), "weights": light.weights.reshape(-1)}
+
+
+def _shading_textures(
+    targets: ImageTargets, surfaces: Surfaces, day: Daylight, movable_shadow: ShadowMap | None
+) -> dict[str, moderngl.Texture]:
+    statics = surfaces.statics
+    assert statics.depth is not None
+    assert day.shadow.casters is not None
+    first, second = targets.openness.colors
+    red, green, blue, zonal = targets.skylight.colors
+    return _sample_textures(targets) | {
+        "material_table": surfaces.materials,
+        "sky_table": day.light.table,
+        "skylight_red": red,
+        "skylight_green": green,
+        "skylight_blue": blue,
+        "skylight_zonal": zonal,
+        "openness_first": first,
+        "openness_second": second,
+        "nearest_directions": day.maps.nearest,
+        "direction_shares": day.maps.shares,
+        "hiding": day.light.hiding,
+        "occlusion_map": targets.smooth_occlusion.colors[0],
+        "static_shadow": day.shadow.texture,
+        "static_casters": day.shadow.casters,
+        "movable_shadow": (movable_shadow or day.shadow).texture,
+        "mirror_albedo": statics.colors[0],
+        "mirror_material": statics.colors[2],
+        "mirror_depth": statics.depth,
+    }
+
+
+def _shading_values(pose: Viewpoint, day: Daylight, movable_shadow: ShadowMap | None) -> dict[str, Any]:
+    sky, static, movable = day.sky, day.shadow.light, (movable_shadow or day.shadow).light
+    return {
+        "light_rows": static.rows,
+        "static_origin": static.origin,
+        "static_extent": static.extent,
+        "movable_origin": movable.origin,
+        "movable_extent": movable.extent,
+        "sun_spread": float(np.tan(day.sun.angular_diameter / 2)),
+        "sun_angle": day.sun.angular_diameter / 2,
+        "largest_penumbra": LARGEST_PENUMBRA,
+        "shadow_distance": SHADOW_DISTANCE,
+        "toward_sun": sky.sun_direction,
+        "sun": sky.sun,
+        "haze": sky.haze,
+        "ground": sky.ground,
+        "mirrored_light": day.light.on_walls,
+        "extinction": sky.extinction,
+        "wetness": sky.wetness,
+        "drops": sky.drops,
+        "pixel_height": pose.view.height,
+    }
+
+
+def _lamp_textures(lamps: LampLight, table: moderngl.Texture) -> dict[str, moderngl.Texture]:
+    return {
+        "lamp_table": table,
+        "static_lamps": lamps.static.texture,
+        "moving_lamps": (lamps.moving or lamps.static).texture,
+        "movable_lamps": (lamps.movable or lamps.static).texture,
+    }
+
+
+def _lamp_values(lamps: LampLight) -> dict[str, Any]:
+    return {
+        "lamp_count": len(lamps.lamps),
+        "lamp_clip": lamps.matrices(),
+        "dipped_spread": DIPPED.spread,
+        "dipped_cut_off": (DIPPED.rise, DIPPED.edge, DIPPED.stray),
+    }
+
+
+def _needs(sky: Sky, movable_shadow: ShadowMap | None, lamps: LampLight | None) -> frozenset[Need]:
+    """Return the parts of the shading pass that a frame needs."""
+    parts: dict[Need, bool] = {
+        "LAMPS": lamps is not None,
+        "DIPPED": lamps is not None and lamps.dipped,
+        "MOVING_LAMPS": lamps is not None and lamps.moving is not None,
+        "MOVABLES": movable_shadow is not None,
+        "RAIN": sky.wetness > 0 or sky.drops > 0,
+    }
+    return frozenset(part for part, needed in parts.items() if needed)

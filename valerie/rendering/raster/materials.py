@@ -18,7 +18,7 @@ TRANSLUCENCY: Final = 0.35
 
 
 class SurfaceKind(NamedTuple):
-    """What decides which program and state draws a material; meshes of one kind share a draw call.
+    """The properties of a material that select its program and GL state. Static meshes of one kind share a draw call.
 
     Attributes:
         color_side, normal_side, roughness_side: texture array sides, 0 for none.
@@ -36,7 +36,7 @@ class SurfaceKind(NamedTuple):
 
 
 def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
-    """The kind of a material."""
+    """Return the kind of a material."""
     cut = material.alpha_cutoff is not None and material.base_color_texture is not None
     return SurfaceKind(
         textures.side(material.base_color_texture),
@@ -51,7 +51,7 @@ def surface_kind(material: Material, textures: TextureSet) -> SurfaceKind:
 def mean_reflectance(
     materials: Sequence[Material], textures: TextureSet
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each material, over its whole texture: (M, 3) linear albedo of matte reflection; (M,) share that is not cut away."""
+    """Return the mean linear albedo of matte reflection, (M, 3), and the share of area that is not cut away, (M,)."""
     albedo, share = np.zeros((len(materials), 3)), np.ones(len(materials))
     for row, material in enumerate(materials):
         metallic = material.metallic
@@ -65,7 +65,7 @@ def mean_reflectance(
 
 
 def material_table(materials: Sequence[Material], textures: TextureSet) -> NDArray[np.float32]:
-    """(N, 5, 4) float32: per material five RGBA texels.
+    """Return the material table, (N, 5, 4) float32: five RGBA texels per material.
 
     0: base colour, alpha cutoff (0: none) · 1: roughness, metallic, specular, specular tint · 2: emissive, translucency ·
     3: layers of the colour and of the normal texture, sides of their arrays (0: none) · 4: transmission, layer of the roughness

@@ -1,4 +1,4 @@
-"""What moves: one set of buffers per mesh, drawn with a world matrix."""
+"""Movable geometry: one set of buffers per mesh, drawn with a world matrix."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MeshBuffers:
     """One mesh on the graphics card, in its own coordinates.
 
     Attributes:
-        mesh: kept alive, since the cache that holds these buffers goes by its identity.
+        mesh: the mesh, kept alive since the cache of these buffers compares identities.
         corners: (8, 3) corners of the mesh's own bounding box.
     """
 
@@ -34,7 +34,7 @@ class MeshBuffers:
         self._buffers = Buffers(gl, attributes, mesh.faces)
 
     def array(self, program: moderngl.Program, elsewhere: MeshBuffers | None = None) -> moderngl.VertexArray:
-        """The vertex array of a program.
+        """Return the vertex array of a program.
 
         Args:
             program: the program.

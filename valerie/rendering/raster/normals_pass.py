@@ -1,4 +1,4 @@
-"""The normals pass: which way the surface in each pixel faces, in step with the truth pass."""
+"""The normals pass: surface normals at pixel centres, of the same surfaces as in the truth pass."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class NormalsPass:
         self._work: LeastRecentlyUsed[Target] = LeastRecentlyUsed(1)
 
     def normals(self, scene: Scene, view: View) -> Normals:
-        """The normals of a scene seen by a camera.
+        """Return the normals of a scene seen by a camera.
 
         Raises:
             UnknownName: the scene has no such camera.

@@ -1,4 +1,4 @@
-"""The default engine: deferred shading in OpenGL, on a GPU or on the CPU (llvmpipe), by the same code."""
+"""The default engine: deferred shading in OpenGL. The same code runs on a GPU and on the CPU (llvmpipe)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from valerie.rendering.raster.context import GraphicsContext, process_context
 from valerie.rendering.raster.drawing import SurfaceDrawer, table_texture
 from valerie.rendering.raster.lamp_reach import FrameLamps, LampView, lamp_shadowed_tiles, with_lamps
 from valerie.rendering.raster.lamplight import LampLight, LampMaps, LampShadows, bounced, tiles_of
-from valerie.rendering.raster.lighting import Lighting, LitFrame, SkyLight
+from valerie.rendering.raster.lighting import Daylight, Lighting, LitFrame, SkyLight, Surfaces, Viewpoint
 from valerie.rendering.raster.materials import SurfaceKind
 from valerie.rendering.raster.scenes import Prepared
 from valerie.rendering.raster.shadows import LARGEST_PENUMBRA, ShadowMap, Shadows, SkyMaps, static_view
@@ -46,13 +46,12 @@ _SUNS: Final = 4
 class RasterRenderer:
     """Scene-referred images by deferred shading; see `valerie.rendering.base.Renderer` for the contract.
 
-    What does not move is kept: geometry per asset, its G-buffer and what it sees of the sky per camera, its shadow map per sun,
-    its picture per camera and light. A layer draws the movables over the G-buffer and makes only those tiles again that they may
-    change.
-    `full` uses none of these, and makes everything.
+    The engine caches the statics: geometry per asset, G-buffer and sky visibility per camera, shadow map per sun, and image per
+    camera and light. A layer draws the movables over the G-buffer and recomputes only the tiles that they may change. `full`
+    uses none of these caches.
 
     Args:
-        context: the process's context if not given.
+        context: GL context; by default that of the process.
     """
 
     name: ClassVar[str] = "raster"
@@ -62,14 +61,14 @@ class RasterRenderer:
         self._context = context if context is not None else process_context()
         self._shadows = Shadows(self._context)
         self._shapes = SurfaceDrawer(self._context, "shape.frag", panes="sampled")
-        self._moving = SurfaceDrawer(self._context, "moving.frag", frames=True, panes="sampled")
+        self._moving = SurfaceDrawer(self._context, "moving.frag", textures="known", panes="sampled")
         with self._context.current() as gl:
             self._copy = ScreenPass(gl, self._context.program("screen.vert", "copy.frag"))
             self._lighting = Lighting(self._context, REACH)
-            # Anisotropic filters and explicit levels do not go together in llvmpipe: each read would take milliseconds.
+            # No anisotropic filter: with explicit mipmap levels, each read would take milliseconds in llvmpipe.
             self._sampler = gl.sampler(filter=(moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR), anisotropy=1.0)
         self._surfaces = SurfaceDrawer(
-            self._context, "surface.frag", colors=True, panes="sampled", sampler=self._sampler
+            self._context, "surface.frag", textures="read", panes="sampled", sampler=self._sampler
         )
         self._texture_passes: dict[tuple[int, int, int], ScreenPass] = {}
         self._static_surfaces: LeastRecentlyUsed[StaticSurfaces] = LeastRecentlyUsed(_CAMERAS)
@@ -85,11 +84,15 @@ class RasterRenderer:
 
     @property
     def numeric_class(self) -> str:
-        """See `valerie.rendering.base.Renderer`."""
+        """Name of the arithmetic; see `valerie.rendering.base.Renderer`."""
         return self._context.numeric_class
 
     def background(self, scene: Scene, view: View) -> LinearImage:
-        """The frame without movables; raises `RenderingError` if it is constant or not finite."""
+        """Render the frame without movables.
+
+        Raises:
+            RenderingError: The image is constant or not finite.
+        """
         with self._frame(scene, view, movables=False) as frame:
             self._learn(frame, ~frame.canvas.grid.none())
             pixels = np.ascontiguousarray(frame.image.pixels[::-1])
@@ -97,7 +100,7 @@ class RasterRenderer:
         return LinearImage(pixels)
 
     def layer(self, scene: Scene, view: View) -> Layer:
-        """The pixels that movables change; empty where they change nothing of the image."""
+        """Render the pixels that movables change; the layer is empty if they change none."""
         nothing = Layer(Rectangle(0, 0, 0, 0), np.zeros((0, 0, 3), np.float16))
         with self._frame(scene, view) as frame:
             lowest = self._lowest(frame)
@@ -119,7 +122,7 @@ class RasterRenderer:
         return Layer(Rectangle(x + changed.x, top + changed.y, changed.width, changed.height), pixels)
 
     def full(self, scene: Scene, view: View) -> LinearImage:
-        """The frame from scratch: nothing kept but uploaded meshes and textures, everything drawn and lit."""
+        """Render the whole frame at once, with no cache but that of uploaded meshes and textures."""
         with self._context.current():
             self._forget()
         with self._frame(scene, view) as frame:
@@ -133,22 +136,22 @@ class RasterRenderer:
         return LinearImage(pixels)
 
     def received(self, scene: Scene, view: View, rectangles: Sequence[Rectangle]) -> list[Received]:
-        """See `valerie.rendering.person_light.LightPass`."""
+        """Measure the light that arrives on surfaces; see `valerie.rendering.person_light.LightPass`."""
         with self._frame(scene, view) as frame:
             placed = frame.prepared.placed
             covered = covered_rectangle([mesh.corners for mesh in placed], frame.camera, view)
             self._draw(frame, gl_rectangle(covered, view))
             areas = [gl_rectangle(rectangle, view) for rectangle in rectangles]
             with self._lit(frame, movables=True) as lit:
-                found = frame.canvas.receive(lit, self._lighting, areas)
+                received = frame.canvas.receive(lit, self._lighting, areas)
             sunny = bool(frame.sky.sun.max() > 0)
         return [
             Received(rectangle, np.ascontiguousarray(samples[::-1]), EXPOSURE, sunny)
-            for rectangle, samples in zip(rectangles, found, strict=True)
+            for rectangle, samples in zip(rectangles, received, strict=True)
         ]
 
     def close(self) -> None:
-        """Free what this engine holds; the context stays with who made it (the process, by default)."""
+        """Free the resources of this engine. The context stays open: it belongs to its creator, by default the process."""
         if not self._context.closed:
             with self._context.current():
                 self._forget()
@@ -171,7 +174,7 @@ class RasterRenderer:
 
     @contextmanager
     def _frame(self, scene: Scene, view: View, *, movables: bool = True) -> Iterator[_Frame]:
-        """A scene and a view with what is kept of their statics; whatever fails in it, nothing half-made is kept."""
+        """Prepare a scene and a view with the caches of their statics. After an error no half-finished result stays cached."""
         camera, sky = camera_of(scene, view), sky_of(scene)
         lamps, scene = lit_lamps(scene, sky), glowing(scene, sky)
         with self._context.current() as gl:
@@ -180,15 +183,15 @@ class RasterRenderer:
             frame_lamps = FrameLamps.seen_by(lamps, camera, view)
             canvas = self._canvases.get((view.width, view.height), lambda: Canvas(gl, view))
             table = table_texture(gl, prepared.table())
-            seen: Hashable = (statics.key, *camera_key(camera, view))
+            sight: Hashable = (statics.key, *camera_key(camera, view))
             day: tuple[Hashable, ...] = (scene.sun, scene.environment, statics.materials)
-            lit: Hashable = (seen, *day, frame_lamps.still)
+            lit: Hashable = (sight, *day, frame_lamps.still)
             try:
                 surfaces = self._static_surfaces.get(
-                    seen, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
+                    sight, lambda: self._draw_statics(prepared, camera, view, table, canvas.grid)
                 )
                 light = self._light_views.get(
-                    (seen, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
+                    (sight, sun.tobytes()), lambda: static_view(statics.geometry, camera, view, sun)
                 )
                 shadow = self._static_shadows.get(
                     (statics.shape_key, light.key), lambda: self._shadows.static(statics, light, table)
@@ -196,7 +199,7 @@ class RasterRenderer:
                 sky_maps = self._sky_maps.get(statics.shape_key, lambda: self._shadows.sky(statics, table))
                 sky_light = self._sky_lights.get((statics.key, *day), lambda: SkyLight(gl, statics, sky_maps, sky))
                 image = self._static_images.get(lit, lambda: StaticImage(canvas.grid))
-                canvas.take(seen, lit)
+                canvas.take(sight, lit)
                 yield _Frame(
                     prepared, view, camera, canvas, table, surfaces, image, shadow, sky_maps, sky_light, sky, frame_lamps,
                 )  # fmt: skip
@@ -212,17 +215,11 @@ class RasterRenderer:
         if movables and frame.prepared.placed:
             shadow = self._shadows.movable(frame.prepared, frame.shadow.light, frame.table)
         lamps = self._lamplight(frame, movables=movables)
-        lit = self._lighting.inputs(
+        lit = self._lighting.bind(
             frame.canvas.targets,
-            frame.surfaces.target,
-            frame.table,
-            frame.camera,
-            frame.view,
-            frame.prepared.scene,
-            frame.sky,
-            frame.sky_maps,
-            frame.sky_light,
-            frame.shadow,
+            Surfaces(frame.surfaces.target, frame.table),
+            Viewpoint(frame.camera, frame.view),
+            Daylight(frame.prepared.scene.sun, frame.sky, frame.sky_maps, frame.sky_light, frame.shadow),
             shadow,
             lamps,
         )
@@ -232,15 +229,15 @@ class RasterRenderer:
             lit.release()
 
     def _lamplight(self, frame: _Frame, *, movables: bool) -> LampLight | None:
-        """The lamps that shine; a picture of the statics alone has none of the movables'."""
+        """Return the light of the lamps, without those of movables if ``movables`` is False; None if no lamp shines."""
         lamps, prepared = frame.lamps, frame.prepared
         lit = lamps.lit if movables else lamps.still
         if not lit:
             return None
 
-        def maps(kept: LeastRecentlyUsed[LampMaps], views: Sequence[LampView]) -> LampMaps:
-            key = (prepared.statics.key, tuple(one.lamp for one in views))
-            return kept.get(key, lambda: self._lamp_shadows.static(prepared.statics, views, frame.table))
+        def maps(cache: LeastRecentlyUsed[LampMaps], views: Sequence[LampView]) -> LampMaps:
+            key = (prepared.statics.key, tuple(lamp_view.lamp for lamp_view in views))
+            return cache.get(key, lambda: self._lamp_shadows.static(prepared.statics, views, frame.table))
 
         static = maps(self._lamp_maps, lamps.shadowed)
         moving = maps(self._moving_lamp_maps, lamps.moving_shadowed) if movables and lamps.moving_shadowed else None
@@ -249,7 +246,7 @@ class RasterRenderer:
         return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
 
     def _learn(self, frame: _Frame, wanted: Mask) -> None:
-        """Make those tiles of the statics' picture that are not known yet."""
+        """Render the wanted tiles of the statics' image that are not cached yet."""
         missing = wanted & ~frame.image.known
         if not missing.any():
             return
@@ -265,7 +262,7 @@ class RasterRenderer:
         frame.image.known |= missing
 
     def _with_movables(self, frame: _Frame, area: Area) -> tuple[Area, NDArray[np.float16]]:
-        """That part of the area in which movables may change pixels, and its pixels; the statics' tiles there are known."""
+        """Return the part of the area in which movables may change pixels, and its pixels. The statics' tiles are cached."""
         canvas, surfaces, grid = frame.canvas, frame.surfaces, frame.canvas.grid
         placed, camera, view = frame.prepared.placed, frame.camera, frame.view
         bodies = [mesh.corners for mesh in placed]
@@ -292,7 +289,7 @@ class RasterRenderer:
             x, y, width, height = part
             pixels = frame.image.pixels[y : y + height, x : x + width].copy()
             np.copyto(pixels, canvas.read_pixels(part), where=grid.pixels(dirty, part)[..., None])
-        # These hold movables now.
+        # These tiles hold movables now.
         canvas.occluded &= ~occluded
         canvas.smoothed &= ~smoothed
         canvas.cover(body)
@@ -301,11 +298,11 @@ class RasterRenderer:
 
     @staticmethod
     def _lowest(frame: _Frame) -> float:
-        """Metres, height below which there is nothing to receive a shadow."""
+        """Return the height, metres, below which no surface receives a shadow."""
         return float(frame.prepared.statics.geometry.low[2])
 
     def _reached(self, canvas: Canvas, surface: Mask, body: Mask, smoothed: Mask, surfaces: StaticSurfaces) -> Mask:
-        """Tiles whose pixels the seen movables and the near occlusion that they change reach."""
+        """Return the tiles that visible movables, or the ambient occlusion that they change, may affect."""
         grid = canvas.grid
         dirty: Mask = body | _spread(grid, surface, canvas.drawn, _SURFACE_REACH)
         if smoothed.any():
@@ -322,7 +319,7 @@ class RasterRenderer:
         target.use()
         target.clear()
         values = _camera_values(camera, view)
-        # Depth first, so that each sample's textures are read once.
+        # A depth pre-pass, so that textures are read once per sample.
         self._shapes.statics(prepared.statics, table, values)
         self._context.gl.depth_func = "<="
         self._surfaces.statics(prepared.statics, table, values)
@@ -330,10 +327,10 @@ class RasterRenderer:
         return StaticSurfaces(target, grid)
 
     def _draw(self, frame: _Frame, area: Area) -> tuple[Mask, Mask]:
-        """Make the G-buffer of statics and movables; movables lie inside the area.
+        """Draw the G-buffer of statics and movables. All movables lie inside the area.
 
         Returns:
-            (height, width) of the area: whether a movable is seen in a sample of the pixel; and the tiles that hold such a pixel.
+            A mask of the area, (height, width), of the pixels that show a movable in a sample; and the tiles with such a pixel.
         """
         self._copy_statics(frame)
         canvas, targets = frame.canvas, frame.canvas.targets
@@ -354,7 +351,7 @@ class RasterRenderer:
             "material_table": frame.table,
             **{f"textures_{side}": array for side, array in textures.arrays.items()},
         }
-        # Outside the area the rows of an earlier frame may stand.
+        # Outside the area, the target may hold material rows of an earlier frame.
         spans = canvas.grid.spans(body)
         spans[:, :2] = np.maximum(spans[:, :2], area[:2])
         spans[:, 2:] = np.minimum(spans[:, 2:], (area[0] + area[2], area[1] + area[3]))
@@ -364,7 +361,7 @@ class RasterRenderer:
         return seen, body
 
     def _texturing(self, kinds: Sequence[SurfaceKind]) -> ScreenPass:
-        """The pass that reads the textures of movables of these kinds."""
+        """Return the pass that reads the textures of movables of these kinds."""
         color = sum({kind.color_side for kind in kinds})
         normal = sum({kind.normal_side for kind in kinds})
         roughness = sum({kind.roughness_side for kind in kinds})
@@ -377,9 +374,9 @@ class RasterRenderer:
         return self._texture_passes[sides]
 
     def _copy_statics(self, frame: _Frame) -> None:
-        """Put the statics back where movables were drawn, or everywhere on a canvas that was something else.
+        """Restore the statics where movables were drawn, or everywhere on a canvas of another scene or view.
 
-        A background goes through this copy too: on its way a depth may be rounded to a neighbouring value, and must be for all.
+        A background passes through this copy too. The copy may round a depth to a neighbouring value, so all frames need it.
         """
         canvas, surfaces = frame.canvas, frame.surfaces.target
         assert surfaces.depth is not None
@@ -396,7 +393,7 @@ class RasterRenderer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frame:
-    """One frame in the making."""
+    """The scene, view and caches of one frame."""
 
     prepared: Prepared
     view: View
@@ -412,15 +409,16 @@ class _Frame:
     lamps: FrameLamps
 
 
-def _common(one: Area, other: Area) -> Area:
-    """The part of two areas that lies in both; they touch."""
-    left, bottom = max(one[0], other[0]), max(one[1], other[1])
-    right, top = min(one[0] + one[2], other[0] + other[2]), min(one[1] + one[3], other[1] + other[3])
+def _common(first: Area, second: Area) -> Area:
+    """Return the intersection of two areas that overlap."""
+    left, bottom = max(first[0], second[0]), max(first[1], second[1])
+    right = min(first[0] + first[2], second[0] + second[2])
+    top = min(first[1] + first[3], second[1] + second[3])
     return left, bottom, right - left, top - bottom
 
 
 def _spread(grid: TileGrid, pixels: Mask, area: Area, by: int) -> Mask:
-    """The tiles within ``by`` pixels of a true pixel of an area."""
+    """Return the tiles within ``by`` pixels of a true pixel of an area."""
     x, y, width, height = area
     left, bottom = max(x - by, 0), max(y - by, 0)
     right, top = min(x + width + by, grid.width), min(y + height + by, grid.height)

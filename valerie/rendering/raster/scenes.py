@@ -1,4 +1,4 @@
-"""Scenes on the graphics card: what was uploaded is found again by the identity of meshes and textures."""
+"""Scenes on the GPU. The identity of meshes and textures finds earlier uploads again."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Prepared:
     materials: tuple[Material, ...]
 
     def table(self) -> NDArray[np.float32]:
-        """The material table, (N, 5, 4) float32."""
+        """Return the material table, (N, 5, 4) float32."""
         # A street has hundreds of materials, a movable a dozen.
         count = len(self.statics.materials)
         if len(self.materials) == count:
@@ -90,7 +90,7 @@ class SceneStore:
         self._last: Statics | None = None
 
     def prepare(self, scene: Scene, *, movables: bool = True) -> Prepared:
-        """The scene's geometry on the card; without its movables if told so."""
+        """Upload a scene's geometry, without its movables if ``movables`` is False."""
         statics = self._statics(scene)
         materials = list(statics.materials)
         placed = self.place(scene, draw_items(scene, movable=True), statics, materials) if movables else ()
@@ -152,7 +152,7 @@ class SceneStore:
         )
         geometry = self._geometries.get(key, lambda: StaticGeometry(self._gl, items, item_rows, item_kinds))
         appearance = tuple((m.base_color, m.textures, m.alpha_cutoff, m.transmission) for m in materials)
-        # Of a solid surface no texture matters to what it hides.
+        # The textures of a solid surface do not affect the light that it hides.
         shape = tuple(
             (m.alpha_cutoff, m.base_color_texture if surface_kind(m, textures).cut else None, m.transmission)
             for m in materials

@@ -37,7 +37,7 @@ MOVABLE_MAP: Final = 1024
 CLOSE_MAP: Final = 512
 #: Metres across the light, within which movables are close together: texels of 8 mm.
 _CLOSE: Final = 4.0
-#: How much wider than its own a camera's map may be, to be the one of all cameras.
+#: Largest ratio of the shared map's width to that of a camera's own map at which the camera uses the shared map.
 _SHARED: Final = 1.5
 #: Texels per side of a block of the statics' map, over which its depths are surveyed.
 _BLOCK: Final = 8
@@ -75,16 +75,16 @@ class ShadowMap:
         return self.target.depth
 
     def survey(self) -> None:
-        """Note what casts shadows within the widest penumbra of each block, so that most places need not search for it."""
+        """Compute the depth range of casters around each block, so that most places need no blocker search."""
         side = self.target.size[0]
         across, up = np.ceil((LARGEST_PENUMBRA * side / self.light.extent[:2] + 1) / _BLOCK).astype(int)
         around = np.ones((2 * up + 1, 2 * across + 1), np.uint8)
-        # Band by band: memory of the size of the map would be taken from the system anew each time.
+        # Band by band, since a buffer for the whole map would be allocated from the system anew each time.
         bands = [self._blocks(first, min(_BAND, side - first)) for first in range(0, side, _BAND)]
         least, largest = (np.concatenate(parts) for parts in zip(*bands, strict=True))
-        found = [cv2.erode(least, around), cv2.dilate(largest, around)]
+        ranges = [cv2.erode(least, around), cv2.dilate(largest, around)]
         size = (side // _BLOCK, side // _BLOCK)
-        self.casters = self._gl.texture(size, 2, np.stack(found, axis=2).tobytes(), dtype="f4")
+        self.casters = self._gl.texture(size, 2, np.stack(ranges, axis=2).tobytes(), dtype="f4")
         self.casters.filter = (moderngl.NEAREST, moderngl.NEAREST)
 
     def _blocks(self, first: int, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -99,7 +99,7 @@ class ShadowMap:
         )
 
     def holds(self, low: Points, high: Points) -> Mask:
-        """(N,) whether the map holds anything in the rectangles ``low`` … ``high``: (N, 2) metres in the light's axes."""
+        """Return (N,) bool, True if a caster lies in the rectangle ``low`` … ``high``, (N, 2) metres in the light's axes."""
         side = self.target.size[0]
         data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
         drawn = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
@@ -109,8 +109,8 @@ class ShadowMap:
         first = np.clip(np.floor((low - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
         last = np.clip(np.ceil((high - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
         (x0, y0), (x1, y1) = first.T, last.T
-        found: Mask = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
-        return found
+        occupied: Mask = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
+        return occupied
 
     def release(self) -> None:
         """Free the map."""
@@ -126,7 +126,7 @@ class SkyMaps:
         directions: (K, 3) unit vectors towards the sky.
         rows: (3·K, 4) float32; rows 3k … 3k+2 take a world point to [0, 1]³ of tile k.
         extents: (K, 3) float32, metres that a tile covers.
-        openness: (N, K) whether nothing hides the sky from a place of the statics' `SurfaceSample`.
+        openness: (N, K) bool, True if nothing hides the sky from a place of the statics' `SurfaceSample`.
         prominence: (N,) of these places.
         nearest, shares: textures of `nearest_directions`.
     """
@@ -164,7 +164,7 @@ class SkyMaps:
         across, down = SKY_TILES
         # As in ``openness.frag``.
         places = np.column_stack([sample.points + 0.12 * sample.normals, np.ones(len(sample.points))])
-        found = np.ones((len(places), across * down), np.bool_)
+        openness = np.ones((len(places), across * down), np.bool_)
         for row in range(down):
             part = (0, row * SKY_MAP, across * SKY_MAP, SKY_MAP)
             data = self.target.framebuffer.read(viewport=part, components=1, attachment=-1, dtype="f4", alignment=1)
@@ -179,8 +179,8 @@ class SkyMaps:
                 along = np.where(np.abs(normal[:, 2]) < 1e-3, 1e-3, normal[:, 2])
                 slope = np.clip(-normal[:, :2] / along[:, None], -_STEEPEST, _STEEPEST) * extent[:2] / extent[2]
                 plane = at[:, 2] + (((texel + 0.5) / SKY_MAP - at[:, :2]) * slope).sum(axis=1)
-                found[inside, k] = (depth[texel[:, 1], column, texel[:, 0]] >= plane)[inside]
-        return found
+                openness[inside, k] = (depth[texel[:, 1], column, texel[:, 0]] >= plane)[inside]
+        return openness
 
     @property
     def texture(self) -> moderngl.Texture:
@@ -202,7 +202,7 @@ class Shadows:
         self._movable: dict[int, ShadowMap] = {}
 
     def static(self, statics: Statics, light: LightView, table: moderngl.Texture) -> ShadowMap:
-        """The statics' map of a view that `static_view` found."""
+        """Draw the statics' shadow map for a view of `static_view`."""
         shadow = ShadowMap(self._context.gl, light, STATIC_MAP)
         shadow.target.use()
         shadow.target.clear()
@@ -211,7 +211,7 @@ class Shadows:
         return shadow
 
     def movable(self, prepared: Prepared, static: LightView, table: moderngl.Texture) -> ShadowMap:
-        """The movables' map, in the axes of the statics'; valid until the next call."""
+        """Draw the movables' shadow map in the axes of the statics' map. It is valid until the next call."""
         geometry = prepared.statics.geometry
         bodies = np.concatenate([mesh.corners for mesh in prepared.placed])
         depths = np.concatenate([bodies, box_corners(geometry.low, geometry.high)])
@@ -229,7 +229,7 @@ class Shadows:
         return shadow
 
     def sky(self, statics: Statics, table: moderngl.Texture) -> SkyMaps:
-        """The statics' maps from all over the sky."""
+        """Draw the statics' depth maps from all over the sky."""
         return SkyMaps(self._context.gl, self._drawer, statics, table)
 
     def release(self) -> None:
@@ -240,8 +240,9 @@ class Shadows:
 
 
 def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun: Points) -> LightView:
-    """Where the statics' shadow map lies: around all of them, so that cameras share it, unless a map around what this camera sees
-    would be a good deal finer.
+    """Return the view of the statics' shadow map.
+
+    It bounds all statics, so that cameras share it, unless a map of the part that this camera sees would be much finer.
     """
     low, high = geometry.core_low - 2, geometry.core_high + 2
     casters, axes = box_corners(geometry.low, geometry.high), light_axes(toward_sun)
@@ -257,7 +258,7 @@ def static_view(geometry: StaticGeometry, camera: Camera, view: View, toward_sun
 
 
 def even_directions(count: int) -> Points:
-    """(count, 3) unit vectors spread evenly over the upper half of the sphere (a Fibonacci spiral)."""
+    """Return (count, 3) unit vectors spread evenly over the upper half of the sphere (a Fibonacci spiral)."""
     k = np.arange(count)
     z = 1 - (k + 0.5) / count
     angle = k * np.pi * (3 - np.sqrt(5))

@@ -109,7 +109,7 @@ class StaticGeometry:
         return (*merged, *(b for b in self.batches if b.kind.cut or b.kind.clear))
 
     def array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        """The vertex array of a program; there is one while there are batches."""
+        """Return the vertex array of a program; there is one while there are batches."""
         assert self._buffers is not None
         return self._buffers.array(program)
 

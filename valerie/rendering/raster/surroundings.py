@@ -1,8 +1,8 @@
-"""What a street gives back of the light that falls on it, estimated from a sample of its surfaces. Pure numpy.
+"""Indirect light: an estimate, from a sample of surfaces, of the light that a street reflects. Pure numpy.
 
-The sky light of the raster engine (``skylight.frag``) knows in which directions something hides the sky, but not what hides it.
-It takes the mean of what could: of all surfaces that face the place, each with its own colour and with the sun and sky that
-reach it.
+The sky light of the raster engine (``skylight.frag``) knows the directions in which a surface hides the sky, but not the
+surface. It uses the mean radiance of all surfaces that face the place, each with its own colour and the sun and sky that reach
+it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ _GROUND_BAND: Final = 2.0
 _WALL_SLOPE: Final = 0.3
 #: The sun is seen from a place as the directions of the sky around it are.
 _AROUND_SUN: Final = np.cos(np.deg2rad(25.0))
-#: Of the places, those that stand for all others: every so many.
+#: Step between the places that stand for all others.
 _EVERY: Final = 16
-#: What a place counts that faces no other.
+#: Weight of a place that faces no other.
 _ALONE: Final = 0.01
 #: Light goes from surface to surface so often; a further time adds some percent of the first.
 _BOUNCES: Final = 3
@@ -56,7 +56,7 @@ class SurfaceSample:
 
     @classmethod
     def empty(cls, lowest: float) -> SurfaceSample:
-        """Of nothing."""
+        """Build a sample without places."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.intp), lowest, 0.0)
 
 
@@ -83,7 +83,7 @@ def sample_surfaces(
     low: Points,
     high: Points,
 ) -> SurfaceSample:
-    """A sample of the triangles between two corners (3,), of equal area each and the same in every process.
+    """Return a sample of the triangles between two corners (3,), of equal area each and the same in every process.
 
     Args:
         positions: (V, 3) metres.
@@ -96,7 +96,7 @@ def sample_surfaces(
     double = np.linalg.norm(across, axis=1)
     least, largest = np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
     low, high = low - _AROUND, high + _AROUND
-    # Of a triangle that sticks out, about the share of its box counts.
+    # A triangle that sticks out counts by the share of its bounding box that lies inside.
     inside = np.maximum(np.minimum(largest, high) - np.maximum(least, low), 0)
     touches = ((largest >= low) & (least <= high)).all(axis=1)
     share = np.where(largest > least, inside / np.maximum(largest - least, 1e-9), 1.0).prod(axis=1)
@@ -119,7 +119,7 @@ def sample_surfaces(
 
 
 def _places(first: Points, second: Points, third: Points, low: Points, high: Points) -> Points:
-    """(N, 3) a place in each triangle, between the corners if one of `_TRIES` is."""
+    """Return a place in each triangle, (N, 3), between the corners if one of `_TRIES` is."""
     # Evenly over the unit square, whatever part is taken: the R₂ sequence, Roberts 2018, "The unreasonable effectiveness of
     # quasirandom sequences".
     count = len(first)
@@ -134,16 +134,16 @@ def _places(first: Points, second: Points, third: Points, low: Points, high: Poi
         over = across + up > 1.0
         across, up = np.where(over, 1 - across, across)[:, None], np.where(over, 1 - up, up)[:, None]
         origin = first[open_ones].astype(np.float64)
-        found = origin + (second[open_ones] - origin) * across + (third[open_ones] - origin) * up
-        points[open_ones] = found
-        open_ones[open_ones] = ~((found >= low) & (found <= high)).all(axis=1)
+        candidates = origin + (second[open_ones] - origin) * across + (third[open_ones] - origin) * up
+        points[open_ones] = candidates
+        open_ones[open_ones] = ~((candidates >= low) & (candidates <= high)).all(axis=1)
         if not open_ones.any():
             break
     return points
 
 
 def prominence(sample: SurfaceSample, openness: NDArray[np.bool_]) -> Points:
-    """(N,) how much each place counts among what other places see.
+    """Return the weight of each place, (N,), in the view of other places.
 
     Light goes to and fro alike: others see a place as much as it sees of them. That is the share of its view that they fill (form
     factors of discs, Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for progressive radiosity"), taken from some of
@@ -176,10 +176,10 @@ def reflected(
     share: Points,
     sky: Sky,
 ) -> Reflected:
-    """What surfaces give back of a sky and its sun, matte and on average.
+    """Return the light of a sky and its sun that surfaces reflect, matte and on average.
 
     Args:
-        openness: (N, K) whether nothing hides the sky from a place of the sample.
+        openness: (N, K) bool, True if nothing hides the sky from a place of the sample.
         prominent: (N,) see `prominence`.
         directions: (K, 3) unit vectors, even over the upper half of the sphere.
         albedo: (M, 3) of the materials.
@@ -209,11 +209,11 @@ def reflected(
 
 
 def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) -> tuple[Points, Points]:
-    """What ``skylight.frag`` adds up of the light from K directions above the horizon: spherical harmonics.
+    """Return the spherical harmonics that ``skylight.frag`` sums over K directions above the horizon.
 
-    Of order 1, and of order 2 the one about the vertical: a street's sky stands above it, and with order 1 alone level ground
-    would miss up to a quarter of its light. Where the sky is hidden in a direction, what hides it is seen. The lower half is the
-    ground, seen from all around; it has nothing of order 2.
+    The basis has orders 0 and 1 and the zonal function of order 2. A street's sky stands above it, so with order 1 alone level
+    ground would miss up to a quarter of its light. In a direction in which the sky is hidden, the radiance is that of the hiding
+    surfaces. The lower hemisphere is the ground, which contributes nothing of order 2.
 
     Args:
         directions, hidden, ground: as in `reflected`.
@@ -239,6 +239,6 @@ def sky_weights(sky: Sky, directions: Points, hidden: Points, ground: Points) ->
 
 
 def from_below(radiance: Points) -> Points:
-    """(3, 4): spherical harmonics, as in `sky_weights`, of ground of this radiance (3,)."""
+    """Return the spherical harmonics, (3, 4), as in `sky_weights`, of ground of this radiance, (3,)."""
     sums: Points = radiance[:, None] * np.array([0.5, 0, 0, -0.75])
     return sums

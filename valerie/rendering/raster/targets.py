@@ -1,4 +1,4 @@
-"""What is drawn into: textures and framebuffers by size, and the helpers of passes over the whole screen."""
+"""Render targets (textures and framebuffers), and passes over the screen."""
 
 from __future__ import annotations
 
@@ -110,13 +110,13 @@ class ImageTargets:
 
 
 def surface_target(gl: moderngl.Context, view: View) -> Target:
-    """A G-buffer: albedo, normals, material row with what its roughness texture says, depth."""
+    """Create a G-buffer: albedo, normals, material row with the factors of its roughness texture, depth."""
     fine = (view.width * SAMPLES, view.height * SAMPLES)
     return Target(gl, fine, ((4, "f1"), (4, "nu2"), (2, "u2")), depth=True)
 
 
 def gl_rectangle(rectangle: Rectangle, view: View, samples: int = 1) -> tuple[int, int, int, int]:
-    """A rectangle of the image as OpenGL counts it: from the bottom, in samples."""
+    """Convert a rectangle of the image to OpenGL's (x, y, width, height), from the bottom left, in samples."""
     bottom = view.height - rectangle.y - rectangle.height
     return (
         rectangle.x * samples, bottom * samples, rectangle.width * samples, rectangle.height * samples,
@@ -173,6 +173,6 @@ class ScreenPass:
 
 
 def one_span(area: tuple[int, int, int, int]) -> Spans:
-    """An area (x, y, width, height) as the only part."""
+    """Return an area (x, y, width, height) as the only part."""
     x, y, width, height = area
     return np.array([[x, y, x + width, y + height]])

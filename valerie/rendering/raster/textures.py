@@ -30,7 +30,7 @@ _SERIALS = count()
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """Where a texture lies: the array of a side, and the layer in it."""
+    """The place of a texture: the array of a side, and the layer in it."""
 
     side: int
     layer: int
@@ -89,9 +89,9 @@ class TextureSet:
         """Mean linear colour (3,) of the texels whose alpha is not below the cutoff, and their share."""
         if (name, cutoff) not in self._means:
             texels = self._some_texels(name)
-            kept = texels if cutoff is None or texels.shape[1] < 4 else texels[texels[:, 3] >= 255 * cutoff]
-            color = _LINEAR[kept[:, :3]].mean(axis=0) if len(kept) else np.zeros(3)
-            self._means[name, cutoff] = color, len(kept) / len(texels)
+            opaque = texels if cutoff is None or texels.shape[1] < 4 else texels[texels[:, 3] >= 255 * cutoff]
+            color = _LINEAR[opaque[:, :3]].mean(axis=0) if len(opaque) else np.zeros(3)
+            self._means[name, cutoff] = color, len(opaque) / len(texels)
         return self._means[name, cutoff]
 
     def mean_metallic(self, name: str) -> float:
@@ -101,7 +101,7 @@ class TextureSet:
         return self._metallic[name]
 
     def _some_texels(self, name: str) -> NDArray[np.uint8]:
-        """(N, channels) one in 35, in steps that fall in with no pattern of tiles."""
+        """Return one texel in 35, (N, channels), in steps that match no pattern of tiles."""
         image = self._textures[name].image
         return image[::5, ::7].reshape(-1, image.shape[2])
 
@@ -117,7 +117,7 @@ def _side_for(height: int, width: int) -> int:
 
 
 def _as_layer(image: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """(side, side, 4) uint8: resampled to the side, opaque where the image has no alpha."""
+    """Resample an image to (side, side, 4) uint8; it is opaque if it has no alpha."""
     if image.shape[:2] != (side, side):
         shrink = max(image.shape[:2]) > side
         image = np.asarray(

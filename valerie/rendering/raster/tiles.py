@@ -34,7 +34,7 @@ class TileGrid:
         return np.zeros(self.shape, np.bool_)
 
     def touching(self, area: tuple[int, int, int, int]) -> Mask:
-        """The tiles that share a pixel with ``area``: x, y, width, height in pixels from the bottom left."""
+        """Return the tiles that share a pixel with ``area``: x, y, width, height in pixels from the bottom left."""
         mask = self.none()
         x, y, width, height = area
         if width > 0 and height > 0:
@@ -42,14 +42,14 @@ class TileGrid:
         return mask
 
     def around(self, mask: Mask) -> tuple[int, int, int, int]:
-        """The area (x, y, width, height) of pixels that bounds a mask with at least one tile."""
+        """Return the area (x, y, width, height) of pixels that bounds a mask with at least one tile."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         x, y = int(columns[0]) * TILE, int(rows[0]) * TILE
         right = min((int(columns[-1]) + 1) * TILE, self.width)
         return x, y, right - x, min((int(rows[-1]) + 1) * TILE, self.height) - y
 
     def spans(self, mask: Mask) -> Spans:
-        """The tiles of a mask as rectangles, one per run of neighbours in a row."""
+        """Return the tiles of a mask as rectangles, one per run of neighbours in a row."""
         used = np.flatnonzero(mask.any(axis=1))
         if not used.size:
             return np.zeros((0, 4), np.int64)
@@ -62,13 +62,13 @@ class TileGrid:
         return np.stack([first * TILE, rows * TILE, x1, y1], axis=1)
 
     def pixels(self, mask: Mask, area: tuple[int, int, int, int]) -> Mask:
-        """(height, width) of the area: the pixels of the tiles of a mask."""
+        """Return a mask of an area's pixels, (height, width), that lie in the tiles of a mask."""
         x, y, width, height = area
         rows, columns = np.arange(y, y + height) // TILE, np.arange(x, x + width) // TILE
         return mask[np.ix_(rows, columns)]
 
     def holding(self, pixels: Mask, x: int, y: int) -> Mask:
-        """The tiles that hold a true pixel; ``pixels`` lies at (x, y) of the image."""
+        """Return the tiles that hold a true pixel; ``pixels`` lies at (x, y) of the image."""
         mask = self.none()
         height, width = pixels.shape
         if not pixels.size:
@@ -83,7 +83,7 @@ class TileGrid:
 
     @staticmethod
     def reduced(values: NDArray[np.float32], *, largest: bool) -> NDArray[np.float32]:
-        """The least (or largest) value in each tile of a part that begins at a tile's corner."""
+        """Return the least (or largest) value in each tile of a part that begins at a tile's corner."""
         pick = np.maximum if largest else np.minimum
         rows, columns = np.arange(0, values.shape[0], TILE), np.arange(0, values.shape[1], TILE)
         reduced: NDArray[np.float32] = pick.reduceat(pick.reduceat(values, rows, axis=0), columns, axis=1)
@@ -91,7 +91,7 @@ class TileGrid:
 
 
 def widened(mask: Mask, by: int = 1) -> Mask:
-    """A mask with its true entries spread to neighbours at most ``by`` away, diagonals too."""
+    """Return a mask with its true entries spread to neighbours at most ``by`` away, diagonals too."""
     if by < 1 or not mask.size:
         return mask
     kernel = np.ones((2 * by + 1, 2 * by + 1), np.uint8)

@@ -56,12 +56,12 @@ class AssetPack(Protocol):
     """A module that makes an asset from a few arguments; equal settings give equal bytes.
 
     A distribution offers one as an entry point of the group ``valerie.assets``: the asset's name, and the module.
-    `valerie.testing.assets.AssetContract` tests what one must do.
+    `valerie.testing.asset_packs.AssetContract` tests what one must do.
     """
 
     #: Raised by hand whenever the generated scene changes; part of the asset's digest.
     REVISION: int
-    #: What the pack can be told.
+    #: Arguments of the pack.
     Settings: type[PackSettings]
 
     def make_manifest(self, settings: Any) -> Manifest:

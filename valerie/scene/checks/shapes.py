@@ -29,11 +29,11 @@ HEIGHTS_M: Final[Mapping[str, tuple[float, float]]] = {
 }
 #: Classes of ground that people and cars stand on.
 GROUND_CLASSES: Final = frozenset({"road", "sidewalk", "parking", "terrain", "ground", "rail-track", "bridge"})
-#: How far the top of the ground may be from where persons are put, metres.
+#: Largest distance of the top of the ground from the places of persons, metres.
 _GROUND_M: Final = 1.0
-#: How far a person's lowest point may be from its origin, metres.
+#: Largest distance of a person's lowest point from its origin, metres.
 _FEET_M: Final = 0.15
-#: How far a person's middle may be from its origin over the ground, metres.
+#: Largest distance of a person's middle from its origin over the ground, metres.
 _ASIDE_M: Final = 0.5
 
 

@@ -287,7 +287,7 @@ class Sun:
     angular_diameter: float = math.radians(0.53)
 
 
-#: How a lamp fills its cone: evenly, or like the dipped beam of a vehicle.
+#: Beams of lamps: evenly filled cones, and the dipped beams of vehicles.
 BEAMS: Final = ("cone", "dipped")
 #: Switches of lamps, and the illuminance of the ground in lux below which ``auto`` turns each on. Street lamps: the usual
 #: twilight switch. Vehicles: UN Regulation 48, annex 12 (dipped beam on below 1,000 lx).

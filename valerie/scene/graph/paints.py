@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-#: How the name of a material of paint begins, after the last ``/``-separated prefix.
+#: Beginning of the names of paint materials, after the last ``/``.
 PAINT_PREFIX: Final = "paint-"
 
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]

@@ -27,7 +27,7 @@ def target(url: str, *entries: str):
     return allowed_target(url, parse_allowed(entries))
 
 
-def test_nothing_is_allowed_by_default(names) -> None:
+def test_no_address_is_allowed_by_default(names) -> None:
     with pytest.raises(InvalidInput, match=r"not on the operator's list.*got 127\.0\.0\.1:8000"):
         target(URL)
 
@@ -49,13 +49,13 @@ def test_everything_else_is_refused(names, entry: str) -> None:
         target(URL, entry)
 
 
-def test_a_name_that_leads_into_a_network_which_is_not_listed_is_refused(names) -> None:
+def test_a_name_in_a_network_that_is_not_listed_is_refused(names) -> None:
     names["public.example"] = ["169.254.169.254"]
     with pytest.raises(InvalidInput, match="not on the operator's list"):
         target("http://public.example:8000/", "10.0.0.0/8")
 
 
-def test_of_several_addresses_the_allowed_one_is_taken(names) -> None:
+def test_the_allowed_one_of_several_addresses_is_taken(names) -> None:
     names["models.example"] = ["192.168.0.1", "10.2.3.4"]
     assert target("http://models.example/", "10.0.0.0/8").address == "10.2.3.4"
 
@@ -70,7 +70,7 @@ def test_ipv6_networks_stand_in_brackets_when_they_have_a_port(names) -> None:
     assert (str(entry.network), entry.port) == ("fd00::/8", 8000)
 
 
-def test_a_host_without_address_is_a_failure_of_the_moment(names) -> None:
+def test_a_host_without_address_is_an_inference_error(names) -> None:
     with pytest.raises(InferenceError, match=r"gone\.example has no address"):
         target("http://gone.example:1/", "gone.example:1")
 
@@ -80,12 +80,12 @@ def test_a_host_without_address_is_a_failure_of_the_moment(names) -> None:
     ["ftp://a/b", "file:///etc/passwd", "//a/b", "http://", "http://u:p@a/", "http://a/#x", "http://a:x/", "http://a/ b",
      "http://a/\r\nX: y"],
 )  # fmt: skip
-def test_what_is_no_plain_url_is_refused(names, url: str) -> None:
+def test_urls_that_are_not_plain_are_refused(names, url: str) -> None:
     with pytest.raises(InvalidInput, match=r"options\.url"):
         target(url, "0.0.0.0/0", "a:80")
 
 
 @pytest.mark.parametrize("entry", ["models.example", "models.example:0", "10.0.0.0/33", "a:99999", ":80", "10.0.0.1/8"])
-def test_an_entry_of_the_list_that_means_nothing_is_refused(entry: str) -> None:
+def test_a_meaningless_entry_of_the_list_is_refused(entry: str) -> None:
     with pytest.raises(InvalidInput, match=r"addresses\.0: neither host and port nor a network"):
         parse_allowed([entry])

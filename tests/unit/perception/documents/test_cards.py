@@ -17,7 +17,7 @@ def rows(**entries: Any) -> dict[str, str]:
     return dict(card_rows(document.card(), document))
 
 
-def test_a_shipped_functions_card_says_all_that_decides_its_labels() -> None:
+def test_the_card_of_a_shipped_function_shows_everything_that_decides_its_labels() -> None:
     found = dict(card_rows(function_card("semantic-fpn-small"), function_document("semantic-fpn-small")))
     assert found["classes"].startswith("19: road, sidewalk, building")
     assert found["input size"] == "the frame's own, padded to multiples of 32"
@@ -28,7 +28,7 @@ def test_a_shipped_functions_card_says_all_that_decides_its_labels() -> None:
     assert found["licence"] == "Apache-2.0"
 
 
-def test_ones_own_classes_stand_with_what_they_count_as() -> None:
+def test_classes_are_shown_with_the_evaluated_class_that_they_count_as() -> None:
     output = {"classes": ["background", "human", "car"], "class_map": {"human": "person"}, "target_classes": ["person"]}
     found = rows(output=output)
     assert found["classes"] == "3: background → void, human → person, car"
@@ -50,7 +50,7 @@ def test_the_threshold_of_a_single_class_is_shown() -> None:
         ({"size": [640, 480], "mode": "tile", "overlap": 32}, "640 × 480: tiles that share at least 32 pixels"),
     ],
 )
-def test_every_way_in_is_told(taken: dict[str, Any], size: str) -> None:
+def test_every_adaptation_is_shown(taken: dict[str, Any], size: str) -> None:
     found = rows(input=taken)
     assert found["input size"] == size
     assert "reduction" not in found
@@ -64,25 +64,25 @@ def test_every_way_in_is_told(taken: dict[str, Any], size: str) -> None:
         ({"scale": 1, "mean": [104, 117, 123]}, "(x − mean) / std, mean 104, 117, 123, std 1, 1, 1"),
     ],
 )
-def test_normalisation_is_told_as_a_formula(taken: dict[str, Any], text: str) -> None:
+def test_normalisation_is_shown_as_a_formula(taken: dict[str, Any], text: str) -> None:
     assert rows(input=taken)["normalisation"] == text
 
 
-def test_a_function_elsewhere_is_told_by_its_address_and_takes_frames_as_they_are() -> None:
+def test_a_function_behind_http_is_shown_with_its_address() -> None:
     found = rows(kind="http", options={"url": "http://models.example:8000/predict", "timeout_s": 5})
     assert (found["address"], found["time limit"]) == (
         "http://models.example:8000/predict",
-        "5 s for a picture",
+        "5 s per picture",
     )
     assert not {"input size", "normalisation", "engine", "precision", "file"} & found.keys()
 
 
-def test_the_deadline_of_uploaded_predictions_is_told() -> None:
+def test_the_deadline_of_uploaded_predictions_is_shown() -> None:
     found = rows(kind="predictions", options={"deadline_hours": 48})
     assert found["deadline"] == "48 hours after the start of a run"
 
 
-def test_a_class_of_an_installed_package_says_what_its_card_does() -> None:
+def test_a_class_of_an_installed_package_shows_its_card_alone() -> None:
     card = FunctionCard("dark", "d1", "threshold", "uint8", "numpy", {"licence": "MIT"})
     assert card_rows(card) == [
         ("digest", "d1"),

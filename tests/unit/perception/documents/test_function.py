@@ -57,7 +57,7 @@ def test_the_name_is_no_part_of_the_digest() -> None:
         {"provenance": {"licence": "MIT"}},
     ],
 )
-def test_everything_else_is(change: dict[str, Any]) -> None:
+def test_every_other_entry_is_part_of_the_digest(change: dict[str, Any]) -> None:
     assert document(**change).digest != document().digest
 
 
@@ -67,7 +67,7 @@ def test_defaults_that_are_written_out_change_no_digest() -> None:
 
 
 def test_a_digest_is_the_same_in_every_version() -> None:
-    # Runs are pinned to it: whoever changes the document must leave this number alone.
+    # Runs are pinned to it: a change of the document must leave this number as it is.
     assert document().digest == "84636bf7a88f0b027173c173557fa797"
 
 
@@ -96,13 +96,13 @@ def test_the_scale_may_be_a_number(given: object, read: str) -> None:
         ({"input": {"size": [64, 64], "mode": "tile", "overlap": 64}}, "input", "must be below"),
         ({"input": {"size": [64, 64], "multiple_of": 32}}, "input", "without a size"),
         ({"input": {"std": [1, 0, 1]}}, "input.std.1", "limit: > 0"),
-        ({"input": {"mean": [float("inf"), 0, 0]}}, "", "not a finite"),
+        ({"input": {"mean": [float("inf"), 0, 0]}}, "", "not finite"),
         ({"input": {"scale": 2}}, "input.scale", "1/255"),
         ({"output": {"classes": []}}, "output.classes", "at least 1"),
         ({"output": {"classes": ["person", "road"], "threshold": 0.5}}, "output", "single class"),
     ],
 )
-def test_what_does_not_fit_is_named_with_its_field(change: dict[str, Any], field: str, message: str) -> None:
+def test_a_contradiction_is_named_with_its_field(change: dict[str, Any], field: str, message: str) -> None:
     with pytest.raises(InvalidInput, match=message) as caught:
         document(**change)
     if field:
@@ -140,13 +140,13 @@ def test_a_document_cannot_be_changed() -> None:
         document().name = "other"
 
 
-def test_the_card_says_what_really_runs() -> None:
+def test_the_card_shows_the_real_precision() -> None:
     card = document(precision="bf16").card(precision="fp32")
     assert (card.name, card.engine, card.precision, card.architecture) == ("f", "openvino", "fp32", "onnx")
     assert card.digest == document(precision="bf16").digest
 
 
-def test_the_card_says_by_which_classes_the_function_is_judged() -> None:
+def test_the_card_shows_the_classes_that_judge_the_function() -> None:
     person_or_not = {"classes": ["not", "human"], "class_map": {"human": "person"}}
     several = {"classes": ["car", "road", "person"]}
     assert document(output=person_or_not).card().judged_by == ("person",)

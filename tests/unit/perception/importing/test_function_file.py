@@ -47,14 +47,14 @@ def test_a_file_comes_back_as_it_was_written_in_half_precision(write) -> None:
     np.testing.assert_array_equal(stored["b"], TENSORS["b"])
 
 
-def test_equal_inputs_give_equal_bytes_whatever_their_order() -> None:
+def test_equal_inputs_in_any_order_give_equal_bytes() -> None:
     provenance = {f"fact-{i}": str(i) for i in range(20)}
     one = function_file_bytes(TENSORS, **GIVEN | {"provenance": provenance})
     turned = dict(reversed(TENSORS.items())), dict(reversed(provenance.items()))
     assert function_file_bytes(turned[0], **GIVEN | {"provenance": turned[1]}) == one
 
 
-def test_what_half_precision_cannot_hold_is_stored_in_single(write) -> None:
+def test_values_beyond_half_precision_are_stored_in_single_precision(write) -> None:
     large = {"running_var": np.array([1e5, 0.1], np.float32), "weight": np.array([0.1], np.float32)}
     stored = read_tensors(write(function_file_bytes(large, **GIVEN)))
     assert stored["running_var"].dtype == np.float32
@@ -68,7 +68,7 @@ def test_values_that_are_not_finite_are_refused_with_their_name(value: float) ->
         function_file_bytes({"w": np.array([1.0, value])}, **GIVEN)
 
 
-def test_provenance_cannot_replace_the_formats_own_entries() -> None:
+def test_provenance_cannot_replace_entries_of_the_format() -> None:
     with pytest.raises(InvalidInput, match="mean"):
         function_file_bytes(TENSORS, **GIVEN | {"provenance": {"mean": "x"}})
 
@@ -78,7 +78,7 @@ def test_a_missing_file_is_not_found(tmp_path) -> None:
         read_header(tmp_path / "none.safetensors")
 
 
-def test_a_header_that_promises_more_data_than_there_are_is_refused(write) -> None:
+def test_a_header_that_promises_missing_data_is_refused(write) -> None:
     header = {"__metadata__": entries(), "a": {"dtype": "F16", "shape": [1000], "data_offsets": [0, 2000]}}
     text = json.dumps(header).encode()
     with pytest.raises(InvalidInput, match="not a readable safetensors file"):
@@ -104,7 +104,7 @@ def test_missing_entries_are_named(write) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "valerie-function/9"}, "another file format"),
+        ({"format": "valerie-function/9"}, "not the file format of this program"),
         ({"classes": '["cat"]'}, "not the classes"),
         ({"classes": "["}, "not JSON"),
         ({"mean": "[1, 2]"}, "not three numbers"),
@@ -130,7 +130,7 @@ def test_weights_of_whole_numbers_are_refused(write) -> None:
         read_tensors(path)
 
 
-def test_a_longest_side_is_kept_and_is_no_provenance(write) -> None:
+def test_a_longest_side_is_kept_outside_the_provenance(write) -> None:
     header = read_header(write(function_file_bytes(TENSORS, **GIVEN, longest_side=960)))
     assert header.longest_side == 960
     assert dict(header.provenance) == GIVEN["provenance"]
@@ -138,6 +138,6 @@ def test_a_longest_side_is_kept_and_is_no_provenance(write) -> None:
 
 
 @pytest.mark.parametrize("value", ["-1", "0", "true", "9.5", '"960"'])
-def test_a_longest_side_that_is_no_number_of_pixels_is_refused(write, value: str) -> None:
+def test_a_longest_side_that_is_not_a_number_of_pixels_is_refused(write, value: str) -> None:
     with pytest.raises(InvalidInput, match="longest-side"):
         read_header(write(save({"a": np.ones(1, np.float16)}, metadata=entries(**{"longest-side": value}))))

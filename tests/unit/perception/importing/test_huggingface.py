@@ -63,7 +63,7 @@ class TestHuggingFace(PerceptionContract):
         return open_function(*read_huggingface(folder, "tiny"))
 
 
-def test_the_document_says_what_the_folder_says(folder: Path) -> None:
+def test_the_document_holds_the_facts_of_the_folder(folder: Path) -> None:
     document, payload = read_huggingface(folder, "tiny")
     assert (document.kind, document.architecture, document.engine) == ("huggingface", "segformer", "torch")
     assert document.output.classes == CLASSES
@@ -74,7 +74,7 @@ def test_the_document_says_what_the_folder_says(folder: Path) -> None:
     assert document.payload.bytes == payload.stat().st_size
 
 
-def test_the_caller_knows_better(folder: Path) -> None:
+def test_changes_by_the_caller_override_the_folder(folder: Path) -> None:
     whole = {"mode": "pad", "size": None, "multiple_of": 32}
     document, _ = read_huggingface(folder, "tiny", input=whole, output={"class_map": {"sky": "void"}}, precision="bf16")
     assert (document.input.mode, document.input.mean) == ("pad", (0.5,) * 3)
@@ -106,7 +106,7 @@ def test_the_other_engines_agree(folder: Path, engine: str) -> None:
     function.close()
 
 
-def test_weights_that_are_missing_are_named_and_not_drawn_at_random(copied: Path) -> None:
+def test_missing_weights_are_named_and_not_drawn_at_random(copied: Path) -> None:
     from safetensors.numpy import load_file, save_file
 
     tensors = load_file(copied / "model.safetensors")
@@ -138,7 +138,7 @@ def test_a_pickle_is_never_opened(copied: Path) -> None:
         read_huggingface(copied, "tiny")
 
 
-def test_a_model_that_is_no_semantic_segmentation_is_refused(copied: Path) -> None:
+def test_a_model_for_another_task_is_refused(copied: Path) -> None:
     change(copied / "config.json", model_type="bert")
     with pytest.raises(InvalidInput, match="cannot open it"):
         open_function(*read_huggingface(copied, "tiny"))

@@ -97,7 +97,7 @@ def test_operators_of_other_libraries_are_refused(check, domain: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["Loop", "Scan"])
-def test_what_may_never_end_is_refused(check, kind: str) -> None:
+def test_operators_that_may_never_end_are_refused(check, kind: str) -> None:
     with pytest.raises(InvalidInput, match=f"may never end; got {kind}"):
         check(model(helper.make_node(kind, ["x"], ["y"])))
 
@@ -169,7 +169,7 @@ def test_something_else_is_refused(check, data: bytes) -> None:
         check(data)
 
 
-def test_an_empty_file_and_none_are_named(check, tmp_path) -> None:
+def test_an_empty_file_and_a_missing_one_are_named(check, tmp_path) -> None:
     with pytest.raises(InvalidInput, match="empty"):
         check(b"")
     with pytest.raises(NotFound, match="gone"):

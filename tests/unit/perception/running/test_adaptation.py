@@ -55,7 +55,7 @@ def test_labels_of_padding_never_leak_into_the_frame(document: dict[str, Any]) -
     assert (steps.joined([answer]) == 1).all()
 
 
-def test_what_is_padded_repeats_the_last_row_and_column() -> None:
+def test_padding_repeats_the_last_row_and_column() -> None:
     picture, _ = scene(5, 6)
     (piece,) = plan(InputDocument(multiple_of=8), 5, 6).pieces(picture)
     np.testing.assert_array_equal(piece[5:, :6], np.repeat(picture[4:5], 3, axis=0))
@@ -85,7 +85,7 @@ def test_a_pixel_takes_its_label_from_the_tile_in_which_it_lies_farthest_from_an
 
 
 @given(length=st.integers(1, 500), tile=st.integers(1, 200), overlap=st.integers(0, 199))
-def test_tiles_cover_every_pixel_once_and_overlap_as_asked(length: int, tile: int, overlap: int) -> None:
+def test_tiles_cover_every_pixel_once_and_keep_the_overlap(length: int, tile: int, overlap: int) -> None:
     overlap = min(overlap, tile - 1)
     spans = plan(InputDocument(size=(tile, tile), mode="tile", overlap=overlap), 1, length).columns
     assert [span.first for span in spans] == [0, *(span.end for span in spans[:-1])]
@@ -145,7 +145,7 @@ def test_a_longest_side_is_never_exceeded_by_rounding() -> None:
     assert plan(InputDocument(multiple_of=32, longest_side=100), 1000, 1000).piece == (96, 96)
 
 
-def test_a_reduced_frame_is_the_mean_of_areas_and_its_labels_lie_where_they_lay() -> None:
+def test_a_reduced_frame_is_the_mean_of_areas_and_its_labels_keep_their_places() -> None:
     picture = np.zeros((64, 128, 3), np.uint8)
     picture[:32, :64] = 200
     made = plan(InputDocument(multiple_of=8, longest_side=32), 64, 128)

@@ -59,7 +59,7 @@ def test_pictures_of_one_size_go_together_and_come_back_in_order(
         np.testing.assert_array_equal(labels, np.where(picture[..., 0] > 100, 11, 0))
 
 
-def test_no_more_is_read_ahead_than_the_function_takes() -> None:
+def test_no_more_pictures_are_read_ahead_than_the_function_takes() -> None:
     read = 0
 
     def counted() -> object:

@@ -52,7 +52,7 @@ def test_the_answer_is_mapped_to_train_ids(server: Server) -> None:
     np.testing.assert_array_equal(opened(server.url).predict(PICTURE), EXPECTED)
 
 
-def test_the_request_is_what_the_contract_says(server: Server) -> None:
+def test_the_request_follows_the_contract(server: Server) -> None:
     opened(server.url).predict(PICTURE)
     ((path, headers),) = server.requests
     assert path == "/predict?m=1"
@@ -74,7 +74,7 @@ def test_the_picture_arrives_bit_for_bit(server: Server) -> None:
     np.testing.assert_array_equal(seen[0], picture)
 
 
-def test_an_address_that_the_operator_did_not_list_is_never_connected_to(server: Server) -> None:
+def test_no_connection_is_made_to_an_address_that_the_operator_did_not_list(server: Server) -> None:
     with pytest.raises(InvalidInput, match="not on the operator's list"):
         opened(server.url, allowed=("10.0.0.0/8",))
     assert server.requests == []
@@ -89,7 +89,7 @@ def test_redirects_are_not_followed(server: Server) -> None:
     assert elsewhere.requests == []
 
 
-def test_an_answer_that_does_not_come_is_a_failure_and_asked_for_once(server: Server) -> None:
+def test_a_missing_answer_is_a_failure_and_the_picture_is_sent_once(server: Server) -> None:
     server.answer = lambda *_: time.sleep(2)
     with pytest.raises(InferenceError, match=r"no answer within 0\.3 s"):
         opened(server.url, timeout_s=0.3).predict(PICTURE)
@@ -124,7 +124,7 @@ def test_any_other_status_is_a_failure(server: Server, status: int) -> None:
     assert len(server.requests) == 1
 
 
-def test_an_answer_without_end_is_given_up(server: Server) -> None:
+def test_an_endless_answer_is_abandoned(server: Server) -> None:
     def endless(handler: BaseHTTPRequestHandler, _: NDArray[np.uint8]) -> None:
         handler.send_response(200)
         handler.send_header("Connection", "close")
@@ -152,7 +152,7 @@ def test_an_answer_that_ends_early_is_a_failure(server: Server) -> None:
 
 
 @pytest.mark.parametrize("body", [b"", b"{}", encode_png(np.zeros((20, 31), np.uint8)), encode_png(PICTURE)])
-def test_an_answer_that_is_no_label_map_of_the_frame_is_a_failure(server: Server, body: bytes) -> None:
+def test_an_answer_that_is_not_a_label_map_of_the_frame_is_a_failure(server: Server, body: bytes) -> None:
     server.answer = lambda handler, _: server.send(handler, body)
     with pytest.raises(InferenceError, match="remote: answer"):
         opened(server.url).predict(PICTURE)
@@ -167,13 +167,13 @@ def test_another_version_than_the_registered_one_is_a_failure(server: Server) ->
         opened(server.url, version="2026-12").predict(PICTURE)
 
 
-def test_a_server_that_is_gone_is_a_failure(server: Server) -> None:
+def test_a_missing_server_is_a_failure(server: Server) -> None:
     function = opened(server.url)
     server.close()
     with pytest.raises(InferenceError, match=r"remote: 127\.0\.0\.1:\d+: ConnectionRefusedError"):
         function.predict(PICTURE)
 
 
-def test_the_card_does_not_pretend_to_know_what_computes_there(server: Server) -> None:
+def test_the_card_states_nothing_about_the_endpoints_hardware(server: Server) -> None:
     function = opened(server.url)
     assert (function.card.engine, function.card.precision, function.numeric_class) == ("http", "remote", "http")

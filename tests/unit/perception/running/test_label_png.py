@@ -31,7 +31,7 @@ def test_labels_survive_png() -> None:
     np.testing.assert_array_equal(decode_labels(encode_png(LABELS), 6, 9), LABELS)
 
 
-def test_of_a_palette_the_places_count_and_not_the_colours() -> None:
+def test_a_palette_counts_by_index_and_not_by_colour() -> None:
     image = Image.frombytes("P", (9, 6), LABELS.tobytes())
     image.putpalette([255 - value // 3 for value in range(768)])
     np.testing.assert_array_equal(decode_labels(saved(image, bits=8), 6, 9), LABELS)
@@ -53,7 +53,7 @@ def test_pixels_that_unpack_to_gigabytes_are_not_unpacked() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 30_000
 
 
-def test_texts_and_profiles_are_not_even_looked_at() -> None:
+def test_texts_and_profiles_are_never_unpacked() -> None:
     text = chunk(b"zTXt", b"key\0\0" + zlib.compress(b"x" * (50 << 20)))
     profile = chunk(b"iCCP", b"name\0\0" + b"broken")
     rows = b"".join(b"\0" + bytes(row) for row in LABELS)
@@ -87,7 +87,7 @@ def test_pixels_that_are_cut_off_are_refused() -> None:
         decode_labels(png(9, 6, data=b"\0" * 20), 6, 9)
 
 
-def test_a_byte_that_was_changed_on_the_way_is_noticed() -> None:
+def test_a_changed_byte_is_noticed() -> None:
     data = bytearray(encode_png(LABELS))
     data[-20] ^= 1
     with pytest.raises(InvalidInput, match="damaged PNG"):

@@ -20,7 +20,7 @@ def test_an_allocation_beyond_the_limit_fails_and_the_process_goes_on() -> None:
     assert done.stdout == "refused 20\n", done.stderr
 
 
-def test_what_takes_too_long_ends_its_process_with_a_reason() -> None:
+def test_work_that_takes_too_long_ends_its_process_with_a_reason() -> None:
     done = ran(
         "import re, time\n"
         "from valerie.perception.running.limits import time_limit\n"
@@ -31,7 +31,7 @@ def test_what_takes_too_long_ends_its_process_with_a_reason() -> None:
     assert done.stderr == "valerie: function f took longer than 0.2 s\n"
 
 
-def test_what_is_done_in_time_is_left_alone() -> None:
+def test_work_that_is_done_in_time_is_not_disturbed() -> None:
     done = ran(
         "import time\n"
         "from valerie.perception.running.limits import limit_memory, time_limit\n"

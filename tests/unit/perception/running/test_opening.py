@@ -25,7 +25,7 @@ def test_a_payload_that_is_another_file_is_refused(write_function) -> None:
         open_function(document, path)
 
 
-def test_a_payload_that_is_not_there_is_named(write_function, tmp_path) -> None:
+def test_a_missing_payload_is_named(write_function, tmp_path) -> None:
     document = file_document("mine", write_function())
     with pytest.raises(NotFound, match="gone"):
         open_function(document, tmp_path / "gone")

@@ -48,7 +48,7 @@ def test_engines_open_no_connection_and_keep_no_events(tmp_path: Path) -> None:
     assert [path for path in tmp_path.rglob("*") if "onnxruntime" in str(path) or "Microsoft" in str(path)] == []
 
 
-def test_the_hubs_client_is_told_to_stay_offline() -> None:
+def test_the_hubs_client_stays_offline() -> None:
     program = (
         "import os; from valerie.perception.running.quiet import silence_libraries; silence_libraries();"
         "import huggingface_hub.constants as c; print(c.HF_HUB_OFFLINE, c.HF_HUB_DISABLE_TELEMETRY)"

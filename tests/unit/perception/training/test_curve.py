@@ -1,4 +1,4 @@
-"""The curve of a training: what it keeps, also over an interruption, and that it is drawn."""
+"""The curve of a training: its points, also after an interruption, and its picture."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_loss_is_the_mean_of_the_steps_since_the_point_before(tmp_path: Path
     assert curve.loss[-1] == (1000, 998.0)
 
 
-def test_a_training_that_goes_on_from_a_checkpoint_replaces_what_came_after_it(tmp_path: Path) -> None:
+def test_a_training_that_resumes_from_a_checkpoint_replaces_later_points(tmp_path: Path) -> None:
     first = TrainingCurve(tmp_path / "curve.json")
     for number in range(1, 9):
         first(step(number, 10, 1.0, pacc=0.1 * number if number % 2 == 0 else None))
@@ -38,7 +38,12 @@ def test_a_training_that_goes_on_from_a_checkpoint_replaces_what_came_after_it(t
     again.finish(10, ValidationFigures(20, 0.95, 0.5, 0.4, 0.3), title="t")
     kept = TrainingCurve(tmp_path / "curve.json")
     assert [loss for _, loss in kept.loss] == [1.0] * 4 + [2.0] * 6
-    assert [(one["step"], one["person_pacc"]) for one in kept.figures] == [(2, 0.2), (4, 0.4), (6, 0.9), (10, 0.95)]
+    assert [(entry.step, entry.figures.person_pacc) for entry in kept.validations] == [
+        (2, 0.2),
+        (4, 0.4),
+        (6, 0.9),
+        (10, 0.95),
+    ]
 
 
 def test_finishing_twice_changes_nothing(tmp_path: Path) -> None:
@@ -64,7 +69,16 @@ def test_the_picture_shows_the_loss_and_every_figure_in_a_colour_of_its_own(tmp_
         assert colour in colours
 
 
-@pytest.mark.parametrize("text", ["no json", "[]", '{"loss": [[1]], "figures": []}', '{"loss": [], "figures": [{}]}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "no json",
+        "[]",
+        '{"loss": [[1]], "figures": []}',
+        '{"loss": [], "figures": [{}]}',
+        '{"loss": [], "figures": [1]}',
+    ],
+)
 def test_something_else_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "curve.json").write_text(text)
     with pytest.raises(InvalidInput, match="not the curve of a training"):

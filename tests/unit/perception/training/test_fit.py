@@ -63,7 +63,7 @@ def test_another_seed_gives_other_weights(make_frames) -> None:
     assert not same_weights(models[0].network, models[1].network)
 
 
-def test_an_interrupted_run_goes_on_to_the_same_weights(make_frames, tmp_path: Path) -> None:
+def test_an_interrupted_run_resumes_to_the_same_weights(make_frames, tmp_path: Path) -> None:
     frames = make_frames(3)
     whole = train(settings(), frames)
     checkpoint = tmp_path / "run.ckpt"
@@ -96,7 +96,7 @@ def test_a_checkpoint_of_another_run_is_refused(make_frames, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("data", [b"", b"nothing", b"\x80\x04\x95junk"])
-def test_something_else_is_no_checkpoint(make_frames, tmp_path: Path, data: bytes) -> None:
+def test_a_file_that_is_not_a_checkpoint_is_refused(make_frames, tmp_path: Path, data: bytes) -> None:
     (tmp_path / "c").write_bytes(data)
     with pytest.raises(InvalidInput, match="not a checkpoint"):
         train(settings(), make_frames(3), checkpoint=tmp_path / "c")
@@ -215,7 +215,7 @@ def test_training_starts_from_the_weights_and_normalisation_of_a_function_file(m
     assert all(torch.allclose(one, other, atol=1e-6) for one, other in parameters)
 
 
-def test_batch_normalisation_keeps_its_statistics_where_asked(make_frames, tmp_path: Path) -> None:
+def test_batch_normalisation_keeps_its_statistics_on_request(make_frames, tmp_path: Path) -> None:
     path = tmp_path / "before.safetensors"
     path.write_bytes(train(settings(), make_frames(3)).to_bytes({}))
     before, _ = load_network(path)
@@ -233,7 +233,7 @@ def test_batch_normalisation_keeps_its_statistics_where_asked(make_frames, tmp_p
         assert not (is_statistic and torch.equal(moved[name], value)), name
 
 
-def test_a_function_file_of_another_architecture_is_no_beginning(make_frames, tmp_path: Path) -> None:
+def test_training_does_not_start_from_another_architecture(make_frames, tmp_path: Path) -> None:
     path = tmp_path / "first.safetensors"
     path.write_bytes(train(settings(steps=1), make_frames(2)).to_bytes({}))
     other = "semantic-fpn-small" if settings().architecture != "semantic-fpn-small" else "deeplabv3plus-small"

@@ -59,7 +59,7 @@ def test_an_intact_folder_verifies(folder) -> None:
     FrameFolder(folder).verify()
 
 
-def test_a_changed_shard_is_found_out(folder) -> None:
+def test_a_changed_shard_is_detected(folder) -> None:
     path = folder / "street-001001.safetensors"
     data = bytearray(path.read_bytes())
     data[-1] ^= 1

@@ -39,7 +39,7 @@ def test_at_half_scale_a_sample_shows_twice_the_extent() -> None:
     assert abs(steps.mean() - 2.0) < 0.05
 
 
-def test_scales_are_of_the_frame_as_the_function_gets_it() -> None:
+def test_scales_refer_to_the_frame_that_the_function_sees() -> None:
     frame, one = coordinate_frame(), crop(scales=(1.0,))
     halved, _ = cut(frame, one, rng(2), longest_side=100)
     assert abs(np.diff(halved[..., 1].astype(int), axis=1).mean() - 2.0) < 0.05
@@ -70,7 +70,7 @@ def test_a_frame_smaller_than_the_window_is_padded_with_void() -> None:
     assert picture[20:].max() == 0
 
 
-def test_a_person_is_in_the_sample_when_asked_for() -> None:
+def test_a_sample_holds_a_person_on_request() -> None:
     frame = coordinate_frame()
     labels = frame.train_ids.copy()
     labels[50, 150] = 11

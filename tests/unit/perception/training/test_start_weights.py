@@ -1,4 +1,4 @@
-"""Going on from the weights of any network of ours: the same logits, in the channels and units that training has."""
+"""Start files from the weights of any network of ours: the same logits, in the channels and units of training."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from valerie.perception.documents.function import FunctionDocument, parse_functi
 from valerie.perception.importing.function_file import read_tensors
 from valerie.perception.importing.network_weights import filled_network, load_network
 from valerie.perception.shipped import file_document
-from valerie.perception.training.start_weights import beginning
+from valerie.perception.training.start_weights import start_file
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_blue_first_and_8_bit_values_become_red_first_and_the_unit_without_chang
         update={"mean": tuple(mean), "std": tuple(std), "scale": "1", "channel_order": "bgr"}
     )
     path = tmp_path / "start.safetensors"
-    path.write_bytes(beginning(document.model_copy(update={"input": theirs}), payload))
+    path.write_bytes(start_file(document.model_copy(update={"input": theirs}), payload))
     begun, header = load_network(path)
     picture = np.random.default_rng(3).integers(0, 256, (64, 96, 3))
     original = filled_network(document.architecture, read_tensors(payload))
@@ -48,10 +48,10 @@ def test_blue_first_and_8_bit_values_become_red_first_and_the_unit_without_chang
     assert torch.allclose(found, expected, atol=1e-4)
 
 
-def test_a_function_file_begins_as_it_is(network, tmp_path: Path) -> None:
+def test_a_function_file_is_its_own_start_file(network, tmp_path: Path) -> None:
     document, payload = network()
     path = tmp_path / "start.safetensors"
-    path.write_bytes(beginning(document, payload))
+    path.write_bytes(start_file(document, payload))
     before, after = load_network(payload), load_network(path)
     assert (after[1].mean, after[1].std) == (before[1].mean, before[1].std)
     pairs = zip(before[0].state_dict().values(), after[0].state_dict().values(), strict=True)
@@ -64,9 +64,9 @@ def test_a_network_with_other_classes_is_refused(network) -> None:
         {**document.model_dump(mode="json"), "output": {"classes": [*document.output.classes[1:], "road"]}}
     )
     with pytest.raises(InvalidInput, match="19 classes of Cityscapes in their order"):
-        beginning(swapped, payload)
+        start_file(swapped, payload)
 
 
-def test_only_networks_can_be_trained_on(write_onnx) -> None:
+def test_only_networks_can_be_trained(write_onnx) -> None:
     with pytest.raises(InvalidInput, match=r"own architectures.*tenths, kind onnx"):
-        beginning(*write_onnx())
+        start_file(*write_onnx())

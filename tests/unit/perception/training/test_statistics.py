@@ -33,7 +33,7 @@ def test_the_average_labelled_pixel_weighs_one() -> None:
     assert (300 * weights[0] + 60 * weights[5] + 20 * weights[11]) / 380 == pytest.approx(1.0, rel=1e-6)
 
 
-def test_what_is_not_seen_weighs_what_the_rarest_weighs() -> None:
+def test_a_class_that_is_not_seen_weighs_as_the_rarest() -> None:
     weights = class_weights(frames(c0=300, c11=10), 0.5)
     assert weights[17] == weights[11]
 

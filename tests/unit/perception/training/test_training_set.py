@@ -24,7 +24,7 @@ def make_folder(tmp_path: Path, make_frames):
     return make
 
 
-def test_one_folder_is_as_it_is(make_folder) -> None:
+def test_one_folder_keeps_its_digest_and_provenance(make_folder) -> None:
     folder = FrameFolder(make_folder("a", 1000, 2, renderer="raster"))
     frames = TrainingSet([folder])
     assert frames.digest == folder.digest
@@ -33,7 +33,7 @@ def test_one_folder_is_as_it_is(make_folder) -> None:
     assert len(frames[0:9]) == len(frames) == 2
 
 
-def test_a_folder_that_is_named_twice_counts_twice_wherever_it_is_named(make_folder) -> None:
+def test_a_folder_that_is_listed_twice_counts_twice_in_any_order(make_folder) -> None:
     first, second = make_folder("a", 1000, 2), make_folder("b", 1001, 3)
     frames = open_training_set([first, second, first])
     assert [frame.street_seed for frame in frames] == [1000] * 4 + [1001] * 3
@@ -43,12 +43,12 @@ def test_a_folder_that_is_named_twice_counts_twice_wherever_it_is_named(make_fol
     assert frames.digest == open_training_set([first, first, second]).digest == expected
 
 
-def test_what_counts_once_more_or_stands_elsewhere_is_another_set(make_folder) -> None:
+def test_another_count_or_order_is_another_set(make_folder) -> None:
     a, b = make_folder("a", 1000, 1), make_folder("b", 1001, 1)
     assert len({open_training_set(folders).digest for folders in ([a], [a, a], [a, b], [b, a])}) == 4
 
 
-def test_what_folders_agree_in_is_said_once_and_the_rest_for_each(make_folder) -> None:
+def test_facts_that_folders_share_stand_once_and_others_for_each(make_folder) -> None:
     a = make_folder("a", 1000, 1, **{"frame-size": "960x540", "renderer": "raster"})
     b = make_folder("b", 1001, 1, **{"frame-size": "1920x1080", "renderer": "raster", "region": "far"})
     said = open_training_set([b, a]).provenance()

@@ -44,7 +44,7 @@ def test_the_figures_are_those_of_the_pooled_confusion_matrix() -> None:
     assert figures.miou == pytest.approx(oracle.miou, abs=0.01)
 
 
-def test_without_a_person_the_figures_are_undefined_and_said_so() -> None:
+def test_without_a_person_the_figures_are_undefined() -> None:
     nothing = np.zeros((32, 32), np.uint8)
     figures = validate(ByRed(), [frame_of(nothing, nothing)], MEAN, STD)
     assert figures.person_pacc is None

@@ -1,4 +1,4 @@
-"""What a user may do with a run, and that it is done whole or not at all."""
+"""A run is cancelled, resumed, retried or deleted as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from valerie.db.engine import reading
 from valerie.errors import Conflict
 from valerie.pipeline.base.context import Context
 from valerie.pipeline.control import lifecycle
+from valerie.runs.states import ProductState
 
 ONE = {"vary": [["person-1.pos.y", "HOMOGENEOUS", 5.0, 5.0, 1.0]], "cameras": ["camera-1"]}
 
@@ -32,8 +33,7 @@ def failed_run(context: Context, bell: Bell) -> str:
 
 def states(context: Context, run_id: str) -> dict[str, list[str]]:
     with reading(context.engine) as connection:
-        every = ("waiting", "ready", "running", "done", "failed", "parked")
-        return {state: found for state in every if (found := runs.linked_digests(connection, run_id, [state]))}
+        return {state: found for state in ProductState if (found := runs.linked_digests(connection, run_id, [state]))}
 
 
 def test_a_retry_that_breaks_off_changes_nothing(
@@ -53,7 +53,7 @@ def test_a_retry_that_breaks_off_changes_nothing(
     assert states(context, run_id) == before
 
 
-def test_a_retry_makes_what_failed_wanted_again_and_rings_for_it(deployed: tuple[Context, Bell]) -> None:
+def test_a_retry_makes_failed_products_wanted_again_and_sends_messages_for_them(deployed: tuple[Context, Bell]) -> None:
     context, bell = deployed
     run_id = failed_run(context, bell)
     failed = states(context, run_id)["failed"]
@@ -63,7 +63,7 @@ def test_a_retry_makes_what_failed_wanted_again_and_rings_for_it(deployed: tuple
     assert state_of(context, run_id) == "running"
     now = states(context, run_id)
     assert "failed" not in now
-    assert [one[0] for one in bell.ready] == now["ready"]
+    assert [ready.digest for ready in bell.ready] == now["ready"]
     assert set(failed) == {*now["ready"], *now["waiting"]}
 
 

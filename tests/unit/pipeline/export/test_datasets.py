@@ -34,15 +34,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
 
 def test_a_whole_run_comes_back_exactly(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
-    seen: list[ExportProgress] = []
-    made = export_run(pipeline.context, run_id, tmp_path / "set", progress=seen.append)
-    assert made.frames == {"val": 24}
-    assert made.left_out == 0
-    assert [one.done for one in seen] == list(range(1, 25))
+    steps: list[ExportProgress] = []
+    exported = export_run(pipeline.context, run_id, tmp_path / "set", progress=steps.append)
+    assert exported.frames == {"val": 24}
+    assert exported.left_out == 0
+    assert [step.done for step in steps] == list(range(1, 25))
     frames = CityscapesFolder(tmp_path / "set", "val")
     assert len(frames) == 24
     name = FrameName.of("boxes-camera-2", 5, 0)
-    frame = next(one for one in frames if one.name == name)
+    frame = next(frame for frame in frames if frame.name == name)
     np.testing.assert_array_equal(
         frame.picture,
         paint_picture(pipeline.context, find_picture(pipeline.context, FrameKey(run_id, 5, 1), kind="picture")),
@@ -122,9 +122,9 @@ def test_an_expression_chooses_frames_by_metadata_parameters_and_scores(
 
     assert len(names("camera == 'camera-1'")) == 12
     assert len(names("person-1.pos.x < -2.85")) == 12
-    found, missed = names("pacc > 0.5"), names("pacc <= 0.5")
-    assert len(found) + len(missed) == 24
-    assert not found & missed
+    detected, missed = names("pacc > 0.5"), names("pacc <= 0.5")
+    assert len(detected) + len(missed) == 24
+    assert not detected & missed
 
 
 def test_a_choice_that_is_empty_or_misspelt_is_refused_before_anything_is_written(
@@ -160,8 +160,8 @@ def test_predictions_travel_with_their_scores(run: tuple[Pipeline, str], tmp_pat
 def test_splits_keep_the_frames_of_a_variant_together(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
     settings = ExportSettings(formats=("cityscapes",), splits={"train": 0.6, "val": 0.4})
-    made = export_run(pipeline.context, run_id, tmp_path / "set", settings)
-    assert sum(made.frames.values()) == 24
+    exported = export_run(pipeline.context, run_id, tmp_path / "set", settings)
+    assert sum(exported.frames.values()) == 24
     variants = [
         {name.sequence for name in CityscapesFolder(tmp_path / "set", split).names} for split in ("train", "val")
     ]
@@ -188,9 +188,9 @@ def test_an_interrupted_export_goes_on_and_is_never_half_there(run: tuple[Pipeli
     with pytest.raises(KeyboardInterrupt):
         export_run(pipeline.context, run_id, tmp_path / "set", progress=stop_at_ten)
     assert not (tmp_path / "set").exists()
-    seen: list[ExportProgress] = []
-    export_run(pipeline.context, run_id, tmp_path / "set", progress=seen.append)
-    assert seen[-1].resumed == 10
+    steps: list[ExportProgress] = []
+    export_run(pipeline.context, run_id, tmp_path / "set", progress=steps.append)
+    assert steps[-1].resumed == 10
     whole = tmp_path / "whole"
     export_run(pipeline.context, run_id, whole)
     assert _files(tmp_path / "set") == _files(whole)
@@ -204,17 +204,17 @@ def test_another_request_starts_anew(run: tuple[Pipeline, str], tmp_path: Path) 
 
     with pytest.raises(KeyboardInterrupt):
         export_run(pipeline.context, run_id, tmp_path / "set", progress=stop)
-    seen: list[ExportProgress] = []
+    steps: list[ExportProgress] = []
     settings = ExportSettings(where="camera == 'camera-1'")
-    export_run(pipeline.context, run_id, tmp_path / "set", settings, progress=seen.append)
-    assert seen[-1].resumed == 0
+    export_run(pipeline.context, run_id, tmp_path / "set", settings, progress=steps.append)
+    assert steps[-1].resumed == 0
     assert len(CityscapesFolder(tmp_path / "set", "val")) == 12
 
 
 def test_nothing_is_written_over(run: tuple[Pipeline, str], tmp_path: Path) -> None:
     pipeline, run_id = run
     (tmp_path / "precious.txt").write_text("kept")
-    with pytest.raises(Conflict, match="there already"):
+    with pytest.raises(Conflict, match="exists already"):
         export_run(pipeline.context, run_id, tmp_path)
 
 
@@ -256,7 +256,7 @@ def test_an_exported_run_evaluated_as_a_data_set_gives_the_scores_of_the_run(
 
 def test_a_version_is_found_by_its_digest_in_a_run_that_calls_it_by_name_alone(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    digest = pipeline.row(run_id).pins["functions"]["blank"]["digest"]
+    digest = pipeline.row(run_id).pins.functions["blank"].digest
     by_name, by_digest = (run_side(pipeline.context, run_id, name) for name in ("blank", f"blank@{digest[:12]}"))
     assert by_digest.called == by_name.called == "blank"
     assert by_digest.scores.as_document() == by_name.scores.as_document()

@@ -1,4 +1,4 @@
-"""Bounds around functions under test: the same wherever one is opened, and taken back when it is closed."""
+"""Bounds around functions under test: the same for every way of opening one, and lifted when it is closed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from valerie.settings import Settings, load_settings
 from valerie.testing.blank import BlankFunction
 from valerie.testing.onnx_function import small_onnx
 
-#: Far more than the process that runs the tests will ask for.
+#: Far more than the process of the tests needs.
 MANY_MB = 300_000
 PICTURE = np.zeros((8, 8, 3), np.uint8)
 
@@ -66,7 +66,7 @@ class TestMemory:
         assert within == [MANY_MB << 20] * 2
         assert memory_limit() == before
 
-    def test_is_free_again_where_opening_failed(self) -> None:
+    def test_is_free_again_if_opening_fails(self) -> None:
         before = memory_limit()
 
         def opening() -> PerceptionFunction:
@@ -83,9 +83,7 @@ class TestMemory:
             function.predict(PICTURE)
 
     @pytest.mark.parametrize("reference", ["blank", "small"])
-    def test_is_bounded_for_whatever_commands_open(
-        self, pipelines: Callable[..., Pipeline], tmp_path: Path, reference: str
-    ) -> None:
+    def test_is_bounded_in_commands(self, pipelines: Callable[..., Pipeline], tmp_path: Path, reference: str) -> None:
         pipeline = pipelines(infer_memory_mb=MANY_MB)
         registry.register(pipeline.context, *small_onnx(tmp_path, engine="onnxruntime"))
         before = memory_limit()
@@ -101,7 +99,7 @@ class TestMemory:
         assert pipeline.run(run_id) == "completed"
         assert memory_limit() == MANY_MB << 20
         resource.setrlimit(resource.RLIMIT_DATA, (before, resource.getrlimit(resource.RLIMIT_DATA)[1]))
-        open_pinned("blank", pipeline.row(run_id).pins["functions"]["blank"], context=pipeline.context)
+        open_pinned("blank", pipeline.row(run_id).pins.functions["blank"], context=pipeline.context)
         assert memory_limit() == MANY_MB << 20
 
 
@@ -133,7 +131,7 @@ class TestTime:
         assert len(function.predict_many([PICTURE] * 2)) == 2
         assert limits[1:] == [("f", 7)] * 2
 
-    def test_of_an_endpoint_is_its_own_business(self, limits: list[tuple[str, float]]) -> None:
+    def test_of_an_endpoint_is_bounded_by_its_own_time_out(self, limits: list[tuple[str, float]]) -> None:
         text = "{name: remote, kind: http, options: {url: 'http://127.0.0.1:1/', timeout_s: 5}}"
         allowed = ("127.0.0.1",)
         function = open_bounded(
@@ -143,9 +141,7 @@ class TestTime:
             function.predict(PICTURE)
         assert limits == [("opening remote", 600), ("remote", 0)]
 
-    def test_is_bounded_for_whatever_commands_open(
-        self, pipelines: Callable[..., Pipeline], limits: list[tuple[str, float]]
-    ) -> None:
+    def test_is_bounded_in_commands(self, pipelines: Callable[..., Pipeline], limits: list[tuple[str, float]]) -> None:
         pipeline = pipelines(infer_seconds=9)
         open_reference("blank", context=pipeline.context).predict(PICTURE)
         assert limits == [("opening blank", 9), ("blank", 9)]
@@ -172,13 +168,13 @@ function.predict(None)
 """
 
 
-def test_what_takes_too_long_ends_its_process_after_the_reason_was_kept() -> None:
+def test_work_that_takes_too_long_ends_its_process_after_the_reason_was_recorded() -> None:
     done = subprocess.run([sys.executable, "-c", ENDLESS], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (124, "kept: endless took longer than 0.3 s\n")
     assert done.stderr == "valerie: endless took longer than 0.3 s\n"
 
 
-def test_a_bounded_function_is_as_the_function_itself() -> None:
+def test_a_bounded_function_answers_as_the_function_itself() -> None:
     inner = BlankFunction()
     function = open_bounded(lambda: inner, settings(), name="blank")
     assert (function.card, function.numeric_class, function.revision) == (inner.card, inner.numeric_class, 1)

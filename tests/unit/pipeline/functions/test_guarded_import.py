@@ -1,4 +1,4 @@
-"""What people bring: recognised and converted, refused with a reason, and never run."""
+"""Files from users: recognised and converted, or refused with a reason, and never run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def work(tmp_path: Path) -> Path:
 
 
 class Touch:
-    """Unpickled, it would leave a file: harmless, and proof that something ran."""
+    """An object that creates a folder when it is unpickled: harmless, and proof that something ran."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -47,7 +47,7 @@ def bring(path: Path, work: Path, settings: Settings, document: str = SIDE, **mo
     return import_function(ImportRequest(path, path.name, document, **more), work, settings)
 
 
-def test_an_onnx_file_is_taken_as_it_is_and_tried_out(tmp_path: Path, work: Path, settings: Settings) -> None:
+def test_an_onnx_file_is_taken_unchanged_and_tried_out(tmp_path: Path, work: Path, settings: Settings) -> None:
     path = small_onnx(tmp_path)[1]
     found = bring(path, work, settings)
     assert found.payload == path
@@ -75,9 +75,7 @@ def test_equal_files_under_equal_names_are_one_version(tmp_path: Path, work: Pat
     assert bring(path, work, settings).document.digest == bring(path, work, settings).document.digest
 
 
-def test_a_pickle_that_would_run_something_is_refused_and_nothing_ran(
-    tmp_path: Path, work: Path, settings: Settings
-) -> None:
+def test_a_pickle_that_would_run_something_is_refused_unrun(tmp_path: Path, work: Path, settings: Settings) -> None:
     trace = tmp_path / "it-ran"
     path = tmp_path / "attack.pkl"
     path.write_bytes(pickle.dumps({"model": Touch(trace)}))
@@ -162,7 +160,7 @@ def test_a_file_above_the_limit_is_not_read(tmp_path: Path, work: Path) -> None:
         bring(path, work, settings)
 
 
-def test_a_network_that_does_not_fit_its_document_is_told(tmp_path: Path, work: Path, settings: Settings) -> None:
+def test_a_network_that_does_not_fit_its_document_is_refused(tmp_path: Path, work: Path, settings: Settings) -> None:
     path = small_onnx(tmp_path)[1]
     with pytest.raises(InvalidInput):
         bring(path, work, settings, "output: {classes: [road, person, sky]}\nengine: onnxruntime")
@@ -230,7 +228,7 @@ def test_secrets_of_the_environment_do_not_reach_the_child(
     assert not {"VALERIE_API_TOKEN", "AWS_SECRET_ACCESS_KEY"} & seen.keys()
 
 
-def test_a_document_alone_is_enough_where_there_is_no_file(work: Path, settings: Settings) -> None:
+def test_a_document_alone_is_enough_for_kinds_without_a_file(work: Path, settings: Settings) -> None:
     text = "name: elsewhere\nkind: predictions\noutput: {classes: [road, person]}"
     found = import_function(ImportRequest(None, document=text), work, settings)
     assert found.payload is None

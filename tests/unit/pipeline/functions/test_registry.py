@@ -1,4 +1,4 @@
-"""Registered functions: written once, found by name and digest, kept while something needs them."""
+"""Registered functions: written once, found by name and digest, kept while a run needs them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from tests.unit.pipeline.harness import SMALL, Pipeline
-from valerie.broker import route_of
-from valerie.db import processes
 from valerie.db.engine import reading, writing
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import FunctionDocument, parse_function
-from valerie.perception.running.adapted import AdaptedFunction
+from valerie.perception.running.engine_function import EngineFunction
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.catalog import function as catalogued
@@ -25,28 +23,22 @@ from valerie.pipeline.functions.references import open_pinned, open_reference
 from valerie.pipeline.retraining.dataset_evaluation import run_side
 from valerie.pipeline.work.replay import replay_frame
 from valerie.runs.frames import FrameKey
+from valerie.runs.pins import AnyOffer
 from valerie.testing.onnx_function import small_onnx
 
 CLASS = "onnxruntime/fp32"
 
 
 @pytest.fixture(scope="session")
-def engine_offer() -> dict[str, Any]:
+def engine_offer() -> AnyOffer:
     (offer,) = probe_inference(CLASS)
-    return {"stage": "infer", "route": f"infer.{offer['numeric_class']}", **offer}
+    return offer
 
 
 @pytest.fixture
-def served(pipeline: Pipeline, engine_offer: dict[str, Any]) -> Pipeline:
+def served(pipeline: Pipeline, engine_offer: AnyOffer) -> Pipeline:
     """A worker that offers the blank engine, the blank function and one inference engine, before anything is registered."""
-    offers = [
-        {"stage": "render", "route": route_of("render", o["name"], o["numeric_class"]), **o}
-        for o in probe_engine("blank")
-    ]
-    offers += [{"stage": "infer", "route": "infer.blank", **o} for o in probe_function("blank")]
-    row = {"id": "w", "stage": "infer", "host": "h", "pid": 1, "offers": [*offers, engine_offer], "started_at": 0.0}
-    with writing(pipeline.context.engine) as connection:
-        processes.register_worker(connection, {**row, "seen_at": 1e12})
+    pipeline.offer("w", *probe_engine("blank"), *probe_function("blank"), engine_offer)
     return pipeline
 
 
@@ -103,14 +95,14 @@ class TestTheRegistry:
             with pytest.raises(Conflict, match=f"the name '{name}' belongs to"):
                 register(pipeline, tmp_path, name=name)
 
-    def test_a_file_that_is_not_the_documents_is_refused(self, pipeline: Pipeline, tmp_path: Path) -> None:
+    def test_a_file_that_the_document_does_not_name_is_refused(self, pipeline: Pipeline, tmp_path: Path) -> None:
         document, payload = small_onnx(tmp_path)
         payload.write_bytes(payload.read_bytes() + b"\0")
         with pytest.raises(InvalidInput, match=r"payload\.sha256: not the file that the document names"):
             registry.register(pipeline.context, document, payload)
         assert pipeline.context.store.usage("functions").objects == 0
 
-    def test_an_unknown_name_is_told_with_near_ones(self, pipeline: Pipeline, tmp_path: Path) -> None:
+    def test_an_unknown_name_comes_with_near_matches(self, pipeline: Pipeline, tmp_path: Path) -> None:
         register(pipeline, tmp_path, name="street-net")
         with pytest.raises(UnknownName, match="did you mean street-net"):
             found(pipeline, "stret-net")
@@ -118,9 +110,9 @@ class TestTheRegistry:
             pipeline.submit(named("stret-net"))
 
     @pytest.mark.parametrize("prefix", ["", "12", "xyzxyz", "ABCDEF", "0" * 33])
-    def test_what_is_no_beginning_of_a_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
+    def test_a_malformed_digest_is_refused(self, pipeline: Pipeline, tmp_path: Path, prefix: str) -> None:
         register(pipeline, tmp_path)
-        with pytest.raises(InvalidInput, match="not the beginning of a digest"):
+        with pytest.raises(InvalidInput, match="not the first characters of a digest"):
             found(pipeline, f"small@{prefix}")
 
     def test_a_digest_that_no_version_has_is_not_found(self, pipeline: Pipeline, tmp_path: Path) -> None:
@@ -128,7 +120,7 @@ class TestTheRegistry:
         with pytest.raises(NotFound, match="there is no version of the function small@000000"):
             found(pipeline, "small@000000")
 
-    def test_garbage_collection_keeps_what_is_registered(
+    def test_garbage_collection_keeps_registered_functions(
         self, pipeline: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         from datetime import timedelta
@@ -146,10 +138,10 @@ class TestARun:
         newest = register(served, tmp_path, provenance={"trained": "longer"})
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
-        pin = served.row(run).pins["functions"]["small"]
-        assert (pin["digest"], pin["kind"]) == (newest.digest, "onnx")
-        assert pin["numeric_class"].startswith("onnxruntime-")
-        assert pin["card"]["name"] == "small"
+        pin = served.row(run).pins.functions["small"]
+        assert (pin.digest, pin.kind) == (newest.digest, "onnx")
+        assert pin.numeric_class.startswith("onnxruntime-")
+        assert pin.card.name == "small"
         assert [one.verdict for one in replay_frame(served.context, FrameKey(run, 0, 1))] == ["equal"] * 5
 
     def test_keeps_its_version_when_a_newer_one_comes(self, served: Pipeline, tmp_path: Path) -> None:
@@ -158,7 +150,7 @@ class TestARun:
         served.step()
         register(served, tmp_path, provenance={"trained": "longer"})
         assert served.run(run) == "completed"
-        assert served.row(run).pins["functions"]["small"]["digest"] == first.digest
+        assert served.row(run).pins.functions["small"].digest == first.digest
 
     def test_compares_two_versions_of_one_name(self, served: Pipeline, tmp_path: Path) -> None:
         one, two = register(served, tmp_path), register(served, tmp_path, input={"mean": [0.4, 0.4, 0.4]})
@@ -206,7 +198,7 @@ class TestARun:
         assert served.run(run) == "completed-with-failures"
         failed = [one for one in served.products() if one.kind == "prediction"]
         assert {one.state for one in failed} == {"failed"}
-        assert all("it was removed" in one.error["message"] for one in failed)
+        assert all("it was removed" in one.error.message for one in failed)
 
     def test_is_served_although_the_copy_on_this_machine_is_damaged(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
@@ -225,7 +217,7 @@ class TestARun:
         run = served.submit(named("small"))
         assert served.run(run) == "completed-with-failures"
         error = next(one.error for one in served.products() if one.kind == "prediction")
-        assert error["type"] == "CorruptArtifact"
+        assert error.type == "CorruptArtifact"
 
 
 def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
@@ -234,7 +226,7 @@ def test_removing_needs_a_digest(pipeline: Pipeline, tmp_path: Path) -> None:
         registry.remove(pipeline.context, "small")
 
 
-def test_the_card_says_what_its_classes_mean_and_who_can_run_it(served: Pipeline, tmp_path: Path) -> None:
+def test_the_catalog_shows_the_classes_and_the_workers_of_a_function(served: Pipeline, tmp_path: Path) -> None:
     version = register(served, tmp_path, output={"classes": ["street", "person"], "class_map": {"street": "void"}})
     shown = catalogued(served.context, "small")
     assert shown.classes == ("person",)
@@ -262,7 +254,7 @@ def test_a_registered_function_is_opened_by_its_name_for_other_uses(pipeline: Pi
 
 
 class TestBesideARun:
-    """A data set that is evaluated beside a run is shown to what the run looked with."""
+    """A data set that is evaluated beside a run is predicted by the functions that the run pinned."""
 
     def test_the_version_that_the_run_saw_is_opened_and_not_the_newest(self, served: Pipeline, tmp_path: Path) -> None:
         first = register(served, tmp_path)
@@ -272,32 +264,32 @@ class TestBesideARun:
         side = run_side(served.context, run, "small")
         with closing(open_pinned(side.called, side.pin, context=served.context)) as function:
             assert function.card.digest == first.digest != newest.digest
-            assert function.numeric_class == side.pin["numeric_class"]
+            assert function.numeric_class == side.pin.numeric_class
         assert run_side(served.context, run, first.reference).called == "small"
         with pytest.raises(UnknownName, match="unknown function of the run"):
             run_side(served.context, run, newest.reference)
 
-    def test_what_runs_otherwise_here_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
+    def test_another_numeric_class_is_refused(self, served: Pipeline, tmp_path: Path) -> None:
         register(served, tmp_path)
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
         threads = served.settings.inference_threads + 1
-        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* must be computed alike"):
+        with pytest.raises(Conflict, match=rf"runs as .*-t{threads} here; the run pinned .* computed alike"):
             open_pinned(side.called, side.pin, context=served.context, threads=threads)
 
-    def test_what_gives_other_labels_since_then_is_refused(
+    def test_another_revision_is_refused(
         self, served: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         register(served, tmp_path)
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
         side = run_side(served.context, run, "small")
-        monkeypatch.setattr(AdaptedFunction, "revision", AdaptedFunction.revision + 1)
-        with pytest.raises(Conflict, match=f"is in revision {AdaptedFunction.revision} here; the run pinned"):
+        monkeypatch.setattr(EngineFunction, "revision", EngineFunction.revision + 1)
+        with pytest.raises(Conflict, match=f"is in revision {EngineFunction.revision} here; the run pinned"):
             open_pinned(side.called, side.pin, context=served.context)
 
-    def test_a_version_that_was_removed_is_told(self, served: Pipeline, tmp_path: Path) -> None:
+    def test_a_removed_version_is_named(self, served: Pipeline, tmp_path: Path) -> None:
         version = register(served, tmp_path)
         run = served.submit(named("small"))
         assert served.run(run) == "completed"
@@ -306,7 +298,7 @@ class TestBesideARun:
         with pytest.raises(NotFound, match="it was removed"):
             open_pinned(side.called, side.pin, context=served.context)
 
-    def test_a_run_that_has_not_started_saw_nothing(self, pipelines: Callable[..., Pipeline]) -> None:
+    def test_a_run_that_has_not_started_has_no_pinned_functions(self, pipelines: Callable[..., Pipeline]) -> None:
         pipeline = pipelines(workers=False)
         run = pipeline.submit()
         with pytest.raises(Conflict, match="has not started yet"):

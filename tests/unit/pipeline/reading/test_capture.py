@@ -49,12 +49,14 @@ def test_every_label_edge_is_within_one_pixel_of_the_image_edge(lens: dict[str, 
     setting = SensorSetting.model_validate({"distortion": lens, "curve": "srgb"})
     linear = np.repeat(np.where(truth.class_map == 24, 0.0, 1.0)[..., None], 3, axis=2).astype(np.float16)
     picture = develop(linear, setting, Shot(focal_length_mm=focal_length))[..., 1]
-    seen = distorted_truth(truth, setting, focal_length)
-    assert (seen.class_map != truth.class_map).mean() > 0.02
+    distorted = distorted_truth(truth, setting, focal_length)
+    assert (distorted.class_map != truth.class_map).mean() > 0.02
     # Half of the light of an edge is 188 of 255 after the sRGB transfer.
     bright = picture > 188
-    wrong = bright != (seen.class_map == 7)
-    edge = cv2.dilate(seen.class_map, np.ones((3, 3), np.uint8)) != cv2.erode(seen.class_map, np.ones((3, 3), np.uint8))
+    wrong = bright != (distorted.class_map == 7)
+    edge = cv2.dilate(distorted.class_map, np.ones((3, 3), np.uint8)) != cv2.erode(
+        distorted.class_map, np.ones((3, 3), np.uint8)
+    )
     assert not (wrong & ~edge).any()
     assert wrong.mean() < 0.01
 
@@ -62,11 +64,11 @@ def test_every_label_edge_is_within_one_pixel_of_the_image_edge(lens: dict[str, 
 @pytest.mark.parametrize("lens", LENSES)
 def test_all_maps_move_together(lens: dict[str, float]) -> None:
     setting = SensorSetting.model_validate({"distortion": lens})
-    seen = distorted_truth(board(), setting, 50.0)
-    np.testing.assert_array_equal(seen.class_map == 24, seen.depth == 10.0)
-    (person,) = seen.persons
-    np.testing.assert_array_equal(seen.instance_map == PERSON, (seen.class_map == 24) & person.amodal)
-    assert not seen.class_map.flags.writeable
+    distorted = distorted_truth(board(), setting, 50.0)
+    np.testing.assert_array_equal(distorted.class_map == 24, distorted.depth == 10.0)
+    (person,) = distorted.persons
+    np.testing.assert_array_equal(distorted.instance_map == PERSON, (distorted.class_map == 24) & person.amodal)
+    assert not distorted.class_map.flags.writeable
 
 
 def test_the_whole_person_is_counted_in_pixels_of_the_picture() -> None:
@@ -74,10 +76,10 @@ def test_the_whole_person_is_counted_in_pixels_of_the_picture() -> None:
     plain = measure_pixels(truth.persons[0], truth)
     assert plain.truncation_rate == 0.5
     drawn_out = distorted_truth(truth, SensorSetting.model_validate({"distortion": {"k1": 0.6}}), 50.0)
-    seen = measure_pixels(drawn_out.persons[0], drawn_out)
+    view = measure_pixels(drawn_out.persons[0], drawn_out)
     # A pincushion draws the border outwards: more of the person is beyond it.
-    assert seen.truncation_rate is not None
-    assert 0.55 < seen.truncation_rate < 0.75
+    assert view.truncation_rate is not None
+    assert 0.55 < view.truncation_rate < 0.75
 
 
 def test_who_is_out_of_the_picture_is_truncated_altogether() -> None:
@@ -87,6 +89,6 @@ def test_who_is_out_of_the_picture_is_truncated_altogether() -> None:
     corner = GroundTruth(
         truth.class_map, np.zeros_like(truth.instance_map), truth.depth, (PersonTruth.of(PERSON, amodal, 16),)
     )
-    seen = distorted_truth(corner, SensorSetting.model_validate({"distortion": {"k1": 0.6}}), 50.0)
-    found = measure_pixels(seen.persons[0], seen)
-    assert (found.pixel_area_amodal, found.truncation_rate, found.undefined_reason) == (0, 1.0, "outside the image")
+    distorted = distorted_truth(corner, SensorSetting.model_validate({"distortion": {"k1": 0.6}}), 50.0)
+    view = measure_pixels(distorted.persons[0], distorted)
+    assert (view.pixel_area_amodal, view.truncation_rate, view.undefined_reason) == (0, 1.0, "outside the image")

@@ -8,8 +8,8 @@ import pytest
 
 from tests.acceptance.system import spec
 from tests.unit.pipeline.harness import Pipeline
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.points import plot_axes, read_points
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_table
 
 VARIED = "scene.person-1.trajectory.key-2.pos.x"
@@ -40,7 +40,7 @@ def test_every_axis_of_a_run_gives_the_values_of_its_column(pipeline: Pipeline, 
     assert len(table) == 12
     for column in columns:
         points = read_points(pipeline.context, run, column, limit=1000)
-        found = sorted(zip(points.variant, points.time, points.x, strict=True))
+        plotted = sorted(zip(points.variant, points.time, points.x, strict=True))
         expected = ((row["variant_index"], int(row["frame_id"].rpartition(".")[2]), row[column]) for row in table)
-        assert found == sorted(one for one in expected if one[2] is not None), column
+        assert plotted == sorted(point for point in expected if point[2] is not None), column
     assert len(set(read_points(pipeline.context, run, "time_s", limit=1000).x)) == 3

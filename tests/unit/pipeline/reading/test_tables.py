@@ -10,8 +10,8 @@ from valerie.db import results
 from valerie.db.engine import reading
 from valerie.labels import to_train_ids
 from valerie.pipeline.base.pins import pinned_card
+from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.reading.products import ProductReader
-from valerie.pipeline.reading.run_cache import read_run
 from valerie.pipeline.reading.tables import read_classes
 from valerie.storage.keys import run_key
 
@@ -21,10 +21,10 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     context = pipeline.context
     run = read_run(context, run_id)
     cards = [pinned_card(run.pins, name) for name in run.resolved.spec.functions]
-    (found,) = read_classes(context.engine, run, cards)
+    (classes,) = read_classes(context.engine, run, cards)
 
     summary = orjson.loads(context.store.get(run_key(run_id, "summary.json")))["summary"]
-    assert summary["classes"] == [orjson.loads(orjson.dumps(found))]
+    assert summary["classes"] == [orjson.loads(orjson.dumps(classes))]
 
     with reading(context.engine) as connection:
         frames = [frame for frame, _ in results.frames_page(connection, run_id, limit=100)]
@@ -34,6 +34,6 @@ def test_all_classes_are_those_of_the_stored_pictures_and_stand_in_the_summary(t
     predicted = np.concatenate([reader.prediction(evaluated[frame.key].digest).ravel() for frame in frames])
     labelled = truth < 19
     oracle = jaccard_score(truth[labelled], predicted[labelled], labels=np.unique(truth[labelled]), average=None)
-    assert found.frames == len(frames) == 24
-    assert [one.iou for one in found.classes] == pytest.approx(list(oracle))
-    assert found.miou_pooled == pytest.approx(oracle.mean())
+    assert classes.frames == len(frames) == 24
+    assert [entry.iou for entry in classes.classes] == pytest.approx(list(oracle))
+    assert classes.miou_pooled == pytest.approx(oracle.mean())

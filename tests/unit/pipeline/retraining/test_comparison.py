@@ -65,26 +65,26 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, str]:
 def test_a_version_that_is_the_same_differs_in_nothing(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "same.safetensors"]
-    made = compare_versions(pipeline.context, run_id, versions, open_function=opener)
-    assert made.versions == ("blank", "same")
-    assert all(group.sides[0] == group.sides[1] for group in made.groups)
-    assert made.groups[0].persons == made.groups[0].frames == 24
-    assert made.changes(1) == ()
+    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener)
+    assert comparison.versions == ("blank", "same")
+    assert all(group.sides[0] == group.sides[1] for group in comparison.groups)
+    assert comparison.groups[0].persons == comparison.groups[0].frames == 24
+    assert comparison.changes(1) == ()
 
 
 def test_recall_bought_with_precision_is_shown_as_both(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    made = compare_versions(pipeline.context, run_id, ["blank", "everything.safetensors"], open_function=opener)
-    side = made.groups[0].sides[1]
+    comparison = compare_versions(pipeline.context, run_id, ["blank", "everything.safetensors"], open_function=opener)
+    side = comparison.groups[0].sides[1]
     assert side.pacc_mean == side.pacc_pooled == 1.0
     assert side.precision_pooled == pytest.approx(0.25)  # the square is a quarter of the picture
-    worse = [change_sentence(change) for change in made.changes(1) if change.step < 0]
+    worse = [change_sentence(change) for change in comparison.changes(1) if change.step < 0]
     assert any(line.startswith("class road") for line in worse)
 
 
 def test_selection_and_region_split_the_persons_in_two(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
-    made = compare_versions(
+    comparison = compare_versions(
         pipeline.context,
         run_id,
         ["blank", "everything.safetensors"],
@@ -92,7 +92,7 @@ def test_selection_and_region_split_the_persons_in_two(run: tuple[Pipeline, str]
         where="person-1.pos.x < -2.85 and pacc >= 0",
         region=Region(bounds={"distance_m": Range(low=0, high=1000)}),
     )
-    groups = {group.name: group for group in made.groups}
+    groups = {group.name: group for group in comparison.groups}
     assert groups["selected by the scores of blank"].persons == groups["not selected"].persons == 12
     assert groups["in the region"].persons == 24
     assert "outside the region" not in groups
@@ -121,15 +121,15 @@ def test_versions_of_unequal_numeric_classes_are_not_compared(run: tuple[Pipelin
 def test_what_a_precision_changes_is_compared_when_that_is_the_question(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "halved.safetensors"]
-    made = compare_versions(pipeline.context, run_id, versions, open_function=opener, mixed=True)
-    assert made.numeric_classes == ("blank", "blank-bf16")
-    assert made.groups[0].differences[0][0] == 0.0
+    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener, mixed=True)
+    assert comparison.numeric_classes == ("blank", "blank-bf16")
+    assert comparison.groups[0].differences[0][0] == 0.0
 
 
 def test_a_version_that_knows_fewer_classes_is_compared_by_those(run: tuple[Pipeline, str]) -> None:
     pipeline, run_id = run
     versions = ["blank", "person-or-not.safetensors"]
-    made = compare_versions(pipeline.context, run_id, versions, open_function=opener)
-    assert made.judged_by == ("person",)
-    assert made.changes(1) == ()
-    assert all(before == after for before, after in (*made.classes.values(), *made.overall.values()))
+    comparison = compare_versions(pipeline.context, run_id, versions, open_function=opener)
+    assert comparison.judged_by == ("person",)
+    assert comparison.changes(1) == ()
+    assert all(before == after for before, after in (*comparison.classes.values(), *comparison.overall.values()))

@@ -1,5 +1,6 @@
 import json
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from sketch.runs import open_sketch, settings_of, spec, work
 
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
+from valerie.perception.base import FunctionCard
 from valerie.perception.importing.function_file import read_header
 from valerie.perception.shipped import file_document, function_path
 from valerie.perception.training.frame_folder import SEEDS, FrameFolder
@@ -19,6 +21,8 @@ from valerie.pipeline.functions import registry
 from valerie.pipeline.functions.references import open_reference, pinned_network
 from valerie.pipeline.retraining.loop import RetrainSettings, register_retrained, retrain, training_folder
 from valerie.pipeline.retraining.weakness import find_weakness, selected_region
+from valerie.runs.pins import FunctionPin
+from valerie.runs.states import Stage
 from valerie.testing.onnx_function import small_onnx
 
 FAR = "distance_m > 25"
@@ -38,8 +42,8 @@ def test_a_weakness_names_the_region_the_weights_and_streets_that_nobody_saw(dra
     assert bound.holds(40.0)
     assert not bound.holds(18.0)
     assert weakness.file == function_path("semantic-fpn-small")
-    seen = weakness.document.provenance["frames-street-seeds"]
-    assert weakness.first_seed() == int(seen.split("-")[-1]) + 1
+    streets = weakness.document.provenance["frames-street-seeds"]
+    assert weakness.first_seed() == int(streets.split("-")[-1]) + 1
     assert weakness.first_seed() in SEEDS["train"]
     assert (weakness.reference, weakness.next_name) == ("semantic-fpn-small", "semantic-fpn-small-retrained")
     ours = replace(weakness, function="my-net")
@@ -63,9 +67,23 @@ def test_what_cannot_be_trained_against_is_refused(drawn: tuple[Context, str]) -
         find_weakness(*drawn, "distance > 9", "semantic-fpn-small")
 
 
+def pin(digest: str, kind: str | None = None) -> FunctionPin:
+    card = FunctionCard("any", digest, "", "", "", {})
+    return FunctionPin(
+        stage=Stage.INFER,
+        name="any",
+        numeric_class="c",
+        revision=1,
+        route="infer.c",
+        digest=digest,
+        card=card,
+        kind=kind,
+    )
+
+
 def test_weights_that_are_not_those_of_the_run_are_refused(drawn: tuple[Context, str]) -> None:
-    with pytest.raises(Conflict, match=r"looked with other weights of semantic-fpn-small \(000000000000\)"):
-        pinned_network("semantic-fpn-small", {"digest": "0" * 64}, context=drawn[0])
+    with pytest.raises(Conflict, match=r"used other weights of semantic-fpn-small \(000000000000\)"):
+        pinned_network("semantic-fpn-small", pin("0" * 64), context=drawn[0])
 
 
 def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
@@ -73,22 +91,22 @@ def test_a_registered_network_is_trained_on_from_the_version_that_the_run_saw(
 ) -> None:
     context, path = drawn[0], function_path("semantic-fpn-small")
     document = file_document("my-net", path).model_copy(update={"engine": "openvino"})
-    seen, _ = registry.register(context, document, path)
+    registered, _ = registry.register(context, document, path)
     registry.register(context, document.model_copy(update={"provenance": {"newer": "yes"}}), path)
-    found, file = pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
-    assert found == document
+    pinned, file = pinned_network("my-net", pin(registered.digest, "network"), context=context)
+    assert pinned == document
     assert file.read_bytes() == path.read_bytes()
-    registry.remove(context, seen.reference)
-    with pytest.raises(NotFound, match=rf"my-net@{seen.digest[:12]}: it was removed"):
-        pinned_network("my-net", {"kind": "network", "digest": seen.digest}, context=context)
+    registry.remove(context, registered.reference)
+    with pytest.raises(NotFound, match=rf"my-net@{registered.digest[:12]}: it was removed"):
+        pinned_network("my-net", pin(registered.digest, "network"), context=context)
 
 
 def test_functions_without_a_network_of_ours_are_not_trained_on(drawn: tuple[Context, str], tmp_path: Path) -> None:
     registered, _ = registry.register(drawn[0], *small_onnx(tmp_path))
     with pytest.raises(InvalidInput, match="small, kind onnx"):
-        pinned_network("small", {"kind": "onnx", "digest": registered.digest}, context=drawn[0])
+        pinned_network("small", pin(registered.digest, "onnx"), context=drawn[0])
     with pytest.raises(InvalidInput, match="installed package"):
-        pinned_network("plug-in", {"digest": "0" * 64}, context=drawn[0])
+        pinned_network("plug-in", pin("0" * 64), context=drawn[0])
 
 
 def test_another_training_gets_another_folder_and_the_same_one_the_same(drawn: tuple[Context, str]) -> None:
@@ -116,27 +134,27 @@ def test_a_new_version_is_trained_and_says_where_it_comes_from(drawn: tuple[Cont
     settings = RetrainSettings(
         frames=2, streets=1, width=320, height=180, steps=2, batch=2, held_out_frames=0, broad_share=0.5
     )
-    made = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
-    header = read_header(made.file)
-    assert header.digest == made.digest != read_header(weakness.file).digest
+    retrained = retrain(weakness, tmp_path / "new.safetensors", settings, folder=tmp_path / "work")
+    header = read_header(retrained.file)
+    assert header.digest == retrained.digest != read_header(weakness.file).digest
     assert header.provenance["started-from"] == read_header(weakness.file).digest
     assert header.longest_side == read_header(weakness.file).longest_side is not None
     assert header.provenance["retrained-where"] == FAR
     assert json.loads(header.provenance["retrained-region"]) == weakness.region.model_dump(mode="json")
     frames = FrameFolder(tmp_path / "work" / "frames")
-    assert len(frames) == made.frames == 2
+    assert len(frames) == retrained.frames == 2
     assert frames.street_seeds == {weakness.first_seed()}
-    assert made.drawn >= 2
-    assert int(frames.listing.provenance["scenes-drawn"]) == made.drawn
-    assert made.curve == tmp_path / "work" / "curve.png"
+    assert retrained.drawn >= 2
+    assert int(frames.listing.provenance["scenes-drawn"]) == retrained.drawn
+    assert retrained.curve == tmp_path / "work" / "curve.png"
     context = drawn[0]
-    registered, new = register_retrained(context, made, weakness.next_name)
+    registered, new = register_retrained(context, retrained, weakness.next_name)
     assert new
     assert (registered.document.name, registered.version) == ("semantic-fpn-small-retrained", 1)
     assert registered.document.input == weakness.document.input, "how frames go in stays"
-    opened = open_reference(registered.reference, context=context)
-    assert opened.card.provenance["started-from"] == header.provenance["started-from"]
-    assert opened.predict(np.zeros((64, 96, 3), np.uint8)).shape == (64, 96)
+    with closing(open_reference(registered.reference, context=context)) as opened:
+        assert opened.card.provenance["started-from"] == header.provenance["started-from"]
+        assert opened.predict(np.zeros((64, 96, 3), np.uint8)).shape == (64, 96)
     again = retrain(weakness, tmp_path / "again.safetensors", settings, folder=tmp_path / "work")
     assert again.steps == 2  # from the checkpoint: nothing was rendered or trained again
     assert not register_retrained(context, again, weakness.next_name)[1], "the same training is the same version"

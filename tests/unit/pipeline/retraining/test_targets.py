@@ -78,15 +78,15 @@ def test_frames_show_someone_in_the_region_as_a_run_would_measure_it() -> None:
     from valerie.rendering.ground_truth import TruthPass
 
     asset = simple_asset()
-    wanted = region(distance_m=Range(low=4, high=14), occlusion_rate=Range(low=0.0, high=0.3))
-    settings = FrameSettings(per_street=3, width=96, height=54, region=wanted)
+    bounds = region(distance_m=Range(low=4, high=14), occlusion_rate=Range(low=0.0, high=0.3))
+    settings = FrameSettings(per_street=3, width=96, height=54, region=bounds)
     draws = Draws()
     frames = list(frames_of(asset, 1000, settings, draws))
     assert len(frames) == 3
     assert draws.count >= 3
     # The oracle: which draws lie in the region, by measuring them all.
     crowd, view_size = crowd_asset(asset), (96, 54)
-    truth_pass, target, hits = TruthPass(), Target(wanted), 0
+    truth_pass, target, hits = TruthPass(), Target(bounds), 0
     for attempt in range(20):
         drawn = draw_scene(crowd, np.random.default_rng([REVISION, 1000, 0, attempt]))
         view = View(drawn.camera, *view_size)

@@ -82,14 +82,14 @@ def test_everybody_stands_on_the_ground_outside_obstacles(drawn: list[TrainingSc
 
 
 def test_most_people_are_in_view(drawn: list[TrainingScene]) -> None:
-    seen = []
+    within_view = []
     for frame in drawn:
         camera = frame.scene.cameras[frame.camera]
         for path in shown(frame.scene):
             at = np.linalg.inv(camera.transform) @ frame.scene.nodes[path].transform[:, 3]
             half = math.atan(0.5 * camera.sensor_width_mm / camera.focal_length_mm)
-            seen.append(at[2] < 0 and abs(math.atan2(at[0], -at[2])) < half)
-    assert 0.6 < np.mean(seen) < 1.0
+            within_view.append(at[2] < 0 and abs(math.atan2(at[0], -at[2])) < half)
+    assert 0.6 < np.mean(within_view) < 1.0
 
 
 def test_no_camera_stands_in_an_obstacle(drawn: list[TrainingScene], crowd: SceneAsset) -> None:

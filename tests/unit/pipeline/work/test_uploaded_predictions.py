@@ -16,6 +16,7 @@ from valerie.db.runs import set_values
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
 from valerie.perception.documents.function import parse_function
 from valerie.perception.running.label_png import encode_png
+from valerie.pipeline.base.deadlines import deadlines
 from valerie.pipeline.control import lifecycle
 from valerie.pipeline.functions import registry
 from valerie.pipeline.reading.frame_pictures import find_picture
@@ -50,13 +51,13 @@ def put(pipeline: Pipeline, run: str, place: tuple[int, int] = (0, 0), ids: NDAr
     return put_prediction(pipeline.context, FrameKey(run, *place), data)
 
 
-def test_the_run_says_what_it_waits_for_and_rings_for_nobody(waiting: tuple[Pipeline, str]) -> None:
+def test_the_run_says_what_it_waits_for_and_sends_no_message(waiting: tuple[Pipeline, str]) -> None:
     pipeline, run = waiting
     row = pipeline.row(run)
     assert row.state == "running"
     assert row.reason.startswith("awaiting-predictions: 8 predictions are to be uploaded by ")
-    assert row.progress["awaiting"] == 8
-    assert row.progress["stages"]["infer"]["done"] == 8, "those of the other function"
+    assert row.progress.awaiting == 8
+    assert row.progress.stages["infer"].done == 8, "those of the other function"
     assert pipeline.broker.queue_length("infer.uploaded") == 0
 
 
@@ -96,7 +97,7 @@ def test_void_is_an_id_of_every_function(waiting: tuple[Pipeline, str]) -> None:
 @pytest.mark.parametrize(
     ("ids", "message"),
     [
-        (label_map(7), r"an id that no class has; got 7; limit: 0…1 as mine declares its classes, or 255 for void"),
+        (label_map(7), r"an id without a class; got 7; limit: 0…1 as mine declares its classes, or 255 for void"),
         (np.zeros((36, 63), np.uint8), "another size than the frame's; got 63 × 36; limit: 64 × 36"),
         (np.zeros((36, 64, 3), np.uint8), "a pixel must be one byte"),
     ],
@@ -144,7 +145,8 @@ def test_a_run_that_was_cancelled_takes_none(waiting: tuple[Pipeline, str]) -> N
 
 def expire(pipeline: Pipeline, run: str) -> None:
     pins = pipeline.row(run).pins
-    pins["functions"]["mine"]["deadline"] = time.time() - 1
+    mine = pins.functions["mine"].model_copy(update={"deadline": time.time() - 1})
+    pins = pins.model_copy(update={"functions": {**pins.functions, "mine": mine}})
     with writing(pipeline.context.engine) as connection:
         set_values(connection, run, pins=pins)
 
@@ -156,7 +158,7 @@ def test_what_is_missing_at_the_deadline_is_a_recorded_failure(waiting: tuple[Pi
     assert pipeline.run(run) == "completed-with-failures"
     errors = [one.error for one in pipeline.products() if one.route == "infer.uploaded" and one.state == "failed"]
     assert len(errors) == len(FRAMES) - 1
-    assert all(one["message"].startswith("no prediction by 20") for one in errors)
+    assert all(one.message.startswith("no prediction by 20") for one in errors)
 
 
 def test_a_retry_gives_the_time_again(waiting: tuple[Pipeline, str]) -> None:
@@ -166,7 +168,7 @@ def test_a_retry_gives_the_time_again(waiting: tuple[Pipeline, str]) -> None:
     lifecycle.retry(pipeline.context, run)
     for _ in range(3):
         pipeline.step()
-    assert pipeline.row(run).progress["awaiting"] == 8
+    assert pipeline.row(run).progress.awaiting == 8
     assert all(put(pipeline, run, place) for place in FRAMES)
     assert pipeline.run(run) == "completed"
 
@@ -178,7 +180,7 @@ def test_another_run_may_still_wait_when_ones_deadline_has_passed(waiting: tuple
         pipeline.step()
     expire(pipeline, run)
     pipeline.step()
-    assert pipeline.row(other).progress["awaiting"] == 8
+    assert pipeline.row(other).progress.awaiting == 8
     for place in FRAMES:
         put(pipeline, other, place)
     assert pipeline.run(run) == pipeline.run(other) == "completed"
@@ -194,7 +196,7 @@ def test_the_document_may_set_another_deadline_than_the_deployment(pipelines: Ca
     pipeline.step()
     row = pipeline.row(run)
     started = row.started_at.timestamp() if row.started_at.tzinfo else row.started_at.replace(tzinfo=None).timestamp()
-    hours = {name: (pin["deadline"] - time.time()) / 3600 for name, pin in row.pins["functions"].items()}
+    hours = {name: (deadline - time.time()) / 3600 for name, deadline in deadlines(row.pins).items()}
     assert started
     assert 47.9 < hours["mine"] < 48.1
     assert 1.9 < hours["soon"] < 2.1
@@ -206,4 +208,4 @@ def test_frames_that_wait_for_people_do_not_hold_up_the_rest_of_a_large_run(pipe
     run = pipeline.submit(spec(xs=26, ys=10, functions=["mine"]))
     for _ in range(10):
         pipeline.step()
-    assert pipeline.row(run).progress["awaiting"] == 520
+    assert pipeline.row(run).progress.awaiting == 520

@@ -52,7 +52,9 @@ def test_cpu_seconds_are_those_that_blender_tells_of_over_all_its_lives(holder: 
         ("has no memory", "out of GPU memory"),
     ],
 )
-def test_what_may_pass_is_a_transient_error_and_leaves_no_process(holder: Holders, behaviour: str, reason: str) -> None:
+def test_a_temporary_failure_is_a_transient_error_and_leaves_no_process(
+    holder: Holders, behaviour: str, reason: str
+) -> None:
     held = holder(behaviour)
     made = engine(held)
     pid = held.get().pid
@@ -80,7 +82,7 @@ def test_after_a_crash_everything_is_sent_again_to_a_new_blender(holder: Holders
     assert sum(key.startswith("mesh-") for key in held.get().known) > 3
 
 
-def test_what_blender_refuses_is_an_error_for_good(holder: Holders) -> None:
+def test_a_request_that_blender_refuses_is_a_permanent_error(holder: Holders) -> None:
     held = holder("refuses")
     with pytest.raises(RenderingError, match="no such socket"):
         engine(held).background(SCENE, VIEW)

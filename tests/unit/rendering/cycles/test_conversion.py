@@ -39,7 +39,7 @@ def pretending(tmp_path: Path, program: str) -> Settings:
     return load_settings({}, cycles_python=python, cycles_max_memory_mb=512)
 
 
-def test_what_blender_made_is_written_with_its_notes(blend: Path, tmp_path: Path) -> None:
+def test_blenders_output_is_written_with_its_notes(blend: Path, tmp_path: Path) -> None:
     made = convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, WORK))
     assert made.path.read_bytes() == b"glTF"
     assert (made.version, made.notes) == ("9.9.9", ("material paint: baked",))
@@ -66,7 +66,7 @@ def test_a_crash_gives_blenders_last_words(blend: Path, tmp_path: Path) -> None:
         convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, CRASH))
 
 
-def test_what_blender_refuses_is_an_invalid_input(blend: Path, tmp_path: Path) -> None:
+def test_a_file_that_blender_refuses_is_an_invalid_input(blend: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="not a library"):
         convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, REFUSE))
 

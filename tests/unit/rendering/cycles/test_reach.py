@@ -32,7 +32,7 @@ def test_on_a_wet_road_the_rectangle_holds_the_mirror_image_of_the_head() -> Non
     assert wet.y <= y <= wet.y + wet.height
 
 
-def test_a_lamp_that_moves_reaches_the_whole_picture_whatever_it_hangs_on() -> None:
+def test_a_moving_lamp_reaches_the_whole_image() -> None:
     scene = in_rain(0.0)
     lamp = Node("scene.car-2", np.eye(4), light=Light(), movable=True)
     statics = {p: n for p, n in scene.nodes.items() if not n.movable}
@@ -49,7 +49,7 @@ def test_without_movables_nothing_is_reached(rain: float) -> None:
 
 
 @given(st.data())
-def test_what_the_denoiser_is_shown_is_whole_blocks_from_the_lower_left_around_the_rectangle(
+def test_the_denoisers_window_is_whole_blocks_from_the_lower_left_around_the_rectangle(
     data: st.DataObject,
 ) -> None:
     x, y = data.draw(st.integers(0, VIEW.width - 1)), data.draw(st.integers(0, VIEW.height - 1))

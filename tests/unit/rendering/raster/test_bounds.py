@@ -29,7 +29,7 @@ def test_a_padded_canvas_shifts_it() -> None:
     assert (rectangle.x, rectangle.y, rectangle.width, rectangle.height) == (179, 89, 42, 22)
 
 
-def test_what_lies_behind_or_beside_covers_nothing() -> None:
+def test_a_box_behind_or_beside_the_camera_covers_nothing() -> None:
     assert covered_rectangle([box((-1, -12, 0), (1, -10, 2))], CAMERA, VIEW).empty
     assert covered_rectangle([box((30, 10, 0), (31, 11, 2))], CAMERA, VIEW).empty
     assert covered_rectangle([], CAMERA, VIEW).empty

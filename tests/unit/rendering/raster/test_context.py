@@ -26,7 +26,7 @@ def test_includes_and_switches_are_put_into_the_source() -> None:
     assert "octahedron_encode" in source
 
 
-def test_what_the_driver_refuses_is_a_rendering_error() -> None:
+def test_an_error_of_the_driver_is_a_rendering_error() -> None:
     context = process_context()
     with context.current() as gl:
         # moderngl binds the last framebuffer again, a deleted one too; reading the flag that this leaves clears it.

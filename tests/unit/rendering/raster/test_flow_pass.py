@@ -40,13 +40,13 @@ def at(x: float, y: float, heading: float = 180.0, camera_x: float = 0.0) -> Sce
     return apply({**values, "scene.camera-1.pos.x": camera_x}, simple_asset())
 
 
-def with_camera(found: Scene, position: tuple[float, float, float], yaw: float, pitch: float, roll: float) -> Scene:
-    camera = replace(found.cameras["camera-1"], transform=camera_transform(position, yaw, pitch, roll))
-    return replace(found, cameras={**found.cameras, "camera-1": camera})
+def with_camera(scene: Scene, position: tuple[float, float, float], yaw: float, pitch: float, roll: float) -> Scene:
+    camera = replace(scene.cameras["camera-1"], transform=camera_transform(position, yaw, pitch, roll))
+    return replace(scene, cameras={**scene.cameras, "camera-1": camera})
 
 
 def traced_flow(now: Scene, then: Scene) -> NDArray[np.float64]:
-    """Which triangle each ray hits and where in it; then where that point of it is seen from the other camera."""
+    """Return the flow by ray tracing: find the point of a triangle that each ray hits, and project it at the other moment."""
     camera, other = now.cameras[VIEW.camera], then.cameras[VIEW.camera]
     triangles, moved = (triangles_of(one).intersector.mesh.triangles for one in (now, then))
     rays = pixel_rays(camera, VIEW).reshape(-1, 3)
@@ -69,14 +69,14 @@ def traced_flow(now: Scene, then: Scene) -> NDArray[np.float64]:
     return pixels - np.stack([columns + 0.5, rows + 0.5], axis=2)
 
 
-def stretched(found: Scene) -> Scene:
-    """The person's body twice as high: another mesh with the same triangles."""
+def stretched(scene: Scene) -> Scene:
+    """Stretch the person's body: another mesh with the same triangles."""
     path = f"{PERSON}.red-coat"
-    node = found.nodes[path]
+    node = scene.nodes[path]
     meshes = tuple(
         replace(mesh, positions=(mesh.positions * np.array([1.2, 1.0, 1.5], np.float32))) for mesh in node.meshes
     )
-    return replace(found, nodes={**found.nodes, path: replace(node, meshes=meshes)})
+    return replace(scene, nodes={**scene.nodes, path: replace(node, meshes=meshes)})
 
 
 CASES = {
@@ -121,7 +121,7 @@ def test_a_step_to_the_side_moves_the_front_by_focal_length_times_step_over_dept
     assert np.all(flow[still] == 0.0)
 
 
-def test_who_does_not_move_has_no_flow(flows: FlowPass, truth_pass: TruthPass) -> None:
+def test_a_person_who_does_not_move_has_no_flow(flows: FlowPass, truth_pass: TruthPass) -> None:
     now = at(0, 9)
     flow = flows.flow(now, at(0, 9), VIEW, truth_pass.truth(now, VIEW))
     assert float(np.abs(flow).max()) < 1e-3
@@ -136,12 +136,12 @@ def test_flow_leads_to_the_same_object_at_the_other_moment(flows: FlowPass, trut
     labels = [one.class_map.astype(np.int64) * 65536 + one.instance_map for one in (first, second)]
     inside = (x >= 0) & (x < VIEW.width) & (y >= 0) & (y < VIEW.height) & ~near_edges(labels[0])
     there = labels[1][y[inside], x[inside]]
-    # What is covered by something nearer at the other moment is all that may differ.
+    # Only points that a nearer object hides at the other moment may differ.
     covered = second.depth[y[inside], x[inside]] < first.depth[inside] - 0.3
     assert np.mean((there == labels[0][inside]) | covered) > 0.995
 
 
-def test_flow_is_undefined_where_an_object_is_not_there_then(flows: FlowPass, truth_pass: TruthPass) -> None:
+def test_flow_is_undefined_where_an_object_is_absent_then(flows: FlowPass, truth_pass: TruthPass) -> None:
     now = at(0, 9)
     truth = truth_pass.truth(now, VIEW)
     flow = flows.flow(now, scene(**{"scene__person-1__character": "absent"}), VIEW, truth)

@@ -67,7 +67,7 @@ def test_beyond_its_cone_a_lamp_gives_nothing(raster: RasterRenderer) -> None:
     scene, view = floor_below(Light(intensity=1000.0, inner=0.3, outer=0.5), 4.0), View("camera-1", 80, 80)
     row = raster.full(scene, view).pixels[40, 40:, 1].astype(np.float64)
     angle = np.arctan2((np.arange(40) + 0.5) / 80 * 8.0, 4.0)
-    # What is left is the night sky, and what the street around gives back.
+    # The rest is the light of the night sky, and the light that the street reflects.
     assert row[angle > 0.55].max() < 0.02 * row[angle < 0.3].min()
 
 
@@ -131,7 +131,7 @@ def test_lamps_throw_the_shadows_of_statics_and_movables(raster: RasterRenderer,
 
 
 def hidden(triangles: Triangles, place: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
-    """Whether something stands between a place and each of (N, 3) points of surfaces."""
+    """Return (N,) bool, True if an object stands between a place and the surface point."""
     way = points - np.array(place)
     distance = np.linalg.norm(way, axis=1)
     starts = np.broadcast_to(np.array(place), points.shape)

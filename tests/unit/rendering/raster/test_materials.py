@@ -1,4 +1,4 @@
-"""What a material reflects on average, against textures worked out by hand."""
+"""The mean reflectance of materials, against textures worked out by hand."""
 
 from dataclasses import replace
 from typing import cast
@@ -51,7 +51,7 @@ def test_a_colour_texture_is_averaged_in_linear_light() -> None:
 
 
 @pytest.mark.parametrize(("cutoff", "share"), [(0.5, 0.5), (None, 1.0)])
-def test_what_is_cut_away_has_no_colour_and_no_share(cutoff: float | None, share: float) -> None:
+def test_cut_texels_have_no_colour_and_no_share(cutoff: float | None, share: float) -> None:
     image = np.full((70, 70, 4), 255, np.uint8)
     image[:35] = (188, 188, 188, 100)
     leaf = replace(PLASTER, base_color_texture="leaf", alpha_cutoff=cutoff)
@@ -60,7 +60,7 @@ def test_what_is_cut_away_has_no_colour_and_no_share(cutoff: float | None, share
     assert albedo == pytest.approx(np.array(PLASTER.base_color) * (1.0 if cutoff else (1 + HALF) / 2))
 
 
-def test_of_what_is_cut_away_whole_there_is_nothing() -> None:
+def test_a_texture_that_is_cut_away_whole_reflects_nothing() -> None:
     leaf = replace(PLASTER, base_color_texture="leaf", alpha_cutoff=0.5)
     albedo, share = reflectance(leaf, leaf=np.zeros((35, 35, 4), np.uint8))
     assert (tuple(albedo), share) == ((0.0, 0.0, 0.0), 0.0)

@@ -123,7 +123,7 @@ def test_ground_in_the_open_has_all_of_the_sky_however_far_it_reaches(
     turned = {path: replace(node, transform=pose) for path, node in scene.nodes.items()}
     scene = replace(scene, nodes=turned, environment=Environment(cloud_cover=1.0))
     pixels, sky = raster.full(scene, View("camera-1", 64, 36)).pixels.astype(np.float64), sky_of(scene)
-    # Of the overcast sky (Moon and Spencer 1942), on a tilted plane.
+    # Light of the overcast sky (Moon and Spencer 1942) on a tilted plane.
     up = math.cos(math.radians(tilt))
     share = (3 / 7) * (0.5 + 0.5 * up) + (4 / 7) * _moon_spencer(up)
     assert pixels.mean() == pytest.approx(0.04 * share * sky.sky_irradiance.mean(), rel=0.05)
@@ -139,7 +139,7 @@ def _moon_spencer(up: float) -> float:
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.4, 0.9])
-def test_what_is_mirrored_is_missing_from_the_matt_light_below(raster: RasterRenderer, roughness: float) -> None:
+def test_mirrored_light_is_missing_from_the_matt_light_below(raster: RasterRenderer, roughness: float) -> None:
     # Along a white ground under clouds, which are dimmer at the horizon that it mirrors than overhead.
     camera = Camera("scene.camera-1", camera_transform((0, -10, 1), 0, -4, 0), focal_length_mm=200.0)
     floor = box_mesh((-200, -200, -1), (200, 200, 0), "floor")
@@ -227,7 +227,7 @@ def test_no_sun_comes_through_a_head(raster: RasterRenderer, movable: bool, doub
     facing = np.where(hit, normals @ scene.sun_direction(), 0)
     assert (facing < -0.15).sum() > 2000
     assert np.median(pixels[facing > 0.15]) > 0.1
-    # What stands still is taken for what the place sees around it: some of its own light comes back to it.
+    # Statics count among the surroundings of a place, so some of its own light comes back to it.
     assert pixels[facing < -0.15].max() < (0.01 if movable else 0.1)
 
 

@@ -1,4 +1,4 @@
-"""Shadow maps: where they lie, and what is noted of them beside."""
+"""Shadow maps: their views, and the depth ranges and sky visibility derived from them."""
 
 import math
 from dataclasses import replace

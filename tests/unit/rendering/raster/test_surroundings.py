@@ -1,4 +1,4 @@
-"""What a street gives back, against hand-built streets with a known answer."""
+"""The light that a street reflects, against hand-built streets with a known answer."""
 
 from dataclasses import replace
 
@@ -86,7 +86,7 @@ class TestReflected:
     def test_a_wall_has_half_the_sky_and_half_the_ground_and_is_seen_from_before_it(self) -> None:
         sample, albedo = places((0, 0, 1), (1, 0, 0), heights=(0.0, 3.0)), np.stack([GREY, np.full(3, 0.7)])
         found = given_back(sample, open_to_all(sample), albedo, np.ones(2), even_sky())
-        # Of 32 directions not exactly half of the cosines lie before a wall.
+        # With 32 directions, not exactly half of the cosines lie in front of a wall.
         assert found.on_walls == pytest.approx(0.5 + 0.5 * GREY, rel=0.05)
         before = DIRECTIONS[:, 0] < -1e-6
         assert found.hidden[before] == pytest.approx(np.broadcast_to(0.7 * found.on_walls, (before.sum(), 3)))

@@ -1,4 +1,4 @@
-"""Weather in the raster engine: what each parameter changes, and what it must not."""
+"""Weather in the raster engine: the effects of each parameter."""
 
 from dataclasses import replace
 
@@ -53,8 +53,8 @@ def test_weather_changes_the_picture_and_never_the_truth(
 
 def test_the_defaults_are_the_clear_day_bit_for_bit(raster: RasterRenderer) -> None:
     bare = replace(simple_asset().base, environment=Environment())
-    told = replace(bare, environment=Environment(cloud_cover=0.0, visibility=100_000.0, rain=0.0))
-    assert_same(raster.full(bare, VIEW), raster.full(told, VIEW))
+    explicit = replace(bare, environment=Environment(cloud_cover=0.0, visibility=100_000.0, rain=0.0))
+    assert_same(raster.full(bare, VIEW), raster.full(explicit, VIEW))
 
 
 def test_fog_hides_things_behind_its_own_light_by_distance(raster: RasterRenderer, truth_pass: TruthPass) -> None:
@@ -74,7 +74,9 @@ def test_an_overcast_sky_throws_no_shadow_of_the_movables(raster: RasterRenderer
     assert 0 < without.width * without.height < with_sun.width * with_sun.height
 
 
-def test_rain_wets_what_faces_up_and_leaves_walls_their_colour(raster: RasterRenderer, truth_pass: TruthPass) -> None:
+def test_rain_wets_surfaces_that_face_up_and_leaves_walls_their_colour(
+    raster: RasterRenderer, truth_pass: TruthPass
+) -> None:
     # The same light with and without water: drops and extinction are small at 0.8 mm/h.
     classes = truth_pass.truth(in_weather(cloud_cover=1.0), VIEW)
     dry, wet = picture(raster, cloud_cover=1.0), picture(raster, cloud_cover=1.0, rain=0.8)
@@ -141,7 +143,7 @@ def test_water_on_a_black_road_is_a_mirror_of_the_sky_after_fresnel(raster: Rast
 
 
 @pytest.mark.parametrize("movable", [False, True])
-def test_a_wet_road_mirrors_what_stands_still_where_a_mirror_would(raster: RasterRenderer, movable: bool) -> None:
+def test_a_wet_road_reflects_statics_at_the_places_of_a_mirror(raster: RasterRenderer, movable: bool) -> None:
     box = Node("scene.wall-1", np.eye(4), (box_mesh((-1, 12, 0), (1, 13, 2), "red"),), movable=movable)
     pixels = raster.full(road(0.0, 3.0, box), View("camera-1", 120, 80)).pixels.astype(np.float64)
 
@@ -166,9 +168,7 @@ def test_wetness_is_continuous_from_a_dry_road_on(raster: RasterRenderer) -> Non
     assert np.median(damp[NEAR] / dry[NEAR]) == pytest.approx(1.0, abs=0.003)
 
 
-def test_drops_lie_at_the_same_places_whatever_stands_in_the_street(
-    raster: RasterRenderer, truth_pass: TruthPass
-) -> None:
+def test_drops_lie_at_the_same_places_with_and_without_movables(raster: RasterRenderer, truth_pass: TruthPass) -> None:
     rainy = in_weather(cloud_cover=1.0, rain=30.0)
     sky = ~widened(truth_pass.truth(rainy, VIEW).class_map != 23, 2)
     assert sky.sum() > 200

@@ -1,4 +1,4 @@
-"""References to assets: names, arguments, digests, who may offer them, and what the cheap manifest must not load."""
+"""References to assets: names, arguments, digests, packs of other distributions, and libraries that a manifest must not load."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Users' assets in folders: read, labelled, digested; and everything that must be refused."""
+"""Users' assets in folders: reading, labels, digests, and refusals."""
 
 import hashlib
 import json
@@ -125,7 +125,7 @@ def test_an_oversized_manifest_is_refused_before_it_is_read(folder: Path) -> Non
         asset_manifest(str(folder))
 
 
-def test_what_the_manifest_names_must_be_in_the_scene(folder: Path) -> None:
+def test_a_node_that_the_manifest_names_must_be_in_the_scene(folder: Path) -> None:
     write_manifest(folder, persons=["scene.person-3"], parameters=[])
     with pytest.raises(UnknownName, match=r"scene\.person-3"):
         load_asset(str(folder))
@@ -239,7 +239,7 @@ def test_a_placed_camera_that_a_file_has_too_is_refused(folder: Path) -> None:
         ({"placed_cameras": [{"name": "camera-7", "position": [0, 0, 1]}]}, "camera-7"),
     ],
 )
-def test_what_cannot_be_placed_is_refused(folder: Path, change: dict[str, Any], message: str) -> None:
+def test_an_impossible_placement_is_refused(folder: Path, change: dict[str, Any], message: str) -> None:
     write_manifest(folder, **change)
     with pytest.raises(InvalidInput, match=message):
         asset_manifest(str(folder))

@@ -1,4 +1,4 @@
-"""Manifests: what contradicts itself is refused with its field."""
+"""Manifests: contradictions are refused with their fields."""
 
 from typing import Any
 
@@ -99,9 +99,7 @@ COLOUR = {"path": "scene.person-1.colour", "choices": ["red"], "default": "red"}
         ({"paints": {"red": {"base_color": [2, 0, 0]}}}, "paints.red.base_color"),
     ],
 )
-def test_what_the_manifest_declares_of_poses_paints_and_training_fits_its_parameters(
-    changes: dict[str, Any], words: str
-) -> None:
+def test_poses_paints_and_training_rules_have_to_fit_the_parameters(changes: dict[str, Any], words: str) -> None:
     document = changed(parameters=[*DOCUMENT["parameters"], POSE, COLOUR], gaits=["striding"])
     document |= {"paints": {"red": {"base_color": [1, 0, 0]}}, "training": {"poses": {"still": 2.0, "striding": 1.0}}}
     assert parse_manifest(document).paints["red"].base_color == (1.0, 0.0, 0.0)

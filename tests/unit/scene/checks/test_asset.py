@@ -1,4 +1,4 @@
-"""What the check of an asset tells its author, before a run."""
+"""Findings of the check of an asset, before a run."""
 
 import json
 from dataclasses import replace
@@ -62,12 +62,12 @@ def test_no_person_is_an_error(tmp_path: Path) -> None:
     assert only(findings, "no-person").severity is Severity.ERROR
 
 
-def test_nobody_under_test_is_an_error(tmp_path: Path) -> None:
+def test_a_manifest_without_persons_is_an_error(tmp_path: Path) -> None:
     found = only(asset_findings(written(tmp_path, persons=[])), "no-person")
     assert "nobody is under test" in found.message
 
 
-def test_a_person_that_is_missing_is_said_with_what_to_rename_and_hides_nothing(tmp_path: Path) -> None:
+def test_a_missing_person_is_reported_with_nodes_to_rename_and_hides_no_other_finding(tmp_path: Path) -> None:
     nodes = {path: node for path, node in renamed("person-1", "Person_01").items() if "person-2" not in path}
     nodes["scene.Cube"] = replace(BASE.nodes["scene.building-1"], path="scene.Cube", transform=place(-14, 30))
     nodes["scene.car-1"] = replace(nodes["scene.car-1"], transform=place(2, 8) @ np.diag([100.0, 100.0, 100.0, 1.0]))
@@ -104,7 +104,7 @@ def test_nothing_else_is_taken_for_a_missing_person(tmp_path: Path) -> None:
     assert found.message.endswith("; nothing looks like it: call its node person-1, or take it out of the manifest")
 
 
-def test_a_missing_node_that_is_no_person_is_said_once_for_all_fields_that_name_it(tmp_path: Path) -> None:
+def test_a_missing_node_is_reported_once_for_all_fields_that_name_it(tmp_path: Path) -> None:
     changes = {"movable": [*simple_asset().manifest.movable, "scene.car-2"], "grounded": ["scene.car-2"]}
     found = only(asset_findings(written(tmp_path, **changes)), "declared")
     assert found.where == "scene.car-2"
@@ -186,7 +186,7 @@ def test_a_scene_of_very_many_triangles_is_suspected_with_its_heaviest_objects(
     assert "most are in scene.person-1, scene.car-1, scene.road-1" in found.message
 
 
-def test_a_scene_that_is_heavy_by_one_object_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_with_one_heavy_object_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     road = BASE.nodes["scene.road-1"]
     heavy = replace(road.meshes[0], faces=np.resize(road.meshes[0].faces, (100, 3)))
     monkeypatch.setattr(shapes, "MAX_TRIANGLES", 99)
@@ -258,7 +258,7 @@ def test_a_car_that_moves_without_an_outline_is_noted(tmp_path: Path) -> None:
     assert (found.severity, found.where) == (Severity.NOTE, "scene.car-1")
 
 
-def test_what_the_manifest_declares_and_the_scene_lacks_is_an_error(tmp_path: Path) -> None:
+def test_a_parameter_of_something_that_the_scene_lacks_is_an_error(tmp_path: Path) -> None:
     findings = asset_findings(written(tmp_path, cameras=["camera-1", "camera-2", "camera-3"]))
     assert "camera-3" in only(findings, "declared").message
 
@@ -295,7 +295,7 @@ def test_every_missing_texture_is_listed(tmp_path: Path) -> None:
     ]
 
 
-def test_a_finding_says_severity_place_value_and_limit() -> None:
+def test_a_finding_shows_severity_place_value_and_limit() -> None:
     found = Finding(Severity.WARNING, "size", "scene.person-1", "too high", "18 m", "0.4…2.6 m")
     assert str(found) == "warning: scene.person-1: too high; got 18 m; limit: 0.4…2.6 m"
     assert found.document()["value"] == "18 m"

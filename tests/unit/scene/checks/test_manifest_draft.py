@@ -1,4 +1,4 @@
-"""The first manifest for a folder of files: it is accepted, and it says what is there."""
+"""The drafted manifest for a folder of files: it is accepted, and describes the files."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def test_a_drafted_asset_loads_and_has_no_errors(folder: Path) -> None:
     assert manifest.by_path["scene.person-1.pos.y"].default == 10.0
 
 
-def test_nobody_stands_in_what_was_outlined(folder: Path) -> None:
+def test_nobody_stands_inside_a_drafted_outline(folder: Path) -> None:
     draft_manifest(folder)
     manifest = load_asset(str(folder)).manifest
     outlined = {obstacle.path: obstacle for obstacle in manifest.obstacles}

@@ -1,4 +1,4 @@
-"""Cameras inside of things and persons out of view, against places that can be worked out by hand."""
+"""Cameras inside things and persons out of view, at places that can be computed by hand."""
 
 import math
 from dataclasses import replace
@@ -39,7 +39,7 @@ def middle_of(path: str) -> tuple[float, float, float]:
     return float(x), float(y), float(z)
 
 
-def test_a_camera_inside_a_building_is_found() -> None:
+def test_a_camera_inside_a_building_is_reported() -> None:
     found = [f for f in findings(moved(camera=(middle_of("scene.building-1"), 0.0, 0.0))) if f.code == "inside-solid"]
     assert [(f.where, "scene.building-1" in f.message) for f in found] == [("scene.camera-1", True)]
 
@@ -50,12 +50,12 @@ def test_a_camera_just_outside_of_a_building_is_fine() -> None:
     assert not [f for f in findings(moved(camera=(outside, 180.0, 0.0))) if f.code == "inside-solid"]
 
 
-def test_a_camera_below_the_ground_is_found() -> None:
+def test_a_camera_below_the_ground_is_reported() -> None:
     (found,) = [f for f in findings(moved(camera=((0.0, 0.0, -5.0), 0.0, 0.0))) if f.code == "inside-solid"]
     assert (found.value, found.limit) == ("z = -5 m", "0 m")
 
 
-def test_a_person_behind_every_camera_by_default_is_found_with_the_share_of_its_range() -> None:
+def test_a_person_behind_every_camera_by_default_is_reported_with_the_visible_share_of_its_range() -> None:
     # From (0, 10.5) along +y: person-1 stands at (0, 10), and may stand at y up to 50.
     found = [f for f in findings(moved(camera=((0.0, 11.0, 1.5), 0.0, 0.0))) if f.code == "out-of-view"]
     assert [f.where for f in found] == ["scene.person-1"]
@@ -63,7 +63,7 @@ def test_a_person_behind_every_camera_by_default_is_found_with_the_share_of_its_
     assert "outside the image" in found[0].message
 
 
-def test_a_person_that_no_camera_can_ever_see_is_found() -> None:
+def test_a_person_that_no_camera_can_see_is_reported() -> None:
     (found,) = findings(moved(camera=((0.0, 5.0, 1.5), 0.0, 89.0)))
     assert found.where == "scene.person-1"
     assert "anywhere in its range" in found.message
@@ -91,13 +91,13 @@ def test_a_box_around_the_camera_is_in_view() -> None:
 
 
 @pytest.mark.parametrize(("radius", "expected"), [(0.0, 1.0), (0.9, 1.0), (1.1, 0.0), (5.0, 0.0)])
-def test_a_closed_surface_encloses_what_is_inside(radius: float, expected: float) -> None:
+def test_a_closed_surface_encloses_the_points_inside(radius: float, expected: float) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3)
     point = radius * np.array([0.48, 0.6, 0.64])
     assert enclosure(point, np.asarray(ball.triangles)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_an_open_box_encloses_its_middle_by_the_solid_angle_of_what_is_left() -> None:
+def test_an_open_box_encloses_its_middle_by_the_solid_angle_of_its_remaining_sides() -> None:
     box = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
     without_floor = np.asarray(box.triangles)[np.asarray(box.face_normals)[:, 2] > -0.5]
     assert enclosure(np.zeros(3), without_floor) == pytest.approx(5 / 6)  # each side of a cube takes a sixth

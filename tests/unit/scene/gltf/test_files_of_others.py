@@ -1,4 +1,4 @@
-"""glTF files that nobody here made: the test models of the library Assimp, from the Debian package assimp-testmodels.
+"""glTF files of other programs: the test models of the library Assimp, from the Debian package assimp-testmodels.
 
 Without the package they are skipped (tests/allowed_skips.txt), except where VALERIE_TEST_ASSIMP_MODELS says where the models
 are, as .ci/run does: then they must be there.
@@ -59,7 +59,7 @@ def test_another_reader_finds_the_same_triangles_in_the_same_places(name: str) -
     assert next(areas) == pytest.approx(next(areas), rel=1e-4)
 
 
-def test_every_file_is_read_or_refused_in_words() -> None:
+def test_every_file_is_read_or_refused_with_a_message() -> None:
     read, refused = 0, {}
     for path in sorted((*MODELS.glob("glTF*/**/*.gltf"), *MODELS.glob("glTF*/**/*.glb"))):
         try:

@@ -1,4 +1,4 @@
-"""glTF: lossless round trips, an independent reader, and files that are broken in every way."""
+"""glTF: lossless round trips, an independent reader, and broken files."""
 
 import base64
 import json
@@ -154,7 +154,7 @@ def test_every_field_of_a_material_survives(tmp_path: Path) -> None:
     assert_same_scene(load_gltf(tmp_path / "odd.glb"), scene)
 
 
-def test_what_nodes_share_is_shared_again(tmp_path: Path) -> None:
+def test_meshes_that_nodes_share_are_shared_again(tmp_path: Path) -> None:
     base = simple_asset().base
     shared = base.nodes["scene.car-1"].meshes
     nodes = {path: node for path, node in base.nodes.items() if path.startswith("scene.car-1")}
@@ -453,7 +453,9 @@ def _color_texture(index: int) -> Any:
         ),
     ],
 )
-def test_an_index_of_nothing_is_said_with_what_it_is_of_and_what_there_is(written: Path, edit: Any, said: str) -> None:
+def test_an_index_out_of_range_is_reported_with_its_place_and_the_valid_range(
+    written: Path, edit: Any, said: str
+) -> None:
     document, binary = chunks_of(written)
     edit(document)
     with pytest.raises(InvalidInput, match=said) as error:

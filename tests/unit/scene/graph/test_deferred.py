@@ -1,4 +1,4 @@
-"""Meshes and textures that are made when somebody looks."""
+"""Meshes and textures that are made when they are first read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_mesh_knows_its_material_before_it_is_made_and_is_made_once() -> None:
     assert calls == [1]
 
 
-def test_with_another_material_it_shares_its_arrays_and_is_still_not_made() -> None:
+def test_a_deferred_mesh_with_another_material_shares_its_arrays_and_is_not_made_yet() -> None:
     calls: list[int] = []
     mesh = DeferredMesh(lambda: calls.append(1) or triangle(), "red")
     other = mesh.with_material("blue")
@@ -50,7 +50,7 @@ def test_a_texture_is_painted_once_and_read_only() -> None:
         texture.image[0, 0] = 1
 
 
-def test_textures_made_together_are_made_once_when_one_is_looked_at() -> None:
+def test_textures_made_together_are_made_once_when_one_is_read() -> None:
     calls: list[int] = []
 
     def make() -> list[np.ndarray]:

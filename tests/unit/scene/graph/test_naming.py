@@ -20,7 +20,7 @@ def test_a_part_inherits_label_and_instance_of_the_object_it_is_part_of() -> Non
     assert set(labels.values()) == {ObjectLabel(CAR, CAR * 1000 + 3)}
 
 
-def test_what_a_person_carries_is_the_persons_even_if_its_name_is_a_class_of_its_own() -> None:
+def test_a_bag_belongs_to_the_person_even_if_its_name_states_a_class() -> None:
     labels = object_labels(["scene.person-2", "scene.person-2.bicycle-1"], {})
     assert labels["scene.person-2.bicycle-1"] == ObjectLabel(PERSON, PERSON * 1000 + 2)
 

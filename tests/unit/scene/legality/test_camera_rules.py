@@ -1,4 +1,4 @@
-"""Cameras inside of what moves, against outlines that shapely itself moves."""
+"""Cameras inside movers, against outlines that shapely moves."""
 
 import numpy as np
 import pytest
@@ -68,11 +68,11 @@ INSIDE = "camera-1 is inside car-1"
         ({}, None),
     ],
 )
-def test_a_camera_inside_of_what_moves_is_rejected(assignment: dict[str, Value], reason: str | None) -> None:
+def test_a_camera_inside_a_mover_is_rejected(assignment: dict[str, Value], reason: str | None) -> None:
     assert rejection_reason(assignment, street()) == reason
 
 
-def test_every_camera_is_judged_as_the_outline_says_that_shapely_moves() -> None:
+def test_every_camera_is_judged_like_an_outline_that_shapely_moves() -> None:
     manifest, judged = street(), []
     for x, y, heading in np.random.default_rng(6).uniform((-3, -8, 0), (3, 0, 360), (800, 3)).tolist():
         turned = affinity.rotate(CAR, heading, origin=PLACE)
@@ -83,7 +83,7 @@ def test_every_camera_is_judged_as_the_outline_says_that_shapely_moves() -> None
     assert 100 < sum(judged) < len(judged) - 50
 
 
-def test_what_no_variant_speaks_of_is_not_judged() -> None:
+def test_a_thing_without_values_in_the_variant_is_not_judged() -> None:
     manifest = street((2.0, 8.0, 1.0), visible=False)
     shown = {"scene.car-1.visible": True}
     assert rejection_reason({"scene.person-1.pos.x": 0.0}, manifest) is None

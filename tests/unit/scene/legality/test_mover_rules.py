@@ -1,4 +1,4 @@
-"""Legality of what moves, against outlines that shapely itself moves."""
+"""Legality of movers, against outlines that shapely moves."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def bicycle(x: float, y: float) -> dict[str, Value]:
         (bicycle(0.0, 9.5), "person-1 stands inside bicycle-1"),
     ],
 )
-def test_what_moves_has_room_or_the_reason_is_said(assignment: dict[str, Value], reason: str | None) -> None:
+def test_a_mover_has_room_or_the_reason_is_given(assignment: dict[str, Value], reason: str | None) -> None:
     assert rejection_reason(assignment, MANIFEST) == reason
 
 
@@ -76,7 +76,7 @@ def test_a_persons_fault_is_named_before_a_vehicles() -> None:
     assert rejection_reason(assignment, MANIFEST) == "person-1 stands inside building-1"
 
 
-def test_every_pose_is_judged_as_the_outline_says_that_shapely_moves() -> None:
+def test_every_pose_is_judged_like_an_outline_that_shapely_moves() -> None:
     building = shapely.box(-8, 12, -4, 18)
     judged = []
     for x, y, heading in np.random.default_rng(4).uniform((-12, 3, 0), (-1, 27, 360), (1500, 3)).tolist():
@@ -91,7 +91,7 @@ def test_every_pose_is_judged_as_the_outline_says_that_shapely_moves() -> None:
     assert 300 < sum(judged) < len(judged) - 300
 
 
-def test_its_own_place_is_legal_whatever_the_outlines_say() -> None:
+def test_the_default_place_is_legal_whatever_its_outline_overlaps() -> None:
     carport = Footprint(path="scene.building-2", polygon=((0.5, 4), (4, 4), (4, 12), (0.5, 12)))
     kerb = GroundRegion(polygon=((2, -5), (20, -5), (20, 55), (2, 55)), height=0.25)
     manifest = street(carport, ground=[kerb.model_dump()], extent=(-20, 9, 20, 55))
@@ -100,7 +100,7 @@ def test_its_own_place_is_legal_whatever_the_outlines_say() -> None:
     assert rejection_reason(car(-4.0, 14.0), manifest) == "car-1 stands inside building-1"
 
 
-def test_what_is_hidden_at_first_is_judged_on_its_own_place_too() -> None:
+def test_a_mover_that_is_hidden_by_default_is_judged_at_its_default_place_too() -> None:
     wall = Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32)))
     assert rejection_reason({"scene.bicycle-1.visible": True}, street(wall)) == "bicycle-1 stands inside wall-1"
     assert rejection_reason({"scene.bicycle-1.pos.x": 0.2}, street(wall)) is None
@@ -163,7 +163,7 @@ def test_an_obstacle_that_changes_its_size_without_a_position_is_refused() -> No
         Manifest.model_validate({**document, "parameters": [*document["parameters"], scaled]})
 
 
-def test_what_no_variant_speaks_of_is_not_judged() -> None:
+def test_a_thing_without_values_in_the_variant_is_not_judged() -> None:
     manifest = street(Footprint(path="scene.wall-1", polygon=((-1, 28), (1, 28), (1, 32), (-1, 32))))
     assert rejection_reason({"scene.person-1.pos.x": -1.0}, manifest) is None
 
@@ -174,13 +174,13 @@ def test_touching_is_not_overlapping() -> None:
     assert rejection_reason(car(-2.15, 30.0), manifest) == "car-1 stands inside wall-1"
 
 
-def test_what_follows_the_ground_may_use_every_level_but_no_step() -> None:
+def test_a_grounded_mover_may_stand_on_every_level_but_on_no_step() -> None:
     manifest = street(grounded=["scene.person-1", "scene.person-2", "scene.car-1"])
     assert rejection_reason(car(10.0, 30.0), manifest) is None
     assert rejection_reason(car(5.0, 30.0), manifest) == "car-1 leaves its level ground"
 
 
-def test_what_a_parameter_lifts_is_not_held_to_the_ground() -> None:
+def test_a_mover_that_a_parameter_lifts_need_not_stand_on_the_ground() -> None:
     document = street().model_dump(mode="json")
     lifted = {"path": "scene.car-1.pos.z", "minimum": 0, "maximum": 5, "default": 0}
     manifest = Manifest.model_validate({**document, "parameters": [*document["parameters"], lifted]})
@@ -212,7 +212,7 @@ def test_an_outline_that_crosses_itself_is_judged_without_a_stack_trace() -> Non
     assert rejection_reason(car(-8.0, 43.0), manifest) == "car-1 leaves its level ground"
 
 
-def test_places_in_the_street_are_judged_by_the_distance_to_what_stands_there() -> None:
+def test_places_in_the_street_are_judged_by_the_distance_to_the_obstacles() -> None:
     manifest, _ = asset_manifest("urban-street")
     hidden = ("scene.car-101", "scene.car-102", *(d.path.removesuffix(".visible") for d in manifest.parameters
               if d.path.endswith(".visible") and not d.default))  # fmt: skip

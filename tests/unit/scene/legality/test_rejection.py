@@ -65,7 +65,7 @@ def test_two_persons_in_one_place_overlap_unless_one_is_absent() -> None:
     assert rejection_reason({**both, "scene.person-2.pos.x": 0.61}, MANIFEST) is None
 
 
-def test_every_place_is_judged_as_its_distance_to_the_obstacles_says() -> None:
+def test_every_place_is_judged_by_its_distance_to_the_obstacles() -> None:
     polygons = [shapely.Polygon(obstacle.polygon) for obstacle in MANIFEST.obstacles]
     places = np.random.default_rng(3).uniform((-10, 0), (5, 22), (2000, 2))
     for x, y in places:

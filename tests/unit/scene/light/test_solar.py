@@ -1,4 +1,4 @@
-"""The sun by time and place against a published example, an independent library, and what everybody knows."""
+"""The sun by time and place against a published example, an independent library, and common knowledge."""
 
 import datetime as dt
 import math
@@ -61,14 +61,14 @@ def test_the_clock_and_its_offset_move_together() -> None:
     )
 
 
-def test_what_is_not_given_takes_its_default() -> None:
+def test_missing_values_of_the_clock_take_their_defaults() -> None:
     noon = angles_of({})
     assert noon[AZIMUTH] == pytest.approx(171.0, abs=1.0)  # 27 minutes before the sun is in the south
     assert noon[ELEVATION] == pytest.approx(40.0, abs=1.0)  # an equinox at 50° north
     assert angles_of({CLOCK_PATHS[0]: 12.0}) == noon
 
 
-def test_a_sun_that_is_given_twice_is_refused() -> None:
+def test_a_sun_in_two_notations_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"given twice.*sun-1\.elevation, sun-1\.time_of_day"):
         require_one_notation({ELEVATION, CLOCK_PATHS[0], "scene.person-1.pos.x"})
     require_one_notation({ELEVATION, AZIMUTH})

@@ -1,4 +1,4 @@
-"""What rain does to a road, at the points that its sources give."""
+"""Effects of rain on a road, at points from the sources."""
 
 import pytest
 
@@ -27,7 +27,7 @@ def test_a_cloudburst_stands_above_the_texture_as_gallaway_measured() -> None:
     assert 0.55 < road_friction(50.0) < 0.62
 
 
-def test_more_rain_never_holds_better() -> None:
+def test_more_rain_never_means_more_friction() -> None:
     frictions = [road_friction(rain) for rain in (0.0, 0.1, 0.5, 2.0, 10.0, 25.0, 50.0, 100.0)]
     assert frictions == sorted(frictions, reverse=True)
     assert frictions[-1] > 0.5

@@ -41,7 +41,7 @@ def circle(count: int = 25, radius: float = 5.0, seconds: float = 10.0) -> Traje
 @pytest.mark.parametrize(
     ("x", "y", "heading"), [(0, 12, 0), (-3, 15, 45), (-2, 10, 90), (0, 8, 180), (2, 10, 270), (1, 9, 225)]
 )
-def test_who_walks_faces_the_way(x: float, y: float, heading: float) -> None:
+def test_a_walking_person_faces_its_way(x: float, y: float, heading: float) -> None:
     trajectory = walk((0, 0, 10), (2, x, y))
     found = moment(trajectory, 1.0)
     assert (found["pos.x"], found["pos.y"]) == pytest.approx((x / 2, 5 + y / 2))
@@ -65,7 +65,7 @@ def test_on_a_circle_position_and_heading_follow_it() -> None:
         assert abs(turned) < 1.0
 
 
-def test_who_stands_faces_where_he_last_went_and_before_the_first_step_where_he_will_go() -> None:
+def test_a_standing_person_faces_its_last_movement_and_before_the_first_one_the_next() -> None:
     trajectory = walk((0, 0, 10), (1, 0, 10), (2, 2, 10), (3, 2, 10), (4, 2, 14), (5, 2, 14))
     headings = [moment(trajectory, t)["heading"] for t in (-1.0, 0.5, 1.5, 2.0, 2.5, 3.5, 4.5, 9.0)]
     assert headings == pytest.approx([270, 270, 270, 270, 270, 0, 0, 0], abs=0.1)
@@ -82,7 +82,7 @@ def test_keyframes_that_give_the_heading_decide_it_and_it_turns_the_shortest_way
     assert "heading" not in kept
 
 
-def test_what_a_variant_says_of_keyframes_and_start_is_put_in() -> None:
+def test_values_of_a_variant_replace_those_of_keyframes_and_start() -> None:
     trajectory = walk((0, 0, 10), (2, 4, 10))
     assert moment(trajectory, 1.0, **{"trajectory__key-2__pos__x": 8.0})["pos.x"] == pytest.approx(4.0)
     assert moment(trajectory, 1.0, **{"trajectory__key-2__time": 4.0})["pos.x"] == pytest.approx(1.0)
@@ -141,7 +141,7 @@ def test_a_variant_whose_movement_cannot_be_is_rejected_with_the_moment() -> Non
     assert motion.rejection(swapped, (0.0,)) == "the keyframes of person-1 are not in the order of time"
 
 
-def test_parameters_have_type_unit_and_range_of_what_moves() -> None:
+def test_parameters_of_keyframes_have_type_unit_and_range_of_the_moved_parameter() -> None:
     motion = Motion([walk((0, 0, 10), (2, 4, 10))], MANIFEST.by_path, start=0.5)
     found = {definition.name: definition for definition in motion.parameters}
     assert found["time"].default == 0.5

@@ -1,4 +1,4 @@
-"""Light and weather of a variant in numbers, and the sun's two notations as one input."""
+"""Light and weather of a variant in numbers, and equal inputs of both notations of a sun."""
 
 import json
 
@@ -32,13 +32,13 @@ def test_time_and_place_come_to_angles(street: Manifest) -> None:
     assert found.road_friction == pytest.approx(0.65, abs=0.01)
 
 
-def test_what_an_asset_does_not_declare_is_not_known() -> None:
+def test_conditions_are_unknown_where_the_asset_declares_no_parameter_for_them() -> None:
     found = conditions({}, simple_manifest())
     assert found.sun_elevation_deg == 45.0
     assert found.road_friction is None
 
 
-def test_one_sun_is_one_input_whichever_way_it_is_given(street: Manifest) -> None:
+def test_a_sun_gives_the_same_inputs_in_both_notations(street: Manifest) -> None:
     by_time = {TIME: 15.0, DAY: 250}
     angles = {path: complete(by_time, street)[path] for path in (AZIMUTH, ELEVATION)}
     assert split(by_time, street, "camera-1") == split(angles, street, "camera-1")
@@ -63,7 +63,7 @@ def test_a_variant_with_both_notations_is_refused(street: Manifest) -> None:
         complete({TIME: 9.0, ELEVATION: 30.0}, street)
 
 
-def test_tables_can_speak_of_the_angles_of_a_sun_that_is_given_by_time(street: Manifest) -> None:
+def test_tables_have_the_angles_of_a_sun_that_is_given_by_time(street: Manifest) -> None:
     spoken = with_sun_angles({TIME: 9.0, "scene.person-1.pos.x": 2.0}, street)
     assert (spoken[AZIMUTH], spoken[ELEVATION]) == sun_by_time({TIME: 9.0}, street)
     assert spoken[TIME] == 9.0

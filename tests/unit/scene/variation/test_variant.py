@@ -123,7 +123,7 @@ def test_a_camera_moves_and_zooms_without_touching_the_other() -> None:
     assert scene.cameras["camera-2"].focal_length_mm == 70
 
 
-def test_apply_changes_nothing_of_the_asset_and_keeps_the_identity_of_what_it_does_not_touch() -> None:
+def test_apply_leaves_the_asset_alone_and_keeps_the_identity_of_untouched_nodes() -> None:
     before = {path: (node, node.transform.copy()) for path, node in ASSET.base.nodes.items()}
     scene = apply({f"{PERSON}.pos.x": 1.5, f"{PERSON}.character": "blue-coat", "scene.sun-1.azimuth": 10}, ASSET)
     for path, (node, transform) in before.items():
@@ -184,7 +184,7 @@ def test_truth_depends_on_geometry_and_its_own_camera_alone() -> None:
     }
 
 
-def test_the_background_does_not_depend_on_what_moves() -> None:
+def test_the_background_does_not_depend_on_movable_nodes() -> None:
     moved = {f"{PERSON}.pos.x": 4, f"{PERSON}.character": "absent", "scene.person-2.character": "red-coat"}
     assert split(moved, ASSET.manifest, "camera-2").background == split({}, ASSET.manifest, "camera-2").background
     turned = split({"scene.sun-1.azimuth": 1}, ASSET.manifest, "camera-2").background

@@ -68,7 +68,7 @@ def test_a_wrong_spec_is_refused_naming_the_field(
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "1" * 400])
-def test_numbers_that_are_none_are_refused(api: httpx.Client, number: str) -> None:
+def test_nan_and_infinity_are_refused(api: httpx.Client, number: str) -> None:
     text = f'{{"name": "n", "asset": "urban-street", "vary": [["{X}", "HOMOGENEOUS", {number}, 5.0, 1.0]]}}'
     document = problem(api.post("/v1/runs", content=text), 422)
     assert any(one["field"].startswith("vary.0") for one in document["errors"])
@@ -98,7 +98,7 @@ def test_a_body_that_is_no_document_is_refused(api: httpx.Client, body: bytes, s
         assert said in problem(api.post(path, content=body), 422)["detail"]
 
 
-def test_several_mistakes_are_told_at_once(api: httpx.Client) -> None:
+def test_several_mistakes_are_reported_at_once(api: httpx.Client) -> None:
     document = problem(api.post("/v1/runs", json=spec("bad", seed=-1, detection_threshold=7)), 422)
     assert {one["field"] for one in document["errors"]} >= {"seed", "detection_threshold"}
 
@@ -128,7 +128,9 @@ def test_a_mapping_shows_value_and_limit(api: httpx.Client) -> None:
         ("/v1/nothing", 404),
     ],
 )
-def test_addresses_of_nothing_are_told_apart(api: httpx.Client, sketch: Sketch, path: str, status: int) -> None:
+def test_malformed_and_missing_addresses_differ_in_status(
+    api: httpx.Client, sketch: Sketch, path: str, status: int
+) -> None:
     problem(api.get(path.replace("RUN", sketch.finished)), status)
 
 
@@ -155,7 +157,7 @@ def test_addresses_of_nothing_are_told_apart(api: httpx.Client, sketch: Sketch, 
         ("format=csv&filter=pacc:gt:0", "filter", "whole table"),
     ],
 )
-def test_wrong_questions_about_results_are_refused(
+def test_wrong_queries_of_results_are_refused(
     api: httpx.Client, sketch: Sketch, query: str, field: str, said: str
 ) -> None:
     document = problem(api.get(f"/v1/runs/{sketch.finished}/evaluations?{query}"), 422)
@@ -212,13 +214,13 @@ def test_pages_and_probes_take_any_query(api: httpx.Client) -> None:
         assert api.get(path, params={"at": "now"}).status_code == 200, path
 
 
-def test_an_impossible_method_names_the_possible_ones(api: httpx.Client) -> None:
+def test_a_method_that_is_not_allowed_is_refused_with_the_allowed_ones(api: httpx.Client) -> None:
     answer = api.put("/v1/runs")
     problem(answer, 405)
     assert "GET" in answer.headers["Allow"] or "POST" in answer.headers["Allow"]
 
 
 @pytest.mark.parametrize("key", ["", "x" * 201])
-def test_a_key_without_sense_is_refused(api: httpx.Client, key: str) -> None:
+def test_a_malformed_key_is_refused(api: httpx.Client, key: str) -> None:
     document = problem(api.post("/v1/runs", json=spec("k"), headers={"Idempotency-Key": key}), 422)
     assert document["errors"][0]["field"].lower() == "idempotency-key"

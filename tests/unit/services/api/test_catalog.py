@@ -1,4 +1,4 @@
-"""What can be asked for, and who is at work."""
+"""The catalogue and the processes at work, through REST."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from valerie.pipeline.functions import catalog
 
 def test_an_asset_lists_its_parameters_with_bounds_and_units(api: httpx.Client) -> None:
     asset = api.get("/v1/assets/urban-street").json()
-    found = {one["path"]: one for one in asset["parameters"]}
-    x = found["scene.person-1.pos.x"]
+    parameters = {one["path"]: one for one in asset["parameters"]}
+    x = parameters["scene.person-1.pos.x"]
     assert (x["type"], x["minimum"], x["maximum"], x["unit"]) == ("FLOAT", -10.0, 20.0, "m")
     assert asset["cameras"] == ["camera-1", "camera-2", "camera-3"]
     assert "obstacles" not in asset
@@ -37,9 +37,9 @@ def test_a_broken_asset_does_not_hide_the_others(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "manifest.yaml").write_text("name: broken\nparameters: 5\n")
     (folder / "manifest.json").write_text("{")
-    found = {one.name: one for one in catalog.assets(settings_of(tmp_path))}
-    assert found["urban-street"].problem is None
-    assert all(one.problem for name, one in found.items() if name == "broken")
+    assets = {one.name: one for one in catalog.assets(settings_of(tmp_path))}
+    assert assets["urban-street"].problem is None
+    assert all(one.problem for name, one in assets.items() if name == "broken")
 
 
 def test_renderers_and_functions_name_the_classes_that_workers_offer(api: httpx.Client) -> None:
@@ -57,17 +57,17 @@ def test_a_function_whose_file_is_missing_says_so(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(catalog, "function_card", card)
     context, _ = open_sketch(settings_of(tmp_path))
-    found = catalog.functions(context)
-    assert [one.name for one in found] == list(FUNCTIONS)
-    assert all("safetensors" in (one.problem or "") for one in found)
+    functions = catalog.functions(context)
+    assert [one.name for one in functions] == list(FUNCTIONS)
+    assert all("safetensors" in (one.problem or "") for one in functions)
 
 
 def test_labels_are_those_of_cityscapes(api: httpx.Client) -> None:
-    found = {one["name"]: (one["id"], one["train_id"], tuple(one["color"])) for one in api.get("/v1/labels").json()}
-    assert found == {one.name: (one.id, one.train_id, one.color) for one in CITYSCAPES}
+    labels = {one["name"]: (one["id"], one["train_id"], tuple(one["color"])) for one in api.get("/v1/labels").json()}
+    assert labels == {one.name: (one.id, one.train_id, one.color) for one in CITYSCAPES}
 
 
-def test_workers_that_were_not_seen_for_long_are_not_listed(tmp_path: Path) -> None:
+def test_workers_without_a_recent_sign_of_life_are_not_listed(tmp_path: Path) -> None:
     context, _ = open_sketch(settings_of(tmp_path))
     with writing(context.engine) as connection:
         assert processes.worker_seen(connection, "sketch-infer", 1.0)
@@ -80,12 +80,12 @@ def test_queues_count_products_messages_and_workers(tmp_path: Path) -> None:
 
     context, bell = open_sketch(settings_of(tmp_path))
     work(context, bell, spec("some"), products=5)
-    queues = {one["route"]: one for one in monitoring.queues(context)}
+    queues = {queue.route: queue for queue in monitoring.queues(context)}
     assert set(queues) == {"eval", f"infer.{CLASS}", f"render.raster.{CLASS}", f"render.truth.{CLASS}"}
-    assert {one["workers"] for one in queues.values()} == {1}
+    assert {queue.workers for queue in queues.values()} == {1}
     raster = queues[f"render.raster.{CLASS}"]
-    assert raster["messages"] == raster["ready"] > 0
-    assert queues["eval"]["waiting"] > 0
+    assert raster.messages == raster.ready > 0
+    assert queues["eval"].waiting > 0
 
 
 def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_queues_are_shown_without_the_broker(tmp_path: Path, monkeypatch: pytest
         raise TransientError("the broker does not answer")
 
     monkeypatch.setattr(bell, "queue_length", down)
-    assert {one["messages"] for one in monitoring.queues(context)} == {None}
+    assert {queue.messages for queue in monitoring.queues(context)} == {None}
     assert len(asked) == 1, "one time-out is enough"
 
 

@@ -1,4 +1,4 @@
-"""The dashboard's files: served with a policy that they keep."""
+"""The dashboard's files and their content security policy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_the_address_of_the_server_leads_to_the_dashboard(api: httpx.Client) -> 
 
 
 @pytest.mark.parametrize("name", ["", *FILES])
-def test_every_file_carries_the_policy_and_is_asked_for_again(api: httpx.Client, name: str) -> None:
+def test_every_file_has_the_policy_and_is_revalidated(api: httpx.Client, name: str) -> None:
     answer = api.get(f"/dashboard/{name}")
     assert answer.status_code == 200
     policy = dict(part.strip().split(" ", 1) for part in answer.headers["Content-Security-Policy"].split(";"))

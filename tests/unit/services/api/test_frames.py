@@ -39,15 +39,15 @@ def test_frames_are_paged_in_the_order_of_variants_and_cameras(api: httpx.Client
     whole = api.get(path).json()["items"]
     places = [(one["variant_index"], one["camera"]) for one in whole]
     assert places == sorted(places)
-    found: list[Any] = []
+    frames: list[Any] = []
     cursor: dict[str, str] = {}
     while True:
         page = api.get(path, params={"limit": 11, **cursor}).json()
-        found += page["items"]
+        frames += page["items"]
         if page["next"] is None:
             break
         cursor = {"cursor": page["next"]}
-    assert found == whole
+    assert frames == whole
 
 
 def test_neighbours_lead_through_all_frames_and_back(api: httpx.Client, sketch: Sketch) -> None:
@@ -115,7 +115,7 @@ def test_a_known_picture_is_not_sent_again(api: httpx.Client, frame: dict[str, A
 
 
 def test_different_pictures_have_different_tags(api: httpx.Client, frame: dict[str, Any]) -> None:
-    # Not: the picture of the frame and of an evaluation behind the same sensor, which are one.
+    # The pictures of a frame and of an evaluation behind the same sensor are one, so they are not compared.
     addresses = [
         *frame["images"].values(),
         *(e["images"][k] for e in frame["evaluations"] for k in ("prediction", "errors")),
@@ -128,7 +128,7 @@ def test_different_pictures_have_different_tags(api: httpx.Client, frame: dict[s
     [("bytes=0-99", slice(0, 100)), ("bytes=100-", slice(100, None)), ("bytes=-50", slice(-50, None)),
      ("bytes=10-999999999", slice(10, None))],
 )  # fmt: skip
-def test_a_range_is_that_part_of_the_object(
+def test_a_range_gives_that_part_of_the_object(
     api: httpx.Client, frame: dict[str, Any], wanted: str, slice_: slice
 ) -> None:
     for address in (frame["images"]["truth"], f"/v1/artifacts/truth/{frame['truth']}"):
@@ -148,18 +148,18 @@ def test_a_range_beyond_the_end_is_refused_with_the_size(api: httpx.Client, fram
     assert (answer.status_code, answer.headers["Content-Range"]) == (416, f"bytes */{size}")
     assert answer.headers["Content-Type"] == "application/problem+json"
     assert answer.json()["errors"][0] == {
-        "field": "range", "message": "it begins beyond the end", "value": wanted, "limit": size,
+        "field": "range", "message": "begins beyond the end", "value": wanted, "limit": size,
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("wanted", ["bytes=9-3", "bytes=0-1,4-5", "lines=1-2", "bytes=a-b", "bytes=²-3"])
-def test_what_is_no_single_range_is_ignored(api: httpx.Client, frame: dict[str, Any], wanted: str) -> None:
-    headers = [(b"range", wanted.encode("latin-1"))]  # as raw bytes: the client would refuse what is not ASCII
+def test_anything_but_a_single_range_is_ignored(api: httpx.Client, frame: dict[str, Any], wanted: str) -> None:
+    headers = [(b"range", wanted.encode("latin-1"))]  # raw bytes, since the client refuses text that is not ASCII
     answer = api.get(f"/v1/artifacts/layer/{frame['layer']}", headers=headers)
     assert answer.status_code == 200
 
 
-def test_a_range_of_another_version_gives_the_whole(api: httpx.Client, frame: dict[str, Any]) -> None:
+def test_a_range_of_another_version_gives_the_whole_object(api: httpx.Client, frame: dict[str, Any]) -> None:
     address = f"/v1/artifacts/truth/{frame['truth']}"
     etag = api.get(address).headers["ETag"]
     assert api.get(address, headers={"Range": "bytes=0-9", "If-Range": etag}).status_code == 206
@@ -173,7 +173,7 @@ def test_an_artifact_is_the_stored_object(api: httpx.Client, sketch: Sketch, fra
         assert api.get(f"/v1/artifacts/{kind}/{digest}").content == store.get(product_key(kind, digest))
 
 
-def test_a_failed_frame_says_so_and_shows_what_there_is(api: httpx.Client, sketch: Sketch) -> None:
+def test_a_failed_frame_has_its_state_and_the_pictures_that_exist(api: httpx.Client, sketch: Sketch) -> None:
     detail = api.get(f"/v1/frames/{sketch.failed}.4.0.0").json()
     assert detail["state"] == "failed"
     assert {one["state"] for one in detail["evaluations"]} == {"failed"}
@@ -183,14 +183,14 @@ def test_a_failed_frame_says_so_and_shows_what_there_is(api: httpx.Client, sketc
     assert "failed" in answer.json()["detail"]
 
 
-def test_an_annotation_that_the_run_has_not_is_refused(api: httpx.Client, frame: dict[str, Any]) -> None:
+def test_an_annotation_that_the_run_does_not_have_is_refused(api: httpx.Client, frame: dict[str, Any]) -> None:
     answer = api.get(f"/v1/frames/{frame['id']}/annotations/normals")
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == "annotations"
     assert api.get(f"/v1/frames/{frame['run_id']}.99.0.0/annotations/normals").status_code == 404
 
 
-def test_unknown_names_in_a_picture_are_told_with_near_ones(api: httpx.Client, frame: dict[str, Any]) -> None:
+def test_unknown_names_of_a_picture_are_refused_with_near_matches(api: httpx.Client, frame: dict[str, Any]) -> None:
     for parameter, name, near in (
         ("kind", "pictur", "picture"),
         ("function", "semantic-fpn", "semantic-fpn-small"),

@@ -34,17 +34,17 @@ def post(client: httpx.Client, payload: Path | None = None, *, filename: str = "
 def test_an_onnx_file_with_its_document_is_registered_once(fresh: httpx.Client, onnx: Path) -> None:
     first = post(fresh, onnx, document=SIDE)
     assert first.status_code == 201, first.text
-    found = first.json()
-    assert first.headers["Location"] == f"/v1/functions/{found['reference']}"
-    assert found["classes"] == ["road", "person"]
-    assert found["check"]["numeric_class"].startswith("onnxruntime-")
+    function = first.json()
+    assert first.headers["Location"] == f"/v1/functions/{function['reference']}"
+    assert function["classes"] == ["road", "person"]
+    assert function["check"]["numeric_class"].startswith("onnxruntime-")
     again = post(fresh, onnx, document=SIDE)
-    assert (again.status_code, again.json()["digest"]) == (200, found["digest"])
+    assert (again.status_code, again.json()["digest"]) == (200, function["digest"])
     listed = [one for one in fresh.get("/v1/functions").json() if one["name"] == "small"]
-    assert [(one["version"], one["digest"]) for one in listed] == [(1, found["digest"])]
+    assert [(one["version"], one["digest"]) for one in listed] == [(1, function["digest"])]
 
 
-def test_a_version_is_read_by_name_and_by_digest_and_its_file_is_what_was_sent(fresh: httpx.Client, onnx: Path) -> None:
+def test_a_version_is_read_by_name_or_digest_and_its_file_is_unchanged(fresh: httpx.Client, onnx: Path) -> None:
     one = post(fresh, onnx, document=SIDE, name="mine").json()
     two = post(fresh, onnx, document=SIDE + "provenance: {note: second}", name="mine").json()
     assert fresh.get("/v1/functions/mine").json()["digest"] == two["digest"]
@@ -55,7 +55,7 @@ def test_a_version_is_read_by_name_and_by_digest_and_its_file_is_what_was_sent(f
     assert payload.headers["ETag"]
 
 
-def test_a_version_is_removed_by_its_digest_alone(fresh: httpx.Client, onnx: Path) -> None:
+def test_a_version_is_removed_only_by_its_digest(fresh: httpx.Client, onnx: Path) -> None:
     reference = post(fresh, onnx, document=SIDE).json()["reference"]
     assert fresh.delete("/v1/functions/small").status_code == 422
     assert fresh.delete(f"/v1/functions/{reference}").status_code == 204
@@ -86,7 +86,7 @@ def test_a_version_that_a_waiting_run_would_take_cannot_be_removed(fresh: httpx.
         ("../../escape.onnx", {"document": "output: {classes: [a, b]}"}, "no class leads to a Cityscapes class"),
     ],
 )
-def test_what_is_wrong_is_said(
+def test_a_wrong_registration_is_refused_with_the_reason(
     fresh: httpx.Client, onnx: Path, filename: str, texts: dict[str, str], detail: str
 ) -> None:
     answer = post(fresh, onnx, filename=filename, **texts)
@@ -100,10 +100,19 @@ def test_a_document_without_its_file_is_refused(fresh: httpx.Client) -> None:
     assert answer.status_code == 422
 
 
-def test_what_is_no_form_is_refused(fresh: httpx.Client) -> None:
+def test_a_body_that_is_no_form_is_refused(fresh: httpx.Client) -> None:
     assert fresh.post("/v1/functions", json={"name": "a"}).status_code == 422
     broken = fresh.post("/v1/functions", content=b"--x\r\n", headers={"Content-Type": "multipart/form-data"})
     assert broken.status_code == 422
+
+
+@pytest.mark.parametrize("name", ["engine", "payload"])
+def test_a_part_of_the_form_that_is_given_twice_is_refused(fresh: httpx.Client, onnx: Path, name: str) -> None:
+    part = ("a.onnx", onnx.read_bytes()) if name == "payload" else (None, "torch")
+    other = ("b.onnx", b"another file") if name == "payload" else (None, "openvino")
+    answer = fresh.post("/v1/functions", files=[(name, part), (name, other)])
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0] == {"field": name, "message": "given twice", "value": None, "limit": None}
 
 
 def test_names_of_installed_functions_are_taken(fresh: httpx.Client, onnx: Path) -> None:
@@ -140,7 +149,7 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -
 
 
 def test_predictions_are_uploaded_by_frame(fresh: httpx.Client, sketch: Sketch) -> None:
-    """The finished run has no function of that kind: what is asked for does not fit, and is said."""
+    """The finished run has no function of kind predictions, so the upload is refused."""
     frame = fresh.get(f"/v1/runs/{sketch.finished}/frames").json()["items"][0]["id"]
     data = encode_png(np.zeros((54, 96), np.uint8))
     answer = fresh.put(f"/v1/frames/{frame}/prediction", content=data, headers={"Content-Type": "image/png"})

@@ -1,4 +1,4 @@
-"""HEAD is answered as GET, without its body."""
+"""HEAD gives the answer to GET without its body."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_head_has_status_and_headers_of_get_and_no_body(api: httpx.Client, sketc
         assert head.headers.get(name) == get.headers.get(name), name
 
 
-def test_head_of_what_does_not_exist_is_404_without_a_body(api: httpx.Client) -> None:
+def test_head_of_a_missing_address_is_404_without_a_body(api: httpx.Client) -> None:
     answer = api.head("/v1/runs/nope")
     assert (answer.status_code, answer.content) == (404, b"")
     assert answer.headers["Content-Type"] == "application/problem+json"

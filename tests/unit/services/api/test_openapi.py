@@ -1,4 +1,4 @@
-"""The OpenAPI document: complete, with examples that are true."""
+"""The OpenAPI document is complete, and its examples are valid."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Operation = dict[str, Any]
 
 @pytest.fixture(scope="module")
 def document(api: httpx.Client) -> dict[str, Any]:
-    found: dict[str, Any] = api.get("/openapi.json").json()
-    return found
+    answer: dict[str, Any] = api.get("/openapi.json").json()
+    return answer
 
 
 def operations(document: dict[str, Any]) -> Iterator[tuple[str, Operation]]:
@@ -26,12 +26,12 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, Operation]]:
 
 
 def schema_of(document: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema with the definitions that it refers to."""
+    """Return the schema with the definitions that it refers to."""
     return {**schema, "components": document["components"]}
 
 
 def example_of(document: dict[str, Any], content: dict[str, Any]) -> Any:
-    """The example of one kind of content: its own, or that of its model."""
+    """Return the example of one kind of content: its own, or that of its model."""
     if "example" in content:
         return content["example"]
     name = content.get("schema", {}).get("$ref", "").rpartition("/")[2]
@@ -66,7 +66,7 @@ def test_every_json_answer_has_an_example_that_fits_its_schema(document: dict[st
                 jsonschema.validate(example, schema_of(document, content["schema"]))
 
 
-def test_every_parameter_and_every_text_that_goes_in_or_out_has_an_example(document: dict[str, Any]) -> None:
+def test_every_parameter_and_every_text_body_has_an_example(document: dict[str, Any]) -> None:
     for name, one in operations(document):
         for parameter in one.get("parameters", []):
             schema = parameter["schema"]

@@ -1,4 +1,4 @@
-"""What a problem document calls each kind of error: words for people, not names of classes."""
+"""Titles of problem documents: words for people, not names of classes."""
 
 from __future__ import annotations
 
@@ -63,21 +63,21 @@ def failing() -> Iterator[httpx.Client]:
 
 
 @pytest.mark.parametrize("number", range(len(ERRORS)))
-def test_an_error_of_ours_has_a_title_in_words_and_the_stable_type(failing: httpx.Client, number: int) -> None:
+def test_an_error_of_valerie_has_a_title_in_words_and_the_stable_type(failing: httpx.Client, number: int) -> None:
     error, status, title = ERRORS[number]
     document = failing.get(f"/{number}").json()
     assert (document["type"], document["title"], document["status"]) == ("about:blank", title, status)
     assert document["detail"] == str(error)
 
 
-def test_malformed_input_is_called_like_other_wrong_input(failing: httpx.Client) -> None:
+def test_malformed_input_has_the_title_of_other_invalid_input(failing: httpx.Client) -> None:
     assert failing.get("/x").json()["title"] == "Invalid input"
 
 
-def test_an_address_of_nothing_is_called_like_a_missing_thing(failing: httpx.Client) -> None:
+def test_an_unknown_address_has_the_title_of_missing_things(failing: httpx.Client) -> None:
     assert failing.get("/a/b").json()["title"] == "Not found"
 
 
-def test_an_unknown_name_shows_what_was_given_and_what_there_is(failing: httpx.Client) -> None:
+def test_an_unknown_name_is_shown_with_the_known_ones(failing: httpx.Client) -> None:
     (problem,) = failing.get("/1").json()["errors"]
     assert (problem["field"], problem["value"], problem["limit"]) == ("renderer", "rastr", "raster")

@@ -1,4 +1,4 @@
-"""The token, other sites' pages, sizes: what stands between the network and the endpoints."""
+"""Protection of the endpoints: the token, pages of other sites, sizes of bodies."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def guarded(sketch: Sketch) -> Iterator[httpx.Client]:
 
 
 def raw(client: httpx.Client, head: bytes) -> bytes:
-    """Send bytes as they are; returns the answer."""
+    """Send raw bytes and return the answer."""
     with socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=20) as connection:
         connection.sendall(head)
         parts = []
@@ -41,10 +41,10 @@ def status_of(answer: bytes) -> int:
 
 
 @pytest.mark.parametrize(
-    "given", [None, "", "Bearer", "Bearer wrong", f"Basic {TOKEN}", f"Bearer {TOKEN}x", f"Bearer {TOKEN[:-1]}"]
+    "header", [None, "", "Bearer", "Bearer wrong", f"Basic {TOKEN}", f"Bearer {TOKEN}x", f"Bearer {TOKEN[:-1]}"]
 )
-def test_without_the_token_everything_is_refused(guarded: httpx.Client, given: str | None) -> None:
-    headers = {} if given is None else {"Authorization": given}
+def test_without_the_token_everything_is_refused(guarded: httpx.Client, header: str | None) -> None:
+    headers = {} if header is None else {"Authorization": header}
     for path in ("/v1/runs", "/metrics", "/openapi.json", "/v1/nothing", "/v1/workers"):
         answer = guarded.get(path, headers=headers)
         assert answer.status_code == 401, path
@@ -54,12 +54,12 @@ def test_without_the_token_everything_is_refused(guarded: httpx.Client, given: s
         assert guarded.head(path, headers=headers).status_code == 401, path
 
 
-def test_the_token_opens_everything(guarded: httpx.Client) -> None:
+def test_the_token_gives_access_to_everything(guarded: httpx.Client) -> None:
     for scheme in ("Bearer", "bearer"):
         assert guarded.get("/v1/runs", headers={"Authorization": f"{scheme} {TOKEN}"}).status_code == 200
 
 
-def test_a_token_that_is_not_ascii_is_refused_and_no_defect(guarded: httpx.Client) -> None:
+def test_a_token_that_is_not_ascii_is_refused_without_an_internal_error(guarded: httpx.Client) -> None:
     answer = raw(
         guarded, b"GET /v1/runs HTTP/1.1\r\nHost: a\r\nAuthorization: Bearer \xff\xfe\r\nConnection: close\r\n\r\n"
     )
@@ -71,7 +71,7 @@ def test_health_and_the_dashboards_files_need_no_token(guarded: httpx.Client) ->
         assert guarded.get(path).status_code in (200, 307), path
 
 
-def test_no_way_leads_around_the_token_through_the_open_paths(guarded: httpx.Client) -> None:
+def test_open_paths_do_not_bypass_the_token(guarded: httpx.Client) -> None:
     for path in (
         b"/dashboard/../v1/runs",
         b"/dashboard/%2e%2e/v1/runs",
@@ -89,12 +89,12 @@ def test_the_token_is_compared_in_constant_time() -> None:
     assert not re.search(r"[!=]= *self\._token|self\._token *[!=]=", source)
 
 
-def test_an_exposed_server_without_a_token_is_not_built(tmp_path: Path) -> None:
+def test_an_exposed_server_without_a_token_does_not_start(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="VALERIE_API_TOKEN"):
         create_app(settings_of(tmp_path, api_host="0.0.0.0"), control=False)
 
 
-def test_an_exposed_server_with_a_short_token_is_not_built(tmp_path: Path) -> None:
+def test_an_exposed_server_with_a_short_token_does_not_start(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="16 characters"):
         create_app(settings_of(tmp_path, api_host="0.0.0.0", api_token="short"), control=False)
 
@@ -111,23 +111,23 @@ def test_an_exposed_server_with_a_short_token_is_not_built(tmp_path: Path) -> No
         {"Origin": "null"},
     ],
 )
-def test_other_sites_and_rebound_names_are_refused(api: httpx.Client, headers: dict[str, str]) -> None:
+def test_other_sites_and_rebound_host_names_are_refused(api: httpx.Client, headers: dict[str, str]) -> None:
     for method, path in (("GET", "/v1/runs"), ("POST", "/v1/runs"), ("DELETE", "/v1/runs/r1")):
         answer = api.request(method, path, headers=headers)
         assert answer.status_code == 403
         assert answer.headers["Content-Type"] == "application/problem+json"
 
 
-def test_the_servers_own_page_is_no_other_site(api: httpx.Client) -> None:
+def test_the_servers_own_page_is_allowed(api: httpx.Client) -> None:
     origin = str(api.base_url).rstrip("/")
     assert api.get("/v1/runs", headers={"Origin": origin}).status_code == 200
 
 
-def test_no_answer_invites_other_origins(api: httpx.Client) -> None:
+def test_no_answer_allows_other_origins(api: httpx.Client) -> None:
     assert not [name for name in api.get("/v1/runs").headers if name.startswith("access-control")]
 
 
-def test_every_answer_carries_the_safe_headers(api: httpx.Client, guarded: httpx.Client) -> None:
+def test_every_answer_has_the_headers_for_browsers(api: httpx.Client, guarded: httpx.Client) -> None:
     answers = [
         api.get("/v1/runs"),
         api.get("/v1/runs/nope"),
@@ -155,6 +155,6 @@ def test_a_stream_of_ten_megabytes_is_refused_when_it_passes_the_limit(api: http
 
 
 @pytest.mark.parametrize("length", [b"\xb2", b"-1", b"99999999999999999999999", b"1e3"])
-def test_a_length_that_is_no_usable_number_is_refused(api: httpx.Client, length: bytes) -> None:
+def test_an_unusable_length_is_refused(api: httpx.Client, length: bytes) -> None:
     head = b"POST /v1/plan HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\nContent-Length: " + length + b"\r\n\r\n"
     assert status_of(raw(api, head)) in (400, 413)

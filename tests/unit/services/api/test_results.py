@@ -1,4 +1,4 @@
-"""The long table and the points through REST, against the table that the run stored."""
+"""The long table and the points through REST, compared with the table that the run stored."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def table(sketch: Sketch) -> list[Row]:
 
 
 def walk(client: httpx.Client, run: str, *, limit: int = 17, **parameters: Any) -> list[Row]:
-    """All pages joined."""
-    found: list[Row] = []
+    """Return the rows of all pages."""
+    rows: list[Row] = []
     cursor: str | None = None
     while True:
         more = {"cursor": cursor} if cursor else {}
         answer = client.get(f"/v1/runs/{run}/evaluations", params={"limit": limit, **parameters, **more})
         assert answer.status_code == 200, answer.text
-        found += answer.json()["items"]
+        rows += answer.json()["items"]
         cursor = answer.json()["next"]
         if cursor is None:
-            assert len(found) == answer.json()["total"]
-            return found
+            assert len(rows) == answer.json()["total"]
+            return rows
 
 
 def test_the_pages_are_the_stored_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
@@ -48,7 +48,7 @@ def test_the_pages_are_the_stored_table(api: httpx.Client, sketch: Sketch, table
 
 @pytest.mark.parametrize("column", ["pacc", "distance_m", "occlusion_rate", "iou", "undefined_reason", "pixel_area"])
 @pytest.mark.parametrize("sign", ["", "-"])
-def test_sorting_pages_by_any_column_loses_and_repeats_nothing(
+def test_sorted_pages_neither_lose_nor_repeat_rows(
     api: httpx.Client, sketch: Sketch, table: list[Row], column: str, sign: str
 ) -> None:
     rows = walk(api, sketch.finished, sort=sign + column, limit=7)
@@ -72,15 +72,17 @@ def test_sorting_pages_by_any_column_loses_and_repeats_nothing(
         ("undefined_reason:eq:fully hidden", lambda row: row["undefined_reason"] == "fully hidden"),
     ],
 )
-def test_filters_keep_what_holds(api: httpx.Client, sketch: Sketch, table: list[Row], text: str, holds: Any) -> None:
+def test_filters_keep_the_matching_rows(
+    api: httpx.Client, sketch: Sketch, table: list[Row], text: str, holds: Any
+) -> None:
     expected = [row for row in table if holds(row)]
     assert walk(api, sketch.finished, filter=text) == expected
 
 
 def test_filters_are_joined_by_and(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
-    found = walk(api, sketch.finished, filter=["distance_m:lt:40", "sensor:eq:default", "pacc:ge:0.5"])
-    assert found == [r for r in table if r["pacc"] is not None and r["pacc"] >= 0.5 and r["distance_m"] < 40]
-    assert 0 < len(found) < len(table)
+    rows = walk(api, sketch.finished, filter=["distance_m:lt:40", "sensor:eq:default", "pacc:ge:0.5"])
+    assert rows == [r for r in table if r["pacc"] is not None and r["pacc"] >= 0.5 and r["distance_m"] < 40]
+    assert 0 < len(rows) < len(table)
 
 
 def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
@@ -97,7 +99,7 @@ def test_csv_and_parquet_hold_the_same_table(api: httpx.Client, sketch: Sketch, 
             assert (float(row[name]) if row[name] else None) == expected[name]
 
 
-def test_a_running_run_gives_what_is_there(api: httpx.Client, sketch: Sketch) -> None:
+def test_a_running_run_gives_its_rows_so_far(api: httpx.Client, sketch: Sketch) -> None:
     rows = walk(api, sketch.running)
     assert len(rows) == api.get(f"/v1/runs/{sketch.running}/progress").json()["stages"]["eval"]["done"] > 0
 
@@ -105,7 +107,7 @@ def test_a_running_run_gives_what_is_there(api: httpx.Client, sketch: Sketch) ->
 def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Sketch, table: list[Row]) -> None:
     points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": "occlusion_rate"}).json()
     names = [points[name] for name in ("functions", "cameras", "characters")]
-    found = {
+    drawn = {
         (points["variant"][i], *(names[k][points[code][i]] for k, code in enumerate(("function", "camera", "character"))),
          points["x"][i], points["pacc"][i])
         for i in range(len(points["x"]))
@@ -115,7 +117,7 @@ def test_points_are_the_defined_rows_of_the_table(api: httpx.Client, sketch: Ske
         for r in table
         if r["pacc"] is not None
     }
-    assert found == expected
+    assert drawn == expected
     assert points["share"] == 1.0
     assert sum(points["undefined"].values()) == sum(1 for row in table if row["pacc"] is None)
 
@@ -125,13 +127,13 @@ def test_points_over_a_varied_parameter_are_those_of_its_column(
 ) -> None:
     column = "scene.person-1.pos.y"
     points = api.get(f"/v1/runs/{sketch.finished}/points", params={"column": column}).json()
-    found = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
-    assert found == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
+    drawn = {(points["variant"][i], x, points["pacc"][i]) for i, x in enumerate(points["x"])}
+    assert drawn == {(r["variant_index"], r[column], r["pacc"]) for r in table if r["pacc"] is not None}
     (axis,) = [one for one in points["axes"] if one["column"] == column]
     assert axis == {"column": column, "title": "person-1.pos.y", "unit": "m", "scale": 1.0, "group": "varied"}
 
 
-def test_an_axis_that_the_run_has_not_is_refused_with_those_that_it_has(api: httpx.Client, sketch: Sketch) -> None:
+def test_an_axis_that_the_run_does_not_have_is_refused_with_near_matches(api: httpx.Client, sketch: Sketch) -> None:
     path = f"/v1/runs/{sketch.finished}/points"
     for column in ("contrast", "sun_elevation_deg", "time_s", "scene.person-1.character", "pacc"):
         assert column not in [axis["column"] for axis in api.get(path).json()["axes"]]
@@ -140,7 +142,7 @@ def test_an_axis_that_the_run_has_not_is_refused_with_those_that_it_has(api: htt
     assert "did you mean distance_m" in refused["detail"]
 
 
-def test_a_sample_of_points_is_a_part_of_all_and_always_the_same(api: httpx.Client, sketch: Sketch) -> None:
+def test_a_sample_of_points_is_a_subset_and_always_the_same(api: httpx.Client, sketch: Sketch) -> None:
     path = f"/v1/runs/{sketch.finished}/points"
     whole = set(api.get(path).json()["variant"])
     some = api.get(path, params={"limit": 100}).json()

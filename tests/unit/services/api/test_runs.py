@@ -1,4 +1,4 @@
-"""Runs through REST: submit, list, follow, stop, go on, delete."""
+"""Runs through REST: submit, list, follow, cancel, resume, retry, delete."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_yaml_spec_gives_the_same_digest_as_its_json(fresh: httpx.Client) -> N
     assert yaml["spec_digest"] == post(fresh, document).json()["spec_digest"]
 
 
-def test_a_repeated_post_with_its_key_makes_no_second_run(fresh: httpx.Client) -> None:
+def test_a_repeated_post_with_the_same_key_makes_no_second_run(fresh: httpx.Client) -> None:
     first = post(fresh, spec("once"), **{"Idempotency-Key": "k-1"}).json()
     second = post(fresh, spec("once"), **{"Idempotency-Key": "k-1"}).json()
     assert first["id"] == second["id"]
@@ -64,18 +64,18 @@ def test_times_are_in_utc(api: httpx.Client, sketch: Sketch) -> None:
 
 def test_pages_of_runs_join_without_gap_or_repetition(api: httpx.Client) -> None:
     whole = [run["id"] for run in api.get("/v1/runs").json()["items"]]
-    found: list[str] = []
+    ids: list[str] = []
     cursor = None
     while True:
         page = api.get("/v1/runs", params={"limit": 1, **({"cursor": cursor} if cursor else {})}).json()
-        found += [run["id"] for run in page["items"]]
+        ids += [run["id"] for run in page["items"]]
         cursor = page["next"]
         if cursor is None:
             break
-    assert found == whole
+    assert ids == whole
 
 
-def test_a_run_that_arrives_between_pages_moves_nothing(fresh: httpx.Client) -> None:
+def test_a_run_that_arrives_between_pages_does_not_shift_them(fresh: httpx.Client) -> None:
     whole = [run["id"] for run in fresh.get("/v1/runs").json()["items"]]
     first = fresh.get("/v1/runs", params={"limit": 2}).json()
     post(fresh, spec("late"))
@@ -102,13 +102,13 @@ def stages_rejected(client: httpx.Client, run: str) -> int:
     return sum(client.get(f"/v1/runs/{run}/rejections").json().values())
 
 
-def test_failures_say_stage_error_and_attempts_and_name_their_cause(api: httpx.Client, sketch: Sketch) -> None:
-    found = api.get(f"/v1/runs/{sketch.failed}/failures").json()
-    roots = [one for one in found if "cause" not in one["error"]]
+def test_failures_have_stage_error_attempts_and_cause(api: httpx.Client, sketch: Sketch) -> None:
+    failures = api.get(f"/v1/runs/{sketch.failed}/failures").json()
+    roots = [one for one in failures if "cause" not in one["error"]]
     assert {(one["kind"], one["variant_index"]) for one in roots} == {("layer", 4)}
     assert all(one["error"]["type"] == "RenderingError" and one["error"]["attempts"] == 1 for one in roots)
-    digests = {one["digest"] for one in found}
-    assert all(one["error"]["cause"] in digests for one in found if "cause" in one["error"])
+    digests = {one["digest"] for one in failures}
+    assert all(one["error"]["cause"] in digests for one in failures if "cause" in one["error"])
 
 
 def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: httpx.Client, sketch: Sketch) -> None:
@@ -118,7 +118,7 @@ def test_a_cancelled_run_is_resumed_and_parked_products_are_wanted_again(fresh: 
     assert fresh.get(path).json()["finished_at"] is None
 
 
-def test_retry_lets_what_failed_be_tried_again(fresh: httpx.Client, sketch: Sketch) -> None:
+def test_retry_makes_failed_products_ready_again(fresh: httpx.Client, sketch: Sketch) -> None:
     path = f"/v1/runs/{sketch.failed}"
     assert fresh.get(f"{path}/failures").json() != []
     assert fresh.post(f"{path}/retry").json()["state"] == "running"
@@ -126,7 +126,7 @@ def test_retry_lets_what_failed_be_tried_again(fresh: httpx.Client, sketch: Sket
 
 
 @pytest.mark.parametrize(("verb", "state"), [("cancel", "completed"), ("resume", "completed"), ("retry", "completed")])
-def test_what_the_state_does_not_allow_is_a_conflict(
+def test_a_change_that_the_state_does_not_allow_is_a_conflict(
     fresh: httpx.Client, sketch: Sketch, verb: str, state: str
 ) -> None:
     answer = fresh.post(f"/v1/runs/{sketch.finished}/{verb}")
@@ -158,7 +158,7 @@ def test_a_deleted_run_is_gone_with_its_results_and_nothing_else(fresh: httpx.Cl
     assert fresh.get(f"/v1/runs/{sketch.failed}/report").status_code == 200
 
 
-def test_a_plan_stores_nothing_and_counts_what_is_there(fresh: httpx.Client, sketch: Sketch) -> None:
+def test_a_plan_stores_nothing_and_counts_stored_products(fresh: httpx.Client, sketch: Sketch) -> None:
     before = fresh.get("/v1/runs").json()
     plan = fresh.post("/v1/plan", json=spec("finished")).json()
     assert fresh.get("/v1/runs").json() == before

@@ -1,1 +1,1 @@
-"""Checkpoints of other programs: read without running anything in them, recognised by their keys, and renamed to ours."""
+"""Checkpoints of other programs: read without running them, recognised by their tensors' names, converted to ours."""

@@ -1,4 +1,4 @@
-"""What a checkpoint of mmsegmentation says of its own configuration: Python text, which is parsed and never run."""
+"""The configuration inside a checkpoint of mmsegmentation: Python text, which is parsed and never run."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ import ast
 from collections.abc import Mapping
 from typing import Final
 
-#: Where the text stands in a file: mmcv's and mmengine's place.
+#: Entries with the text: of mmcv and of mmengine.
 _PLACES: Final = ("meta.config", "meta.cfg")
 _MAX_TEXT: Final = 1_000_000
 _MAX_DEPTH: Final = 12
 
 
 def config_values(entries: Mapping[str, object]) -> dict[str, object]:
-    """The literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``; empty without one.
+    """Return the literal values of a configuration by dotted name, e.g. ``model.decode_head.align_corners``.
 
     Args:
-        entries: what stands beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
+        entries: beside the weights; see `valerie.perception.importing.checkpoints.files.StoredCheckpoint`.
+
+    Returns:
+        The values; none if there is no configuration, or one that cannot be parsed.
     """
     text = next((entries[place] for place in _PLACES if place in entries), None)
     if not isinstance(text, str) or len(text) > _MAX_TEXT:
@@ -35,7 +38,7 @@ def config_values(entries: Mapping[str, object]) -> dict[str, object]:
 def _collect(node: ast.expr, name: str, into: dict[str, object], depth: int) -> None:
     if depth > _MAX_DEPTH:
         return
-    if isinstance(node, ast.Call):  # dict(a=…, b=…), the way these files are written
+    if isinstance(node, ast.Call):  # dict(a=…, b=…), as these files write mappings
         for keyword in node.keywords:
             if keyword.arg is not None:
                 _collect(keyword.value, f"{name}.{keyword.arg}", into, depth + 1)
@@ -48,4 +51,4 @@ def _collect(node: ast.expr, name: str, into: dict[str, object], depth: int) -> 
     try:
         into[name] = ast.literal_eval(node)
     except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
-        return  # a list of dictionaries, an expression: nothing that is asked for
+        return  # a list of dictionaries or an expression: no setting that is looked up

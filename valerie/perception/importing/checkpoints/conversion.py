@@ -1,4 +1,4 @@
-"""From a checkpoint of another program to a function of ours: recognise, rename, check, and say what was assumed."""
+"""Convert a checkpoint of another program to a function of ours: recognise, rename, check, and record assumptions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from valerie.perception.networks.deeplabv3plus import DeepLabSettings
 #: ``format`` entry in the header of a payload; ``valerie train`` writes `FUNCTION_FORMAT`.
 FORMAT: Final = "valerie-network/1"
 _CITYSCAPES: Final = CLASS_LISTS["cityscapes"]
-#: What a configuration of mmsegmentation says that the tensors do not.
+#: Settings in a configuration of mmsegmentation that tensors do not reveal.
 _SETTINGS: Final = (
     "model.decode_head.align_corners",
     "model.backbone.multi_grid",
@@ -49,11 +49,11 @@ class ImportedNetwork:
     """A network of ours with the weights of a checkpoint.
 
     Attributes:
-        architecture: see `valerie.perception.networks.architectures`.
+        architecture: a name in `valerie.perception.networks.architectures`.
         classes: in the order of the logits' channels.
-        units: what the network expects of a picture.
-        tensors: by our names, float32 or float16 as the checkpoint stores them.
-        provenance: where it comes from, how it was checked, and what was assumed because the file does not say it.
+        units: of the pictures that the network expects.
+        tensors: by our names, float32 or float16 as in the checkpoint.
+        provenance: origin, check, and assumptions about facts that the file does not state.
     """
 
     architecture: str
@@ -63,7 +63,7 @@ class ImportedNetwork:
     provenance: Mapping[str, str]
 
     def payload(self) -> bytes:
-        """A safetensors file that holds all of this; equal networks give equal bytes."""
+        """Return a safetensors file that holds all of this; equal networks give equal bytes."""
         entries = {
             "format": FORMAT,
             "architecture": self.architecture,
@@ -77,7 +77,7 @@ class ImportedNetwork:
         return safetensors_bytes(self.tensors, entries)
 
     def document_fields(self) -> dict[str, Any]:
-        """The parts of a `valerie.perception.documents.function.FunctionDocument` that the checkpoint decides."""
+        """Return the entries of a `valerie.perception.documents.function.FunctionDocument` that the checkpoint decides."""
         return {
             "kind": "network",
             "architecture": self.architecture,
@@ -97,18 +97,19 @@ class ImportedNetwork:
 def import_checkpoint(
     path: Path, *, architecture: str | None = None, classes: Sequence[str] | None = None, max_bytes: int = MAX_BYTES
 ) -> ImportedNetwork:
-    """Read a checkpoint of a known layout; nothing in it is run.
+    """Read a checkpoint of a known layout without running anything in it.
 
     Args:
         path: a file of torch.save, a pickle of numpy arrays, or safetensors.
-        architecture: which one to take where several have the same tensors; None: what the file says, else the first.
-        classes: names in the order of the channels; None: what the file says, else the 19 of Cityscapes if there are 19.
+        architecture: to choose where several have the same tensors; None: the one that the file states, else the first.
+        classes: names in the order of the channels; None: those that the file states, else the 19 of Cityscapes if there
+            are 19.
         max_bytes: larger files are refused unread.
 
     Raises:
         NotFound: no such file.
-        InvalidInput: not readable, of no known layout (the nearest one and the first differing tensors are named), or it
-            fails the self-check.
+        InvalidInput: the file is not readable, has no known layout (the nearest one and the first differing tensors are
+            named), or fails the self-check.
         UnknownName: ``architecture``.
     """
     return convert(
@@ -119,7 +120,7 @@ def import_checkpoint(
 def convert(
     stored: StoredCheckpoint, *, field: str, architecture: str | None = None, classes: Sequence[str] | None = None
 ) -> ImportedNetwork:
-    """As `import_checkpoint`, of what was read already."""
+    """Convert a checkpoint that was read already; see `import_checkpoint`."""
     if architecture is not None and architecture not in ARCHITECTURES:
         raise UnknownName("architecture", architecture, ARCHITECTURES, field="architecture")
     if stored.entries.get("format") in (FORMAT, FUNCTION_FORMAT):
@@ -141,16 +142,16 @@ def _own(stored: StoredCheckpoint, field: str) -> ImportedNetwork:
     reserved = ("format", "architecture", "classes", "mean", "std", "scale", "channel_order", "provenance")
     missing = [name for name in reserved[:5] if name not in entries]
     if missing:
-        raise InvalidInput("the header lacks entries", field=field, value=", ".join(missing))
+        raise InvalidInput("entries of the header are missing", field=field, value=", ".join(missing))
     try:
         classes, mean, std = (json.loads(entries[name]) for name in ("classes", "mean", "std"))
-        told = json.loads(entries.get("provenance", "{}"))
+        stated = json.loads(entries.get("provenance", "{}"))
         scale, order = entries.get("scale", "1/255"), entries.get("channel_order", "rgb")
         units = _units(mean, std, "1" if scale == "1" else "1/255", "bgr" if order == "bgr" else "rgb", field)
         names = tuple(str(name) for name in classes)
-        provenance = {str(name): str(text) for name, text in told.items()}
+        provenance = {str(name): str(text) for name, text in stated.items()}
     except (ValueError, TypeError, AttributeError) as error:
-        raise InvalidInput(f"a header that cannot be read ({error})", field=field) from None
+        raise InvalidInput(f"the header cannot be read ({error})", field=field) from None
     provenance |= {name: text for name, text in entries.items() if name not in reserved}
     architecture = entries["architecture"]
     require_same_shapes(tensor_shapes(architecture, len(names)), _shapes(stored.tensors), field=field)
@@ -165,11 +166,11 @@ def _foreign(stored: StoredCheckpoint, field: str, wanted: str | None) -> Import
     names = {name: layout.name_of(name) for name in tensor_shapes(architecture, count)}
     theirs = _floating({name: stored.tensors[name] for name in names.values()}, field)
     tensors = layout.reorder({ours: theirs[name] for ours, name in names.items()}, architecture)
-    classes, told = _classes(stored.entries, count, field)
-    units, units_told = _stated_units(layout, stored, config, field)
-    if not told:
+    classes, classes_stated = _classes(stored.entries, count, field)
+    units, units_stated = _units_of(layout, stored, config, field)
+    if not classes_stated:
         assumed.append("classes: the 19 of Cityscapes" if classes == _CITYSCAPES else "classes: without names")
-    if not units_told:
+    if not units_stated:
         assumed.append("normalisation: the program's usual one")
     provenance = {
         "layout": layout.name,
@@ -182,16 +183,16 @@ def _foreign(stored: StoredCheckpoint, field: str, wanted: str | None) -> Import
     return ImportedNetwork(architecture, classes, units, tensors, provenance)
 
 
-def _recognise(given: Shapes, field: str, wanted: str | None) -> tuple[Layout, list[str], int]:
-    """The layout, its architectures that have exactly these tensors, and the number of classes."""
+def _recognise(shapes: Shapes, field: str, wanted: str | None) -> tuple[Layout, list[str], int]:
+    """Return the layout, its architectures with exactly these tensors, and the number of classes."""
     layouts = [layout for layout in LAYOUTS if wanted is None or wanted in layout.architectures]
     if not layouts:
         raise InvalidInput("no layout has this architecture", field="architecture", value=wanted)
     nearest: list[tuple[int, str, list[str]]] = []
-    # Looking for the classifier first spares building every network for every file.
-    for layout in [each for each in layouts if _classifier(each) in given] or layouts:
-        kept = {name: shape for name, shape in given.items() if not name.startswith(layout.ignored)}
-        shape = given.get(_classifier(layout))
+    # Looking for the classifier first avoids building every network for every file.
+    for layout in [each for each in layouts if _classifier(each) in shapes] or layouts:
+        kept = {name: shape for name, shape in shapes.items() if not name.startswith(layout.ignored)}
+        shape = shapes.get(_classifier(layout))
         count = shape[0] if shape else len(_CITYSCAPES)
         fitting = []
         for architecture in layout.architectures if wanted is None else (wanted,):
@@ -221,14 +222,18 @@ def _their_shapes(layout: Layout, architecture: str, count: int) -> dict[str, tu
 
 
 def _choose(fitting: list[str], config: Mapping[str, object], wanted: str | None, field: str) -> tuple[str, list[str]]:
-    """One of several architectures with the same tensors, and what was assumed in doing so."""
+    """Return one of several architectures with the same tensors, and the assumptions behind the choice."""
     if wanted is not None:
         return wanted, []
     if "model.decode_head.align_corners" in config:
         agreeing = [name for name in fitting if _agree(ARCHITECTURES[name], config)]
         if not agreeing:
-            said = ", ".join(f"{name.removeprefix('model.')}={config[name]}" for name in _SETTINGS if name in config)
-            raise InvalidInput("the settings in the file fit no architecture", field=field, value=said, limit=fitting)
+            settings = ", ".join(
+                f"{name.removeprefix('model.')}={config[name]}" for name in _SETTINGS if name in config
+            )
+            raise InvalidInput(
+                "the settings in the file fit no architecture", field=field, value=settings, limit=fitting
+            )
         return agreeing[0], []
     if len(fitting) == 1:
         return fitting[0], []
@@ -236,7 +241,7 @@ def _choose(fitting: list[str], config: Mapping[str, object], wanted: str | None
 
 
 def _agree(settings: NetworkSettings, config: Mapping[str, object]) -> bool:
-    """Whether an architecture is what a configuration of mmsegmentation says, where the tensors cannot tell."""
+    """Return whether an architecture agrees with a configuration of mmsegmentation where the tensors cannot tell."""
     values = (config.get(name) for name in _SETTINGS)
     aligned, grid, contract, rates = (tuple(value) if isinstance(value, list) else value for value in values)
     if not isinstance(settings, DeepLabSettings):
@@ -250,11 +255,11 @@ def _agree(settings: NetworkSettings, config: Mapping[str, object]) -> bool:
 
 
 def _classes(entries: Mapping[str, object], count: int, field: str) -> tuple[tuple[str, ...], bool]:
-    """Names of the classes, and whether the file states them."""
+    """Return the names of the classes, and whether the file states them."""
     for place in ("meta.CLASSES", "meta.dataset_meta.classes", "meta.dataset_meta.CLASSES"):
-        stated = entries.get(place)
-        if isinstance(stated, list | tuple) and all(isinstance(name, str) for name in stated):
-            return _fitting(tuple(stated), count, f"{field}: {place}"), True
+        names = entries.get(place)
+        if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names):
+            return _fitting(tuple(names), count, f"{field}: {place}"), True
     if count == len(_CITYSCAPES):
         return _CITYSCAPES, False
     return tuple(f"class-{number}" for number in range(count)), False
@@ -262,14 +267,19 @@ def _classes(entries: Mapping[str, object], count: int, field: str) -> tuple[tup
 
 def _fitting(classes: tuple[str, ...], count: int, field: str) -> tuple[str, ...]:
     if len(classes) != count:
-        raise InvalidInput("not one class per channel", field=field, value=f"{len(classes)} classes", limit=count)
+        raise InvalidInput(
+            "not one class per channel",
+            field=field,
+            value=f"{len(classes)} classes",
+            limit=count,
+        )
     return classes
 
 
-def _stated_units(
+def _units_of(
     layout: Layout, stored: StoredCheckpoint, config: Mapping[str, object], field: str
 ) -> tuple[PictureUnits, bool]:
-    """The units of the layout, with mean, standard deviation and channel order as the file has them; has it any?"""
+    """Return the units of the layout, updated with those in the file, and whether the file states any."""
     usual = layout.units
     for place, flag in (
         ("data_preprocessor", "bgr_to_rgb"),
@@ -306,10 +316,10 @@ def _shapes(tensors: Mapping[str, NDArray[Any]]) -> dict[str, tuple[int, ...]]:
 
 
 def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
-    """float32, or float16 where it is stored so.
+    """Return the tensors as float32, or float16 if stored so; batch counters are left out.
 
     Raises:
-        InvalidInput: whole numbers, or values that are not finite.
+        InvalidInput: a tensor holds whole numbers or values that are not finite.
     """
     floating: Arrays = {}
     for name, array in tensors.items():
@@ -326,10 +336,10 @@ def _floating(tensors: Mapping[str, NDArray[Any]], field: str) -> Arrays:
 
 
 def _self_check(imported: ImportedNetwork, field: str) -> None:
-    """The network takes the tensors, and gives finite logits of its classes for a fixed picture.
+    """Check that the network takes the tensors and answers finite logits for a fixed picture.
 
     Raises:
-        InvalidInput: it does not.
+        InvalidInput: names the failed check.
     """
     count = len(imported.classes)
     network = filled_network(imported.architecture, imported.tensors, count, field=field)

@@ -1,7 +1,7 @@
-"""From a checkpoint file of any accepted format to its tensors as numpy arrays, and to what it says beside them.
+"""Read checkpoint files of any accepted format: tensors as numpy arrays, and the entries beside them.
 
-Accepted are files of torch.save (the zip archive of today and the older stream of pickles), bare pickles of numpy arrays as
-detectron2 publishes them, and safetensors. What a file is, its first bytes say, never its name.
+Accepted are files of torch.save (the zip archive and the older stream of pickles), bare pickles of numpy arrays as detectron2
+publishes them, and safetensors. The first bytes of a file decide its format, never its name.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from safetensors import SafetensorError, safe_open
 from valerie.errors import InvalidInput, NotFound
 from valerie.perception.importing.checkpoints.unpickling import Array, Storage, Tensor, load_plain, storage_of
 
-#: Larger files are refused unread. A ResNet-101 with its optimiser's state is about half a gigabyte.
+#: Largest file that is read. A ResNet-101 with its optimiser's state is about half a gigabyte.
 MAX_BYTES: Final = 4 * 2**30
-#: The pickle inside an archive holds names and shapes, no numbers.
+#: Largest pickle inside an archive: it holds names and shapes, no numbers.
 _MAX_INNER_PICKLE: Final = 64 * 2**20
 _MAX_ENTRIES: Final = 100_000
 _MAX_SAFETENSORS_HEADER: Final = 100_000_000
 
 _ZIP: Final = b"PK\x03\x04"
-#: What torch.save wrote first into its older format, and the version after it.
+#: First object of torch.save's older format, and the version after it.
 _STREAM_MAGIC: Final = 0x1950A86A20F9469CFC6C
 _STREAM_VERSION: Final = 1001
 
-#: Where programs keep the weights in a file, in this order.
+#: Entries in which programs keep the weights, in order of preference.
 _CONTAINERS: Final = ("state_dict", "model_state", "model_state_dict", "model")
 
 
 @dataclass(frozen=True, slots=True)
 class StoredCheckpoint:
-    """What a file holds.
+    """The contents of a checkpoint file.
 
     Attributes:
-        tensors: by the file's own names, without the prefix that data-parallel training puts before them.
+        tensors: by the file's own names, without the prefix of data-parallel training.
         entries: text, numbers and lists beside the weights, by dotted name, e.g. ``meta.CLASSES``.
         format: ``safetensors``, ``torch`` or ``pickle``.
     """
@@ -50,11 +50,14 @@ class StoredCheckpoint:
 
 
 def read_stored_checkpoint(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredCheckpoint:
-    """Read a checkpoint; nothing in it is run, and no more memory is taken than the file is long (bfloat16: twice that).
+    """Read a checkpoint without running anything in it.
+
+    Weights take no more memory than the file is long (bfloat16: twice that). A hostile pickle may take more memory and time: call
+    this in a process with bounds, as `valerie.pipeline.functions.import_child` is.
 
     Raises:
         NotFound: no such file.
-        InvalidInput: too large, damaged, of a format that can run code, or without weights.
+        InvalidInput: the file is too large, damaged, of a format that can run code, or without weights.
     """
     field = path.name
     try:
@@ -84,7 +87,7 @@ def read_stored_checkpoint(path: Path, *, max_bytes: int = MAX_BYTES) -> StoredC
 
 
 def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
-    """The objects of a zip archive that torch.save wrote."""
+    """Return the objects of a zip archive that torch.save wrote."""
     try:
         with zipfile.ZipFile(stream) as archive:
             entries = archive.infolist()
@@ -116,15 +119,15 @@ def _read_archive(stream: IO[bytes], size: int, field: str) -> Any:
 
             with archive.open(pickled) as inner:
                 objects = load_plain(inner, field=field, storage=storage)
-            for key, made in storages.items():
-                made.fill(archive.read(f"{root}/data/{key}"), field=f"{field}: storage {key}")
+            for key, filled in storages.items():
+                filled.fill(archive.read(f"{root}/data/{key}"), field=f"{field}: storage {key}")
             return objects
     except (zipfile.BadZipFile, KeyError, NotImplementedError, EOFError) as error:
         raise InvalidInput(f"not a readable zip archive ({error})", field=field) from None
 
 
 def _require_plain_archive(entries: list[zipfile.ZipInfo], size: int, field: str) -> None:
-    """Refuse what torch.save never writes and what could grow when it is read."""
+    """Refuse archives that torch.save never writes, and those that could grow when they are read."""
     if len(entries) > _MAX_ENTRIES:
         raise InvalidInput("too many entries", field=field, value=len(entries), limit=_MAX_ENTRIES)
     for entry in entries:
@@ -152,7 +155,7 @@ def _refuse_programs(names: Mapping[str, object], field: str) -> None:
 
 
 def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
-    """The objects of torch.save's older format: pickles one after another, then the numbers of each storage."""
+    """Return the objects of torch.save's older format: pickles one after another, then the numbers of each storage."""
     version = load_plain(stream, field=field)
     if version != _STREAM_VERSION:
         raise InvalidInput("another version of torch's format", field=field, limit=_STREAM_VERSION)
@@ -164,7 +167,7 @@ def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
     def storage(pid: Any) -> Storage:
         _, kind, key, _, count, view = pid
         if view is not None:
-            raise ValueError("a view of a storage, as only very old versions of torch wrote them")
+            raise ValueError("a view of a storage, which only very old versions of torch wrote")
         return storages.setdefault(key, storage_of(kind, count))
 
     objects = load_plain(stream, field=field, storage=storage)
@@ -172,13 +175,13 @@ def _read_torch_stream(stream: IO[bytes], field: str) -> Any:
     if not isinstance(keys, list) or sorted(map(str, keys)) != sorted(map(str, storages)):
         raise InvalidInput("the file does not hold the data of its tensors", field=field)
     for key in keys:
-        made = storages[key]
+        filled = storages[key]
         stated = int.from_bytes(stream.read(8), "little")
-        if stated != made.count:
+        if stated != filled.count:
             raise InvalidInput(
-                "two lengths of one storage", field=f"{field}: storage {key}", value=stated, limit=made.count
+                "two lengths of one storage", field=f"{field}: storage {key}", value=stated, limit=filled.count
             )
-        made.fill(stream.read(made.count * made.dtype.itemsize), field=f"{field}: storage {key}")
+        filled.fill(stream.read(filled.count * filled.dtype.itemsize), field=f"{field}: storage {key}")
     return objects
 
 
@@ -197,30 +200,30 @@ def _read_safetensors(path: Path, header: int, size: int) -> StoredCheckpoint:
 
 
 def _weights(objects: Any, kind: str, field: str) -> StoredCheckpoint:
-    """Find the mapping of names to tensors, and flatten what stands beside it."""
-    inside, found = "", objects
+    """Find the mapping of names to tensors, and flatten the entries beside it."""
+    container, weights = "", objects
     if isinstance(objects, dict):
         for name in _CONTAINERS:
             if isinstance(objects.get(name), dict):
-                inside, found = name, objects[name]
+                container, weights = name, objects[name]
                 break
     tensors: dict[str, NDArray[Any]] = {}
-    if isinstance(found, dict):
-        for name, value in found.items():
+    if isinstance(weights, dict):
+        for name, value in weights.items():
             if isinstance(value, Tensor | Array) and isinstance(name, str):
                 tensors[name.removeprefix("module.")] = value.array()
     if not tensors:
         raise InvalidInput(
             "the file holds no weights", field=field, limit=f"tensors by name, alone or in {_CONTAINERS}"
         )
-    beside = {name: value for name, value in objects.items() if name != inside} if inside else {}
+    beside = {name: value for name, value in objects.items() if name != container} if container else {}
     return StoredCheckpoint(tensors, _flattened(beside), kind)
 
 
 def _flattened(values: Mapping[Any, Any]) -> dict[str, object]:
-    """Text, numbers and lists of nested dictionaries by dotted name.
+    """Return text, numbers and lists of nested dictionaries by dotted name.
 
-    Each dictionary is entered once: a pickle can put one of them in many places, and a few of those make endless names.
+    Each dictionary is entered once: a pickle may hold one in many places, and a few of those make endless names.
     """
     flat: dict[str, object] = {}
     seen = {id(values)}

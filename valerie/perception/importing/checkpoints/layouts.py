@@ -1,7 +1,7 @@
-"""How public programs name the tensors of the networks that we have, and what pictures they expect.
+"""Layouts: names that public programs give to the tensors of our networks, and the pictures that they expect.
 
-Each layout maps the modules of our networks to those of the origin; tensors follow their modules. The tests prove each
-mapping against key lists and logits that were made by the origin's own code.
+Each layout maps the modules of our networks to those of the origin; tensors follow their modules. The tests prove each mapping
+with names and logits that the origin's own code produced.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Names = Mapping[str, str]
 
 @dataclass(frozen=True, slots=True)
 class PictureUnits:
-    """What a network expects of 8-bit values x: ``(x · scale − mean) / std``, channels in ``channel_order``.
+    """The pictures that a network expects, from 8-bit values x: ``(x · scale − mean) / std``, channels in ``channel_order``.
 
     Attributes:
         mean, std: per channel in ``channel_order``, in the unit of ``scale``.
@@ -39,24 +39,24 @@ class PictureUnits:
 
 _IMAGENET: Final = PictureUnits((0.485, 0.456, 0.406), (0.229, 0.224, 0.225), "1/255", "rgb")
 _IMAGENET_8_BIT: Final = PictureUnits((123.675, 116.28, 103.53), (58.395, 57.12, 57.375), "1", "rgb")
-#: Networks that began with Caffe's weights: blue first, and the standard deviation is inside the weights.
+#: Networks that were fine-tuned from Caffe's weights: blue first, and the standard deviation is inside the weights.
 _CAFFE: Final = PictureUnits((103.53, 116.28, 123.675), (1.0, 1.0, 1.0), "1", "bgr")
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one program stores networks of ours.
+    """The way one program stores networks that we have too.
 
     Attributes:
-        name: how messages and cards call it.
-        source: the repository whose code the layout follows.
+        name: in messages and on cards.
+        source: repository whose code the layout follows.
         modules: our module to theirs.
-        architectures: that the program has, in the order in which they are tried; several may have the same tensors, and
-            then the file's settings decide, or the first.
-        ignored: beginnings of names that are no part of the network (heads for training, optional heads).
-        units: of the picture, unless the file says otherwise.
+        architectures: of the program, in the order in which they are tried. Several may have the same tensors; then the
+            file's settings decide, else the first is taken.
+        ignored: prefixes of names that are no part of the network (heads for training, optional heads).
+        units: of the picture, unless the file states others.
         licence: of the program; weights may have another.
-        reorder: puts channels into our order where the origin joins maps in another order.
+        reorder: puts channels into our order if the origin concatenates maps in another one.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Layout:
     reorder: Callable[[Arrays, str], Arrays] = lambda tensors, _: tensors
 
     def name_of(self, tensor: str) -> str:
-        """Their name of our tensor.
+        """Return their name of our tensor.
 
         Raises:
             KeyError: the layout has no such module.
@@ -87,7 +87,7 @@ def _numbered(pattern: str, to: str, count: int) -> Iterator[tuple[str, str]]:
 
 
 def _blocks() -> Iterator[tuple[int, str]]:
-    """Stage and block of the deepest ResNet; shallower ones have fewer."""
+    """Yield stage and block of the deepest ResNet; shallower ones have fewer."""
     return ((stage, f"layer{stage + 1}.{block}") for stage, count in enumerate((3, 4, 23, 3)) for block in range(count))
 
 
@@ -140,19 +140,19 @@ def _mmseg_deeplab() -> Iterator[tuple[str, str]]:
 
 
 def _mmseg_order(tensors: Arrays, architecture: str) -> Arrays:
-    """From the order of mmsegmentation, which joins the pooled branch first and the low-level maps last, to ours."""
+    """Put channels into our order: mmsegmentation concatenates the pooled branch first and the low-level maps last."""
     settings = ARCHITECTURES[architecture]
     assert isinstance(settings, DeepLabSettings)
-    moved = dict(tensors)
-    moved["aspp.project.0.weight"] = np.roll(tensors["aspp.project.0.weight"], -settings.pyramid_channels, axis=1)
+    reordered = dict(tensors)
+    reordered["aspp.project.0.weight"] = np.roll(tensors["aspp.project.0.weight"], -settings.pyramid_channels, axis=1)
     depthwise = [
         "decoder.0.weight",
         *(f"decoder.1.{leaf}" for leaf in ("weight", "bias", "running_mean", "running_var")),
     ]
     for name in depthwise:
-        moved[name] = np.roll(tensors[name], settings.low_level_channels, axis=0)
-    moved["decoder.3.weight"] = np.roll(tensors["decoder.3.weight"], settings.low_level_channels, axis=1)
-    return moved
+        reordered[name] = np.roll(tensors[name], settings.low_level_channels, axis=0)
+    reordered["decoder.3.weight"] = np.roll(tensors["decoder.3.weight"], settings.low_level_channels, axis=1)
+    return reordered
 
 
 def _mmseg_fpn() -> Iterator[tuple[str, str]]:
@@ -162,7 +162,7 @@ def _mmseg_fpn() -> Iterator[tuple[str, str]]:
     for level in range(4):
         for j in range(max(1, level)):
             for i, kind in enumerate(("conv", "bn")):
-                # every convolution but that of the finest level is followed by an upsampling module
+                # an upsampling module follows every convolution, except at the finest level
                 yield f"heads.{level}.convs.{j}.{i}", f"decode_head.scale_heads.{level}.{2 * j}.{kind}"
     yield "predictor", "decode_head.conv_seg"
 
@@ -196,7 +196,7 @@ def _named(pairs: Iterator[tuple[str, str]]) -> Names:
 
 
 _DETECTRON: Final = "https://github.com/facebookresearch/detectron2"
-#: What detectron2 keeps beside the weights.
+#: Tensors that detectron2 keeps beside the weights.
 _DETECTRON_IGNORED: Final = ("pixel_mean", "pixel_std", "sem_seg_head.point_head.")
 _DETECTRON_FPNS: Final = ("semantic-fpn-r101-gn", "semantic-fpn-r50-gn")
 

@@ -1,4 +1,4 @@
-"""What an inference engine is: pieces of pictures in, ids of the function's classes out."""
+"""Inference engines: pieces of pictures in, ids of the function's classes out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from valerie.perception.running.adaptation import Size
 
-#: Channels that are upsampled at once: full-size logits of 150 classes would be 1.2 GB of a full-HD frame.
+#: Channels that are upsampled at once: full-size logits of 150 classes take 1.2 GB for a full-HD frame.
 CHANNELS_AT_ONCE: Final = 32
 
 Compiled = TypeVar("Compiled")
@@ -20,32 +20,32 @@ Compiled = TypeVar("Compiled")
 class Engine(Protocol):
     """A network that is ready to run.
 
-    Everything between 8-bit pixels and ids happens in the engine: channel order, normalisation, network, upsampling of
-    the logits, largest class. So no full-size logits ever leave it.
+    The engine does everything between 8-bit pixels and ids: channel order, normalisation, network, upsampling of the logits,
+    largest class. So no full-size logits ever leave it.
     """
 
     @property
     def name(self) -> str:
-        """E.g. ``torch``."""
+        """Name of the engine, e.g. ``torch``."""
         ...
 
     @property
     def precision(self) -> str:
-        """What it really computes in, read back, e.g. ``fp32``."""
+        """Precision of the computation, read back, e.g. ``fp32``."""
         ...
 
     @property
     def numeric_class(self) -> str:
-        """Engine, version, device, precision, kernels, threads or batch: what may change the last bits."""
+        """Everything that may change the last bits: engine, version, device, precision, kernels, threads or batch."""
         ...
 
     @property
     def batch_size(self) -> int:
-        """How many pieces it wants at once."""
+        """Best number of pieces at once."""
         ...
 
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
-        """Ids of classes.
+        """Return the ids of the function's classes.
 
         Args:
             pieces: (n, h, w, 3) uint8 sRGB, n at most `batch_size`.
@@ -60,7 +60,7 @@ class Engine(Protocol):
 
 
 class Recent(Generic[Compiled]):
-    """What was compiled for the last few sizes; a run uses one or two, and each holds the weights once more."""
+    """Networks compiled for the last few sizes; a run uses one or two, and each holds the weights once more."""
 
     def __init__(self, compile_for: Callable[[Size, Size], Compiled], *, keep: int = 2) -> None:
         self._compile = compile_for
@@ -68,7 +68,7 @@ class Recent(Generic[Compiled]):
         self._held: OrderedDict[tuple[Size, Size], Compiled] = OrderedDict()
 
     def get(self, piece: Size, labels: Size) -> Compiled:
-        """Compiled for pieces and answers of these sizes."""
+        """Return the network for pieces and answers of these sizes; it is compiled if need be."""
         key = (piece, labels)
         if key not in self._held:
             while len(self._held) >= self._keep:

@@ -1,6 +1,6 @@
-"""A torch network as an ONNX file, for the engines that take one.
+"""Export torch networks to ONNX files.
 
-By tracing: torch's newer exporter takes 30 times as long (5 s for the smallest network here), and it would in every process.
+The export traces: torch's newer exporter takes 30 times as long (5 s for the smallest network here), in every process.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from torch import nn
 from valerie.perception import networks
 from valerie.perception.running.adaptation import Size
 
-#: A small picture, of sides that differ and that every network here takes.
+#: A small picture with different sides, which every network here takes.
 _EXAMPLE: Final = Size(64, 96)
 _OPSET: Final = 17
 _OWN_CODE: Final = str(Path(networks.__file__).parent)
@@ -26,8 +26,8 @@ def export_onnx(module: nn.Module, path: Path, size: Size | None) -> None:
 
     Args:
         module: (1, 3, H, W) float32 to logits (1, C, h, w), in evaluation mode.
-        path: where to.
-        size: height and width of the pictures; None leaves them free, for modules that never look at them.
+        path: file to write.
+        size: height and width of the pictures; None leaves them free, for modules whose code never looks at them.
     """
     axes = {"picture": {2: "height", 3: "width"}, "logits": {2: "rows", 3: "columns"}} if size is None else None
     with warnings.catch_warnings(), torch.no_grad():
@@ -45,7 +45,7 @@ def export_onnx(module: nn.Module, path: Path, size: Size | None) -> None:
 
 
 def looks_at_size(module: nn.Module) -> bool:
-    """Whether Python code of `valerie.perception.networks` decides by a picture's size: a trace would keep that decision."""
+    """Return whether Python code of `valerie.perception.networks` decides by a picture's size; a trace would freeze that."""
     with warnings.catch_warnings(record=True) as noticed, torch.no_grad():
         warnings.simplefilter("always")
         torch.jit.trace(module, torch.zeros(1, 3, *_EXAMPLE), check_trace=False)  # type: ignore[no-untyped-call]

@@ -1,7 +1,7 @@
-"""An ONNX network made whole: 8-bit pictures of one size in, ids of classes of one size out, all in one graph.
+"""Complete an ONNX network to one graph: 8-bit pictures of one size in, ids of classes of one size out.
 
-Both ONNX engines run the same graph, so they differ in kernels alone. What is put around the network: channel order,
-normalisation and memory layout before it; bilinear upsampling and the largest class after it.
+Both ONNX engines run the same graph, so they differ in kernels alone. The graph adds channel order, normalisation and memory
+layout before the network, bilinear upsampling and the largest class after it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from valerie.perception.running.engines.base import CHANNELS_AT_ONCE
 #: Names of the whole graph's input and output.
 PICTURES: Final = "valerie.pictures"
 IDS: Final = "valerie.ids"
-#: Resize says since this version how pixel centres lie.
+#: First version whose Resize states where pixel centres lie.
 MIN_OPSET: Final = 11
 
 _FLOATS: Final = (TensorProto.FLOAT, TensorProto.FLOAT16)
@@ -31,38 +31,38 @@ _FLOATS: Final = (TensorProto.FLOAT, TensorProto.FLOAT16)
 def whole_graph(
     model: onnx.ModelProto,
     *,
-    taken: InputDocument,
-    given: OutputDocument,
+    source: InputDocument,
+    answer: OutputDocument,
     piece: Size,
     labels: Size,
     output: str = "",
 ) -> onnx.ModelProto:
-    """Put everything between pixels and ids around a network.
+    """Surround a network with everything between pixels and ids.
 
     Args:
         model: one input, (1, 3, h, w) or (1, h, w, 3); changed in place.
-        taken, given: what the document says of input and output.
+        source, answer: input and output of the document.
         piece: height and width of the pictures.
         labels: height and width of the answer.
-        output: which output holds the result; empty: the first.
+        output: name of the output with the result; empty: the first.
 
     Returns:
         `PICTURES` (1, h, w, 3) uint8 to `IDS` (1, height, width) uint8.
 
     Raises:
-        InvalidInput: the network has another number of inputs, classes, or another size than the document says.
+        InvalidInput: the network has another number of inputs or classes, or another size, than the document.
     """
     graph = model.graph
     opset = next((entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")), 0)
     if opset < MIN_OPSET:
-        raise InvalidInput("too old an operator set", field="onnx", value=opset, limit=f"≥ {MIN_OPSET}")
+        raise InvalidInput("the operator set is too old", field="onnx", value=opset, limit=f"≥ {MIN_OPSET}")
     builder = _Builder(opset)
-    source = _input(graph)
+    pictures = _input(graph)
     result = _output(graph, output)
-    _require_size(source, taken, piece)
-    _preprocessing(builder, source, taken)
+    _require_size(pictures, source, piece)
+    _preprocessing(builder, pictures, source)
     split = len(builder.nodes)
-    _postprocessing(builder, result, given, taken.layout, labels)
+    _postprocessing(builder, result, answer, source.layout, labels)
     network = list(graph.node)
     del graph.node[:]
     graph.node.extend([*builder.nodes[:split], *network, *builder.nodes[split:]])
@@ -71,13 +71,13 @@ def whole_graph(
     graph.input.append(helper.make_tensor_value_info(PICTURES, TensorProto.UINT8, [1, *piece, 3]))
     del graph.output[:]
     graph.output.append(helper.make_tensor_value_info(IDS, TensorProto.UINT8, [1, *labels]))
-    # Sizes that the exporter noted for inner values may be symbols of the input that is gone.
+    # The exporter's sizes of inner values may refer to the input that is gone.
     del graph.value_info[:]
     return model
 
 
 class _Builder:
-    """Collects nodes and constants with names of their own."""
+    """A collection of nodes and constants with unique names."""
 
     def __init__(self, opset: int) -> None:
         self.opset = opset
@@ -88,101 +88,103 @@ class _Builder:
     def node(
         self, kind: str, inputs: Sequence[str], *, outputs: int = 1, name: str = "", **attributes: Any
     ) -> list[str]:
-        """Add a node; returns the names of its outputs."""
+        """Add a node and return the names of its outputs."""
         self._count += 1
         names = [name] if name else [f"valerie.{self._count}.{i}" for i in range(outputs)]
         self.nodes.append(helper.make_node(kind, list(inputs), names, name=f"valerie.{self._count}", **attributes))
         return names
 
     def one(self, kind: str, *inputs: str, name: str = "", **attributes: Any) -> str:
-        """Add a node with one output; returns its name."""
+        """Add a node with one output and return its name."""
         return self.node(kind, inputs, name=name, **attributes)[0]
 
     def constant(self, values: NDArray[Any]) -> str:
-        """Add a constant; returns its name."""
+        """Add a constant and return its name."""
         name = f"valerie.constant.{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(values, name))
         return name
 
     def integers(self, *values: int) -> str:
-        """Add a vector of int64."""
+        """Add a vector of int64 and return its name."""
         return self.constant(np.array(values, np.int64))
 
     def number(self, value: float) -> str:
-        """Add a float32."""
+        """Add a float32 and return its name."""
         return self.constant(np.array(value, np.float32))
 
     def unsqueezed(self, value: str, axis: int) -> str:
-        """A new axis of length 1; it was an attribute before opset 13."""
+        """Add an axis of length 1; before opset 13 the axis is an attribute."""
         if self.opset < 13:
             return self.one("Unsqueeze", value, axes=[axis])
         return self.one("Unsqueeze", value, self.integers(axis))
 
     def squeezed(self, value: str, axis: int) -> str:
-        """Without an axis of length 1."""
+        """Remove an axis of length 1."""
         if self.opset < 13:
             return self.one("Squeeze", value, axes=[axis])
         return self.one("Squeeze", value, self.integers(axis))
 
     def resized(self, value: str, channels: int, size: Size, **attributes: str) -> str:
-        """(1, C, h, w) to (1, C, height, width)."""
+        """Resample (1, C, h, w) to (1, C, height, width)."""
         nothing = self.constant(np.zeros(0, np.float32))
         return self.one("Resize", value, nothing, nothing, self.integers(1, channels, *size), **attributes)
 
 
-def _input(graph: onnx.GraphProto) -> Any:
+def _input(graph: onnx.GraphProto) -> onnx.ValueInfoProto:
     held = {tensor.name for tensor in graph.initializer}
-    inputs = [value for value in graph.input if value.name not in held]
+    inputs: list[onnx.ValueInfoProto] = [value for value in graph.input if value.name not in held]
     if len(inputs) != 1:
         names = ", ".join(value.name for value in inputs) or "none"
         raise InvalidInput("a network with one input is needed", field="onnx.inputs", value=names)
     kind = inputs[0].type.tensor_type.elem_type
     if kind not in (*_FLOATS, TensorProto.UINT8):
         name = TensorProto.DataType.Name(kind)
-        raise InvalidInput("another type of input", field="onnx.inputs", value=name, limit="FLOAT, FLOAT16 or UINT8")
-    return inputs[0]
+        raise InvalidInput(
+            "the input has another type", field="onnx.inputs", value=name, limit="FLOAT, FLOAT16 or UINT8"
+        )
+    network_input: onnx.ValueInfoProto = inputs[0]
+    return network_input
 
 
-def _output(graph: onnx.GraphProto, wanted: str) -> Any:
-    if not wanted:
-        return graph.output[0]
-    for value in graph.output:
-        if value.name == wanted:
+def _output(graph: onnx.GraphProto, wanted: str) -> onnx.ValueInfoProto:
+    outputs: list[onnx.ValueInfoProto] = list(graph.output)
+    for value in outputs:
+        if wanted in ("", value.name):
             return value
-    names = ", ".join(value.name for value in graph.output)
+    names = ", ".join(value.name for value in outputs)
     raise InvalidInput("the network has no such output", field="options.output", value=wanted, limit=names)
 
 
 def _dimensions(value: onnx.ValueInfoProto) -> list[int | None]:
-    """Fixed lengths of the axes, None where free; empty where nothing is said."""
+    """Return the fixed lengths of the axes, None for free ones; empty if the file states no shape."""
     shape = value.type.tensor_type.shape
     return [axis.dim_value if axis.HasField("dim_value") else None for axis in shape.dim]
 
 
-def _require_size(source: onnx.ValueInfoProto, taken: InputDocument, piece: Size) -> None:
+def _require_size(source: onnx.ValueInfoProto, document: InputDocument, piece: Size) -> None:
     axes = _dimensions(source)
-    expected = [1, 3, *piece] if taken.layout == "nchw" else [1, *piece, 3]
+    expected = [1, 3, *piece] if document.layout == "nchw" else [1, *piece, 3]
     if axes and (len(axes) != 4 or any(has not in (None, want) for has, want in zip(axes, expected, strict=True))):
         shown = " × ".join("free" if axis is None else str(axis) for axis in axes)
         wanted = " × ".join(map(str, expected))
         raise InvalidInput(
-            "the network takes another input; look at input.size and input.layout",
+            "the network takes another input; check input.size and input.layout",
             field="onnx",
             value=shown,
             limit=wanted,
         )
 
 
-def _preprocessing(builder: _Builder, source: onnx.ValueInfoProto, taken: InputDocument) -> None:
+def _preprocessing(builder: _Builder, source: onnx.ValueInfoProto, document: InputDocument) -> None:
     value = PICTURES
     kind = source.type.tensor_type.elem_type
-    if taken.channel_order == "bgr":
+    if document.channel_order == "bgr":
         value = builder.one("Gather", value, builder.integers(2, 1, 0), axis=3)
     value = builder.one("Cast", value, to=TensorProto.FLOAT)
-    mean = taken.value_range * np.array(taken.mean, np.float32)
-    std = taken.value_range * np.array(taken.std, np.float32)
+    mean = document.value_range * np.array(document.mean, np.float32)
+    std = document.value_range * np.array(document.std, np.float32)
     shape = (1, 1, 1, 3)
-    if taken.layout == "nchw":
+    if document.layout == "nchw":
         value = builder.one("Transpose", value, perm=[0, 3, 1, 2])
         shape = (1, 3, 1, 1)
     if mean.any():
@@ -193,14 +195,14 @@ def _preprocessing(builder: _Builder, source: onnx.ValueInfoProto, taken: InputD
 
 
 def _postprocessing(
-    builder: _Builder, result: onnx.ValueInfoProto, given: OutputDocument, layout: str, labels: Size
+    builder: _Builder, result: onnx.ValueInfoProto, answer: OutputDocument, layout: str, labels: Size
 ) -> None:
     axes = _dimensions(result)
-    if given.kind == "labels":
+    if answer.kind == "labels":
         _ids_of_labels(builder, result.name, len(axes), labels)
         return
     value = builder.one("Cast", result.name, to=TensorProto.FLOAT)
-    count = len(given.classes)
+    count = len(answer.classes)
     if len(axes) == 3 and count == 1:
         value, axes = builder.unsqueezed(value, 1), [axes[0], 1, *axes[1:]]
     elif layout == "nhwc":
@@ -214,11 +216,11 @@ def _postprocessing(
             value=shown,
             limit=f"1 × {count} × height × width",
         )
-    mode = "align_corners" if given.align_corners else "half_pixel"
+    mode = "align_corners" if answer.align_corners else "half_pixel"
     resize = {"mode": "linear", "coordinate_transformation_mode": mode}
     if count == 1:
         full = builder.squeezed(builder.resized(value, 1, labels, **resize), 1)
-        above = builder.one("Greater", full, builder.number(given.cut))
+        above = builder.one("Greater", full, builder.number(answer.cut))
         chosen = builder.one("Where", above, builder.number(0.0), builder.number(255.0))
         builder.one("Cast", chosen, to=TensorProto.UINT8, name=IDS)
         return
@@ -247,7 +249,7 @@ def _largest_channel(builder: _Builder, value: str, count: int, labels: Size, re
 
 
 def _ids_of_labels(builder: _Builder, value: str, rank: int, labels: Size) -> None:
-    """(1, h, w) or (1, 1, h, w) of any number type, to the nearest pixel; what is no byte is void."""
+    """Resample ids (1, h, w) or (1, 1, h, w) of any number type to the nearest pixel; ids outside 0…255 become void."""
     value = builder.one("Cast", value, to=TensorProto.FLOAT)
     if rank != 4:
         value = builder.unsqueezed(value, 1)

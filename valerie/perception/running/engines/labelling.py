@@ -1,4 +1,4 @@
-"""From pictures to label maps in torch: normalise, run the network, upsample its logits, take the largest."""
+"""Label maps of pictures in torch: normalise, run the network, upsample its logits, take the largest channel."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Module = TypeVar("Module", bound=nn.Module)
 
 
 def in_channels_last(network: Module) -> Module:
-    """The network with its weights in channels-last memory order: a fifth less CPU time, the same labels."""
+    """Return the network with its weights in channels-last memory order: a fifth less CPU time, the same labels."""
     moved: Module = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # missing in torch's types
     return moved
 
 
 def normalised(pictures: Tensor, mean: Tensor, std: Tensor, value_range: float = 255.0) -> Tensor:
-    """(N, H, W, 3) uint8 sRGB to (N, 3, H, W) float32 ``(x / value_range − mean) / std``, in channels-last memory order."""
+    """Return ``(x / value_range − mean) / std`` of (N, H, W, 3) uint8 sRGB as (N, 3, H, W) float32, channels last in memory."""
     values = pictures.permute(0, 3, 1, 2).to(torch.float32)
     scaled = values.sub_(value_range * mean.view(1, 3, 1, 1)).div_(value_range * std.view(1, 3, 1, 1))
     return scaled.contiguous(memory_format=torch.channels_last)
 
 
 def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: bool = False) -> Tensor:
-    """Which channel is largest at every pixel, after bilinear upsampling.
+    """Return the largest channel at every pixel, after bilinear upsampling.
 
     Args:
         logits: (N, C, h, w), C at most 255.
         height: of the result.
         width: of the result.
-        align_corners: the outermost pixel centres lie on each other; else pixel centres lie at halves.
+        align_corners: the outermost pixel centres coincide; if False, pixel centres lie at halves.
 
     Returns:
         (N, height, width) uint8; of equal logits the smaller channel wins.
@@ -61,13 +61,13 @@ def largest_channel(logits: Tensor, height: int, width: int, *, align_corners: b
 def label_maps(
     network: nn.Module, pictures: Tensor, mean: Tensor, std: Tensor, *, labels: tuple[int, int] | None = None
 ) -> Tensor:
-    """Train ids of whole pictures of any size.
+    """Return the train ids of whole pictures of any size.
 
-    The picture's last row and column are repeated up to the next multiple of 32, logits are resampled bilinearly to the
-    padded size, and what was padded is cut off: pixel (0, 0) stays pixel (0, 0).
+    The last row and column are repeated up to the next multiple of 32, logits are resampled bilinearly to the padded size, and
+    the padding is cut off: pixel (0, 0) stays pixel (0, 0).
 
     Args:
-        network: gives logits of a resolution of its own; its ``align_corners`` says how they are resampled.
+        network: answers logits in its own resolution; its ``align_corners`` says how they are resampled.
         pictures: (N, H, W, 3) uint8 sRGB on the network's device.
         mean: (3,) float32 on that device.
         std: (3,) float32 on that device.

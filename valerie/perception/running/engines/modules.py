@@ -1,4 +1,4 @@
-"""From a document and its payload to a torch module: float pictures in, logits out."""
+"""torch modules of documents and their payloads: float pictures in, logits out."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from valerie.perception.importing.network_weights import filled_network
 
 
 def open_module(document: FunctionDocument, payload: Path) -> nn.Module:
-    """The network of a document of kind ``network`` or ``huggingface``, fp32, in evaluation mode, without gradients.
+    """Return the network of a document of kind ``network`` or ``huggingface``, fp32, in evaluation mode, without gradients.
 
     Returns:
-        A module that takes (N, 3, H, W) float32, normalised and in the document's channel order, and gives logits
-        (N, classes, h, w); its attribute ``align_corners``, where it has one, says how they are to be upsampled.
+        A module from (N, 3, H, W) float32, normalised and in the document's channel order, to logits (N, classes, h, w). Its
+        attribute ``align_corners``, if it has one, says how to upsample them.
 
     Raises:
         InvalidInput, UnknownName: document and payload do not fit each other.

@@ -1,4 +1,4 @@
-"""The network of any kind as ONNX: the user's own file, or one that is exported from torch into a folder of its own."""
+"""Networks of any kind as ONNX: the user's own file, or an export from torch in a folder of its own."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 
 class NetworkFile:
-    """Gives the graph for pieces of any size; between two of them the network is on disk and not in memory.
+    """An ONNX network whose graph is built for pieces of any size; the network itself stays on disk.
 
     Args:
-        document: kind ``onnx``, ``network`` or ``huggingface``.
+        document: of kind ``onnx``, ``network`` or ``huggingface``.
         payload: its file.
 
     Raises:
         InvalidInput, UnknownName: document and payload do not fit each other.
-        MissingDependency: torch or transformers is needed and not installed.
+        MissingDependency: torch or transformers is needed but not installed.
     """
 
     def __init__(self, document: FunctionDocument, payload: Path) -> None:
         self.document = document
         self._path = payload
-        self._given = document.output
+        self._output = document.output
         self._folder: TemporaryDirectory[str] | None = None
-        #: What has to be exported again for every size.
+        #: A module that has to be exported again for every size; None otherwise.
         self._module: nn.Module | None = None
         if document.kind == "onnx":
             read_onnx(payload)
@@ -43,10 +43,10 @@ class NetworkFile:
             self._export(payload)
 
     def graph(self, piece: Size, labels: Size) -> bytes:
-        """The whole graph (see `whole_graph`) for these sizes, serialised.
+        """Return the whole graph (see `whole_graph`) for these sizes, serialised.
 
         Raises:
-            InvalidInput: the network is not what the document says, or does not take pieces of this size.
+            InvalidInput: the network is not that of the document, or does not take pieces of this size.
         """
         if self._module is not None:
             from valerie.perception.running.engines.export import export_onnx
@@ -54,8 +54,8 @@ class NetworkFile:
             export_onnx(self._module, self._path, piece)
         model = whole_graph(
             onnx.load(self._path, load_external_data=False),
-            taken=self.document.input,
-            given=self._given,
+            source=self.document.input,
+            answer=self._output,
             piece=piece,
             labels=labels,
             output=options.output if isinstance(options := self.document.options, OnnxOptions) else "",
@@ -64,7 +64,7 @@ class NetworkFile:
         return graph
 
     def close(self) -> None:
-        """Remove what was exported."""
+        """Remove the export."""
         self._module = None
         if self._folder is not None:
             self._folder.cleanup()
@@ -75,7 +75,7 @@ class NetworkFile:
 
         module = open_module(self.document, payload)
         if getattr(module, "align_corners", False):
-            self._given = self._given.model_copy(update={"align_corners": True})
+            self._output = self._output.model_copy(update={"align_corners": True})
         self._folder = TemporaryDirectory(prefix="valerie-onnx-")
         self._path = Path(self._folder.name) / "network.onnx"
         # The code of other people's networks may look at sizes in ways that a trace does not notice.

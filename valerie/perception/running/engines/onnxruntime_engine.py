@@ -22,12 +22,12 @@ class OnnxRuntimeEngine:
     """See `valerie.perception.running.engines.base.Engine`.
 
     Args:
-        document: what it is.
+        document: of the function.
         payload: its file.
         threads: of this engine.
 
     Raises:
-        InvalidInput, UnknownName: as `NetworkFile`.
+        InvalidInput, UnknownName: see `NetworkFile`.
     """
 
     name: Final = "onnxruntime"
@@ -35,7 +35,7 @@ class OnnxRuntimeEngine:
     batch_size: Final = 1
 
     def __init__(self, document: FunctionDocument, payload: Path, *, threads: int) -> None:
-        # The variable that `silence_libraries` sets stops what is sent; this also stops what is collected.
+        # `silence_libraries` stops events from being sent; this also stops them from being collected.
         onnxruntime.disable_telemetry_events()
         self._threads = threads
         self._network = NetworkFile(document, payload)
@@ -49,8 +49,7 @@ class OnnxRuntimeEngine:
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         session = self._compiled.get(Size(*pieces.shape[1:3]), labels)
-        found = [session.run(None, {PICTURES: piece[None]})[0][0] for piece in pieces]
-        return np.stack(found)
+        return np.stack([session.run(None, {PICTURES: piece[None]})[0][0] for piece in pieces])
 
     def close(self) -> None:
         """Free the weights."""
@@ -62,9 +61,9 @@ class OnnxRuntimeEngine:
         options.intra_op_num_threads = self._threads
         options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        # Memory that a frame needed is given back: a worker that waits holds the weights alone.
+        # Memory of a frame is freed: a waiting worker holds the weights alone.
         options.enable_cpu_mem_arena = False
-        # Threads that wait sleep: the machine is shared.
+        # Waiting threads sleep: the machine is shared.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         graph = self._network.graph(piece, labels)
         try:

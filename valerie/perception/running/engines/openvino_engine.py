@@ -1,7 +1,7 @@
 """Networks in OpenVINO: the fast engine on processors.
 
-OpenVINO picks bf16 by itself on processors that have it. Here the precision is set, read back from the compiled model, and
-refused when it is another one.
+OpenVINO chooses bf16 by itself on processors that have it. Here the precision is set and read back from the compiled model; any
+other one is refused.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class OpenVinoEngine:
     """See `valerie.perception.running.engines.base.Engine`.
 
     Args:
-        document: what it is; its precision is what is asked for.
+        document: of the function; states the precision.
         payload: its file.
         threads: of this engine.
 
     Raises:
         MissingDependency: this processor does not compute in that precision.
-        InvalidInput, UnknownName: as `NetworkFile`.
+        InvalidInput, UnknownName: see `NetworkFile`.
     """
 
     name: Final = "openvino"
@@ -58,8 +58,7 @@ class OpenVinoEngine:
     def ids(self, pieces: NDArray[np.uint8], labels: Size) -> NDArray[np.uint8]:
         """See `Engine`."""
         request = self._compiled.get(Size(*pieces.shape[1:3]), labels)
-        found = [np.array(request.infer([piece[None]])[0][0], np.uint8) for piece in pieces]
-        return np.stack(found)
+        return np.stack([np.array(request.infer([piece[None]])[0][0], np.uint8) for piece in pieces])
 
     def close(self) -> None:
         """Free the weights."""
@@ -83,12 +82,12 @@ def _settings(precision: str, threads: int) -> dict[str, Any]:
     mode = hint.ExecutionMode.ACCURACY if precision == "fp32" else hint.ExecutionMode.PERFORMANCE
     return {
         hint.inference_precision(): _TYPES[precision],
-        # ACCURACY also keeps the engine from rounding weights or activations by itself.
+        # ACCURACY also keeps the engine from rounding weights or activations.
         hint.execution_mode(): mode,
         hint.performance_mode(): hint.PerformanceMode.LATENCY,
         properties.inference_num_threads(): threads,
         properties.num_streams(): 1,
-        # Several workers share a machine: pinned to the same cores, they would wait for each other.
+        # Several workers share a machine; pinned to the same cores, they would wait for each other.
         hint.enable_cpu_pinning(): False,
     }
 
@@ -100,7 +99,7 @@ def _core() -> openvino.Core:
 
 @lru_cache(maxsize=8)
 def _require_precision(precision: str) -> None:
-    """Compile a network of nothing and look what became of it: the list of capabilities alone promises too much."""
+    """Compile a tiny network and read its precision back: the list of capabilities promises too much."""
     ops = openvino.opset13
     value = ops.parameter([1, 8, 8, 8], openvino.Type.f32)
     weights = ops.constant(np.zeros((8, 8, 3, 3), np.float32))
@@ -109,12 +108,12 @@ def _require_precision(precision: str) -> None:
 
 
 def _require_compiled(compiled: openvino.CompiledModel, precision: str) -> None:
-    """Read the precision back."""
-    found = compiled.get_property(properties.hint.inference_precision())
-    if found != _TYPES[precision]:
+    """Refuse a compiled model of another precision."""
+    compiled_type = compiled.get_property(properties.hint.inference_precision())
+    if compiled_type != _TYPES[precision]:
         names = {kind.get_type_name(): name for name, kind in _TYPES.items()}
-        given = names.get(found.get_type_name(), found.get_type_name())
-        raise MissingDependency(f"OpenVINO computes in {given} on this processor where {precision} is asked for")
+        name = names.get(compiled_type.get_type_name(), compiled_type.get_type_name())
+        raise MissingDependency(f"OpenVINO computes in {name} on this processor, but {precision} is requested")
 
 
 def _reason(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""What of a processor may change the last bits of a result: the instructions that kernels are chosen by."""
+"""The instruction set of the processor, by which libraries choose kernels; it may change the last bits of a result."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-#: The newest that a processor has decides; (name, flag as Linux lists it).
+#: Name and flag in Linux of each instruction set; the newest of a processor decides.
 _NEWEST_FIRST: Final = (
     ("amx", "amx_bf16"),
     ("avx512-bf16", "avx512_bf16"),
@@ -21,12 +21,12 @@ _NEWEST_FIRST: Final = (
 
 @lru_cache(maxsize=1)
 def instruction_set() -> str:
-    """E.g. ``amx`` or ``avx512-bf16``; the machine's name where nothing better is known."""
+    """Return e.g. ``amx`` or ``avx512-bf16``; the name of the architecture if no instruction set is known."""
     return newest(flags()) or platform.machine().lower().replace("_", "-")
 
 
 def flags() -> frozenset[str]:
-    """The flags of the first processor, as Linux lists them; empty elsewhere."""
+    """Return the flags of the first processor as Linux lists them; none on other systems."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
     except OSError:
@@ -35,6 +35,6 @@ def flags() -> frozenset[str]:
     return frozenset(next(listed, "").split())
 
 
-def newest(found: frozenset[str]) -> str:
-    """The name of the newest instruction set among flags; empty when none is known."""
-    return next((name for name, flag in _NEWEST_FIRST if flag in found), "")
+def newest(listed: frozenset[str]) -> str:
+    """Return the name of the newest instruction set among flags; empty if none is known."""
+    return next((name for name, flag in _NEWEST_FIRST if flag in listed), "")

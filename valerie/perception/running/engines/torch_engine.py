@@ -26,14 +26,14 @@ _GPU_BATCH_BYTES: Final = 12 << 30
 class TorchEngine:
     """See `valerie.perception.running.engines.base.Engine`.
 
-    The kernels that torch picks depend on the instruction set, on the number of threads, on a GPU on the batch: all of them are
-    part of the numeric class, and a GPU's batch is always full, so that a label never depends on what else was asked.
+    torch chooses kernels by instruction set and number of threads, on a GPU by the batch. All of these are part of the numeric
+    class, and a GPU's batch is always full, so that a label never depends on the other pictures.
 
     Args:
-        module: see `valerie.perception.running.engines.modules.open_module`; taken over.
-        document: what goes in and what comes out.
+        module: see `valerie.perception.running.engines.modules.open_module`; the engine owns it from now on.
+        document: of the function.
         threads: torch's threads *of this process*.
-        device: ``auto`` takes a GPU where there is one; ``cpu``; ``cuda`` or ``cuda:1``.
+        device: ``auto`` takes a GPU if there is one; ``cpu``; ``cuda`` or ``cuda:1``.
 
     Raises:
         MissingDependency: no such device, or it has no such precision.
@@ -45,7 +45,7 @@ class TorchEngine:
         self._device = _device(device)
         precision = document.precision
         if self._device.type == "cpu" and precision == "fp16":
-            raise MissingDependency("torch has no fp16 on processors; take bf16 or fp32, or a GPU")
+            raise MissingDependency("torch has no fp16 on processors; use bf16 or fp32, or a GPU")
         torch.set_num_threads(threads)
         if self._device.type == "cuda":
             _reproducible_on_gpu()
@@ -66,7 +66,7 @@ class TorchEngine:
             gpu = re.sub(r"[^a-z0-9]+", "-", torch.cuda.get_device_name(self._device).lower()).strip("-")
             return f"torch-{version}-cuda{torch.version.cuda}-{gpu}-{self.precision}-b{self.batch_size}"
         kernels = torch.backends.cpu.get_cpu_capability().lower().replace(" ", "-")
-        if self.precision != "fp32":  # chosen by instructions that torch's own name does not tell apart
+        if self.precision != "fp32":  # torch's own name does not distinguish the instructions that decide here
             kernels = f"{kernels}-{instruction_set()}"
         return f"torch-{version}-cpu-{self.precision}-{kernels}-t{torch.get_num_threads()}"
 
@@ -82,8 +82,8 @@ class TorchEngine:
             values = normalised(batch, self._mean, self._std, self._input.value_range)
             logits = self._module(values.to(_TYPES[self.precision]))
             ids = self._ids(logits, labels)[:count].cpu()
-        found: NDArray[np.uint8] = ids.numpy()
-        return found
+        answer: NDArray[np.uint8] = ids.numpy()
+        return answer
 
     def _ids(self, logits: torch.Tensor, labels: Size) -> torch.Tensor:
         if len(self._output.classes) > 1:
@@ -108,7 +108,7 @@ def _device(wanted: str) -> torch.device:
 
 
 def _reproducible_on_gpu() -> None:
-    """No TF32 in what is called fp32, and no choice of kernels by stop-watch."""
+    """Switch off TF32, which is not fp32, and the choice of kernels by measured time."""
     torch.backends.cuda.matmul.allow_tf32 = False
     torch.backends.cudnn.allow_tf32 = False
     torch.backends.cudnn.benchmark = False
@@ -120,6 +120,6 @@ def _gpu_batch(device: torch.device) -> int:
 
 
 def _precision(network: nn.Module) -> str:
-    """The precision that the weights really have, e.g. ``fp32``."""
+    """Return the precision of the weights, e.g. ``fp32``."""
     kinds = {parameter.dtype for parameter in network.parameters()}
     return "+".join(sorted(_NAMES[kind] for kind in kinds))

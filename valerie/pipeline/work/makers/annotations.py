@@ -1,4 +1,4 @@
-"""Makes annotations of frames: from the scene, the camera and the ground truth that is stored already."""
+"""Annotations of frames, made from the scene, the camera and the stored ground truth."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def annotate(
     reader: ProductReader,
     truth_pass: TruthMaker,
 ) -> bytes:
-    """The stored form of one annotation.
+    """Make one annotation and return its stored form.
 
     Args:
-        kind: which.
+        kind: of annotation.
         scene, view: of the frame.
-        near: the scene so many seconds later.
+        near: returns the scene so many seconds later.
         step: seconds until the next frame.
         truth: digest of the frame's truth.
-        reader: reads it.
+        reader: reads the truth.
         truth_pass: of this process .
 
     Raises:
@@ -60,16 +60,18 @@ def annotate(
 def light_rows(
     job: Job, scene: Scene, view: View, *, reader: ProductReader, light: LightPass
 ) -> tuple[dict[str, Any], ...]:
-    """The rows of one product of kind ``light``, one per person who is drawn.
+    """Measure the light on the persons of a frame; return one row per person who is drawn.
 
     Args:
-        job: names the frame's background, layer and truth.
+        job: a product of kind ``light``.
         scene, view: of the frame.
-        reader: reads them.
+        reader: reads its image and truth.
         light: of this process.
 
     Raises:
         MissingInput: an object is gone.
     """
     image, truth = reader.frame(job.frame.products), reader.truth(job.frame.products.truth)
-    return tuple({"product": job.digest, **asdict(one)} for one in measure_light(truth, image, scene, view, light))
+    return tuple(
+        {"product": job.digest, **asdict(person)} for person in measure_light(truth, image, scene, view, light)
+    )

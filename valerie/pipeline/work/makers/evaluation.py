@@ -1,4 +1,4 @@
-"""Makes scores: ground truth and prediction → counts per frame and per person, and the ratios that follow."""
+"""Scores of predictions: counts per frame and per person, and the ratios that follow."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from valerie.storage import codecs
 
 
 class EvaluateMaker:
-    """Integer counting: the same result on every machine."""
+    """Scores predictions by counting pixels, with the same result on every machine."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -56,7 +56,7 @@ class EvaluateMaker:
         )
 
     def _views(self, job: Job, truth: GroundTruth) -> tuple[dict[str, Any], ...]:
-        """The rows of the frame's own truth with everything that is measured in pixels measured again."""
+        """Return the rows of the frame's own truth with everything in pixels measured again."""
         with reading(self._context.engine) as connection:
             rows = [dict(row._mapping) for row in results.person_views(connection, job.frame.products.truth)]  # noqa: SLF001  # public
         return tuple({**measured_again(row, truth), "truth": job.digest} for row in rows)

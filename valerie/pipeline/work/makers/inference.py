@@ -1,10 +1,9 @@
-"""Makes predictions: frame → sensor stage → picture → function under test."""
+"""Predictions: frame → sensor stage → picture → function under test."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from numpy import uint8
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from valerie.pipeline.functions.loader import FunctionLoader
 from valerie.pipeline.reading.capture import capture_of
 from valerie.pipeline.reading.products import ProductReader
 from valerie.pipeline.reading.run_cache import RunCache
+from valerie.runs.pins import FunctionPin
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 
@@ -26,10 +26,10 @@ Predicted = tuple[NDArray[uint8], float]
 
 
 class InferMaker:
-    """One network stays loaded; messages hold products of one function, so it seldom changes.
+    """Makes predictions. One network stays loaded; messages hold products of one function, so it seldom changes.
 
-    Where the function wants several pictures at once, those that are expected next are predicted with the one that is asked for,
-    and kept until it is their turn: claims, storing and failures stay with each product.
+    Where the function takes several pictures at once, the pictures of the next products are predicted together with the current
+    one, and kept until it is their turn. Claims, storing and failures stay with each product.
     """
 
     def __init__(self, context: Context) -> None:
@@ -62,13 +62,13 @@ class InferMaker:
         return Finished(job.digest, len(data), int(prediction.size), seconds + time.process_time() - started)
 
     def _predict(self, job: Job) -> Predicted:
-        """The prediction of one product, and as a by-product those of some that are expected."""
+        """Predict one picture, and together with it some of the next ones."""
         started = time.process_time()
         run, look = self._runs.run(job.frame.key.run_id), _look(job)
         name = run.resolved.spec.functions[look.function]
-        function = self._function(name, run.pins["functions"][name])
+        function = self._function(name, run.pins.functions[name])
         pictures = {job.digest: self._picture(job)}
-        # What is tried again goes alone: a picture that ended a process must not take its neighbours along twice.
+        # A second attempt goes alone: a picture that ended a process must not take its neighbours along twice.
         size = function.batch_size if job.attempts == 1 else 1
         if size > 1:
             pictures |= self._companions(job, pictures[job.digest].shape, size - 1)
@@ -79,12 +79,12 @@ class InferMaker:
         return first[1], each
 
     def _predictions(self, function: BoundedFunction, pictures: Sequence[NDArray[uint8]]) -> Sequence[NDArray[uint8]]:
-        """Of all pictures; of the first alone where together they fail, so that one picture harms no other."""
+        """Predict all pictures, or the first alone where together they fail, so that one picture harms no other."""
         predictions = None
         if len(pictures) > 1:
             try:
                 predictions = function.predict_many(pictures)
-            except Exception:  # a plug-in may raise anything, and each picture is to fail for itself
+            except Exception:  # a plug-in may raise anything, and each picture must fail alone
                 predictions = None
         if predictions is None:
             predictions = [function.predict(pictures[0])]
@@ -93,10 +93,10 @@ class InferMaker:
         return predictions
 
     def _companions(self, job: Job, shape: tuple[int, ...], most: int) -> dict[str, NDArray[uint8]]:
-        """Pictures of the same size for the same function of the same run that are expected next."""
-        found: dict[str, NDArray[uint8]] = {}
+        """Return the next pictures of the same size for the same function of the same run."""
+        companions: dict[str, NDArray[uint8]] = {}
         for other in self._expected.values():
-            if len(found) == most:
+            if len(companions) == most:
                 break
             same = (other.frame.key.run_id, _look(other).function) == (job.frame.key.run_id, _look(job).function)
             if not same or other.attempts > 1 or other.digest in self._ahead:
@@ -104,18 +104,18 @@ class InferMaker:
             try:
                 picture = self._picture(other)
             except ValerieError:
-                continue  # will be told when it is asked for
+                continue  # reported when it is its turn
             if picture.shape == shape:
-                found[other.digest] = picture
-        return found
+                companions[other.digest] = picture
+        return companions
 
     def _picture(self, job: Job) -> NDArray[uint8]:
-        """What the function sees."""
+        """Return the picture that the function sees."""
         resolved = self._runs.run(job.frame.key.run_id).resolved
         return capture_of(resolved, job.frame, _look(job).sensor).picture(self._reader)
 
-    def _function(self, name: str, pin: Mapping[str, Any]) -> BoundedFunction:
-        key = (name, pin["digest"], pin["numeric_class"])
+    def _function(self, name: str, pin: FunctionPin) -> BoundedFunction:
+        key = (name, pin.digest, pin.numeric_class)
         if self._loaded is None or self._loaded[0] != key:
             if self._loaded is not None:
                 self._loaded[1].close()

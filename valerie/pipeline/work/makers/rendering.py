@@ -1,4 +1,4 @@
-"""Makes backgrounds, movable layers, ground truth and annotations with the engines of this process."""
+"""Backgrounds, layers, ground truth and annotations, made with the engines of this process."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ from valerie.rendering.base import GroundTruth, Renderer, View
 from valerie.rendering.person_light import LightPass
 from valerie.rendering.truth import TruthMaker
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.states import ProductKind
 from valerie.scene.variation.variant import apply
 from valerie.storage import codecs
 from valerie.storage.keys import product_key
 from valerie.storage.store import ArtifactStore
 
-#: Truths of statics whose digests are kept: as many as the truth pass keeps.
+#: Number of truths of statics whose digests are kept: as many as the truth pass keeps.
 _KEPT_STATICS: Final = 4
 
-_ANNOTATIONS: Final = frozenset(AnnotationKind)
+_ANNOTATIONS: Final = frozenset(ProductKind(kind) for kind in AnnotationKind)
 
 
 class RenderMaker:
-    """Engines are opened at their first use and stay open: one context per process and engine."""
+    """Renders. An engine is opened at its first use and stays open: one context per process and engine."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -57,20 +58,21 @@ class RenderMaker:
         part: Part | None = None
         lights: tuple[dict[str, Any], ...] = ()
         data = b""
-        if job.kind == "truth":
+        if job.kind is ProductKind.TRUTH:
             from valerie.rendering.visibility import measure
 
-            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             statics, layer = truth_pass.parts(scene, view)
             truth = layer.over(statics)
-            views = tuple(view_row(job.digest, one) for one in measure(truth, scene, view)) or (no_person(job.digest),)
+            views = tuple(view_row(job.digest, person) for person in measure(truth, scene, view))
+            views = views or (no_person(job.digest),)
             part = self._statics.stored(statics, again=job.attempts > 1)
             data = codecs.encode_truth_layer(layer, part.digest)
-        elif job.kind == AnnotationKind.LIGHT:
-            light = self._light_pass(run.pins["truth"]["numeric_class"])
+        elif job.kind is ProductKind.LIGHT:
+            light = self._light_pass(run.pins.truth.numeric_class)
             lights = light_rows(job, scene, view, reader=self._reader, light=light)
         elif job.kind in _ANNOTATIONS:
-            truth_pass = self._truth_pass(run.pins["truth"]["numeric_class"])
+            truth_pass = self._truth_pass(run.pins.truth.numeric_class)
             kind = AnnotationKind(job.kind)
             data = annotate(
                 kind,
@@ -83,9 +85,9 @@ class RenderMaker:
                 truth_pass=truth_pass,
             )
         else:
-            engine = self._engine(resolved, run.pins["engine"]["numeric_class"])
+            engine = self._engine(resolved, run.pins.engine.numeric_class)
             elsewhere = _cpu_seconds_elsewhere(engine)
-            if job.kind == "background":
+            if job.kind is ProductKind.BACKGROUND:
                 data = codecs.encode_image(engine.background(scene, view))
             else:
                 data = codecs.encode_layer(engine.layer(scene, view))
@@ -127,34 +129,39 @@ class RenderMaker:
 
 
 class _Statics:
-    """Stores the truths of statics that truths are stored over, each once."""
+    """Stores the truths of statics, over which truths are stored, each once."""
 
     def __init__(self, store: ArtifactStore) -> None:
         self._store = store
         self._known: deque[tuple[GroundTruth, str]] = deque(maxlen=_KEPT_STATICS)
 
     def stored(self, statics: GroundTruth, *, again: bool) -> Part:
-        """Its part, whose object is in the store now.
+        """Store a truth of statics; return its part of the product.
 
         Args:
-            again: the truth is not made for the first time; a damaged object is replaced.
+            statics: the truth without movables.
+            again: True at a second attempt, which replaces a damaged object.
         """
-        digest = next((digest for one, digest in self._known if one is statics), None)
+        digest = next((digest for known, digest in self._known if known is statics), None)
         if digest is None:
             digest = codecs.statics_digest(statics)
             self._known.append((statics, digest))
         key = product_key("statics", digest)
         if again or not self._store.exists(key):
             self._store.put(key, codecs.encode_truth(statics))
-        return Part(digest, "statics", self._store.head(key).size, statics.class_map.size)
+        return Part(digest, self._store.head(key).size, statics.class_map.size)
 
 
 def _cpu_seconds_elsewhere(engine: Renderer | None) -> float:
-    """What an engine's other processes have used so far; see `valerie.rendering.base.Renderer`."""
+    """Return the CPU seconds that an engine has used in other processes so far; see `valerie.rendering.base.Renderer`."""
     return float(getattr(engine, "cpu_seconds_elsewhere", 0.0))
 
 
 def _require_class(name: str, actual: str, pinned: str) -> None:
-    """A driver that changed under a running worker must not mix its pixels into a run."""
+    """Refuse a driver that changed under a running worker, so that a run does not mix pixels.
+
+    Raises:
+        TransientError: the numeric class is not the pinned one.
+    """
     if actual != pinned:
         raise TransientError(f"{name} runs as {actual} here, but the run pinned {pinned}")

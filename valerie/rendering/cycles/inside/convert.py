@@ -65,8 +65,8 @@ def drop_images(bpy: Any, folder: str) -> list[str]:
 
 
 def procedural_materials(bpy: Any) -> list[str]:
-    """Materials whose colour glTF cannot hold, in words."""
-    found = []
+    """Return a note for each material whose colour glTF cannot hold."""
+    notes = []
     for material in bpy.data.materials:
         if not material.users or not material.use_nodes or material.node_tree is None:
             continue
@@ -75,8 +75,8 @@ def procedural_materials(bpy: Any) -> list[str]:
                 continue
             links = node.inputs["Base Color"].links
             if links and links[0].from_node.type not in {"TEX_IMAGE", "RGB", "MIX", "VERTEX_COLOR"}:
-                found.append(f"material {material.name}: its procedural colour is not converted; bake it to an image")
-    return found
+                notes.append(f"material {material.name}: its procedural colour is not converted; bake it to an image")
+    return notes
 
 
 def main(source: str, target: str, report: str) -> None:
@@ -85,11 +85,11 @@ def main(source: str, target: str, report: str) -> None:
     import bpy
 
     try:
-        found: dict[str, Any] = {"version": bpy.app.version_string, "notes": convert(bpy, source, target)}
+        result: dict[str, Any] = {"version": bpy.app.version_string, "notes": convert(bpy, source, target)}
     except Exception as error:
-        found = {"error": f"{type(error).__name__}: {error}".strip()}
+        result = {"error": f"{type(error).__name__}: {error}".strip()}
     with open(report, "w", encoding="utf-8") as file:  # noqa: PTH123
-        json.dump(found, file)
+        json.dump(result, file)
     # Blender's own end reports every block that it did not free, and may wait for ever.
     os._exit(0)
 

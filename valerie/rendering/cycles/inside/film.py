@@ -18,14 +18,14 @@ class Film:
         self._folder = folder
 
     def picture(self, scene: Any) -> Any:
-        """(h, w, 3) float32, first row at the top."""
+        """Render a scene and return its image, (h, w, 3) float32, first row at the top."""
         path = f"{self._folder}/picture.exr"
         scene.render.filepath = path
         self._bpy.ops.render.render(write_still=True, scene=scene.name)
         return self._read(path)
 
     def index(self, scene: Any) -> Any:
-        """Cycles' object index (h, w) of one sample in the middle of each pixel."""
+        """Return Cycles' object index, (h, w), of one sample at each pixel centre."""
         layer = scene.view_layers[0]
         layer.use_pass_object_index = True
         scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.filter_width = 1, False, 0.01
@@ -39,7 +39,7 @@ class Film:
         return np.rint(made["index"][..., 0])
 
     def guided(self, scene: Any) -> dict[str, Any]:
-        """``noisy``, ``albedo`` and ``normal``, each (h, w, 3) float32, as Cycles' denoiser gets them."""
+        """Return ``noisy``, ``albedo`` and ``normal``, each (h, w, 3) float32, as Cycles' denoiser gets them."""
         layer = scene.view_layers[0]
         layer.cycles.denoising_store_passes = True
         names = {"noisy": "Image", "albedo": "Denoising Albedo", "normal": "Denoising Normal"}
@@ -54,7 +54,7 @@ class Film:
             layer.cycles.denoising_store_passes = False
 
     def denoised(self, threads: int, arrays: dict[str, Any]) -> dict[str, Any]:
-        """What Cycles' own denoiser makes of ``noisy`` with the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
+        """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
         bpy = self._bpy
         scene = bpy.data.scenes.new("denoise")
         scene.render.resolution_y, scene.render.resolution_x, _ = arrays["noisy"].shape
@@ -79,7 +79,7 @@ class Film:
                 bpy.data.images.remove(image)
 
     def _composited(self, scene: Any, outputs: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        """(h, w, 3) float32 of each output that ``outputs`` makes of the nodes of a scene's empty compositor."""
+        """Return (h, w, 3) float32 of each output that ``outputs`` makes of the nodes of a scene's empty compositor."""
         scene.use_nodes, scene.render.use_compositing = True, True
         tree = scene.node_tree
         tree.nodes.clear()
@@ -112,21 +112,21 @@ class Film:
 
 
 def take_threads(scene: Any, threads: int) -> None:
-    """So many threads render a scene; 0: as many as there are."""
+    """Set the number of threads that render a scene; 0: as many as there are."""
     scene.render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
         scene.render.threads = threads
 
 
 def write_floats(scene: Any) -> None:
-    """Pictures of a scene keep their linear values."""
+    """Let images of a scene keep their linear values."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
     settings.color_depth, settings.exr_codec = "32", "NONE"
 
 
 def float_image(data: Any, name: str, pixels: Any) -> Any:
-    """An image of (H, W, 3) float32 values, first row at the top, which nothing converts."""
+    """Return an image of (H, W, 3) float32 values, first row at the top, which nothing converts."""
     height, width, _ = pixels.shape
     image = data.images.new(name, width, height, float_buffer=True, alpha=False)
     image.colorspace_settings.name = "Linear Rec.709"

@@ -17,7 +17,7 @@ _SKY_SIZE = (64, 32)
 
 
 class SkyMeter:
-    """How bright Blender's sky is."""
+    """Measures the brightness of Blender's sky."""
 
     def __init__(self, bpy: Any, film: Film) -> None:
         self._bpy = bpy
@@ -25,7 +25,7 @@ class SkyMeter:
         self._skies: dict[tuple[float, float], float] = {}
 
     def luminance(self, sky: dict[str, Any]) -> float:
-        """Luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""
+        """Return the luminance of a white Lambert surface below Blender's sky at strength 1, measured in a panorama of it."""
         key = (sky["elevation"], sky["dust"])
         if key not in self._skies:
             bpy = self._bpy
@@ -75,7 +75,7 @@ class Light:
         self._world = World(scene.world)
 
     def show(self, light: dict[str, Any], sky: dict[str, Any], panorama: Any) -> None:
-        """A sun, and Blender's sky or that of a panorama."""
+        """Light the scene with a sun, and with Blender's sky or that of a panorama."""
         strength = max(light["sun"])
         lamp = self._sun.data
         # Off is energy 0: a hidden lamp would come back in another place of Cycles' order, with other noise.
@@ -92,7 +92,7 @@ class Light:
             )
 
     def lamps(self, wanted: list[dict[str, Any]]) -> None:
-        """Point and spot lights; all are made anew when one differs, so that their order is that of the list."""
+        """Set the point and spot lights. If one differs, all are created anew, so that they have the order of the list."""
         if wanted == self._lamps:
             return
         data = self._data
@@ -133,7 +133,7 @@ class World:
         nodes.link(surface, nodes.add("ShaderNodeOutputWorld").inputs["Surface"])
 
     def show(self, sky: dict[str, Any], strength: float) -> None:
-        """Blender's sky of a sun ``rotation`` radians clockwise from +y, times ``strength``."""
+        """Show Blender's sky of a sun ``rotation`` radians clockwise from +y, times ``strength``."""
         self._sky.sun_elevation, self._sky.sun_rotation = sky["elevation"], sky["rotation"] % (2 * math.pi)
         self._sky.dust_density = sky["dust"]
         self._nodes.link(self._sky.outputs["Color"], self._above.inputs["Color"])
@@ -141,7 +141,7 @@ class World:
         self._below.inputs["Color"].default_value = (*sky["ground"], 1.0)
 
     def show_panorama(self, data: Any, sky: dict[str, Any], panorama: Any) -> None:
-        """The sky of an equirectangular picture (H, W, 3), first row straight up."""
+        """Show the sky of an equirectangular image, (H, W, 3), first row straight up."""
         old, image = self._picture.image, float_image(data, "sky", panorama)
         self._picture.image = image
         if old is not None:
@@ -152,7 +152,7 @@ class World:
 
 
 def _shining_from(toward: Any, position: Any) -> Any:
-    """(4, 4) pose of a lamp at a position, which shines along its own −z, away from ``toward``."""
+    """Return (4, 4) pose of a lamp at a position, which shines along its own −z, away from ``toward``."""
     toward = np.array(toward)
     side = np.cross((0.0, 1.0, 0.0) if abs(toward[2]) > 0.9 else (0.0, 0.0, 1.0), toward)
     side /= np.linalg.norm(side)

@@ -31,13 +31,13 @@ class Materials:
             self._data.images.remove(self._textures.pop(key))
 
     def show(self, light: dict[str, Any]) -> None:
-        """The water and the air of ``light``."""
+        """Apply the water and the air of ``light`` to all materials."""
         self._water.nodes["wetness"].outputs[0].default_value = light["wetness"]
         self._air.nodes["extinction"].outputs[0].default_value = -light["extinction"]
         self._air.nodes["haze"].inputs["Color"].default_value = (*light["haze"], 1.0)
 
     def texture(self, header: dict[str, Any], pixels: Any) -> None:
-        """An (H, W, 3 or 4) uint8 image; ``color``: sRGB colour, else data."""
+        """Add a texture, (H, W, 3 or 4) uint8; ``color`` in the header: sRGB colour, else data."""
         height, width, channels = pixels.shape
         image = self._data.images.new(header["key"], width, height, alpha=channels == 4)
         image.colorspace_settings.name = "sRGB" if header["color"] else "Non-Color"
@@ -49,7 +49,7 @@ class Materials:
         self._textures[header["key"]] = image
 
     def material(self, header: dict[str, Any]) -> None:
-        """Blender's Principled BSDF with the numbers of ``header``."""
+        """Add a material: Blender's Principled BSDF with the values of ``header``."""
         material = self._data.materials.new(header["key"])
         material.use_nodes = True
         material.use_transparent_shadow = header["alpha_cutoff"] is not None or header["transmission"] > 0
@@ -116,7 +116,7 @@ class Materials:
             clear = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(cut.outputs[0], surface, clear.outputs["BSDF"])
         if header["transmission"]:
-            # What is seen through a pane has its own haze, over the whole way.
+            # Surfaces behind a pane have haze of their own, over the whole distance.
             pane = nodes.add("ShaderNodeBsdfTransparent")
             surface = nodes.mixed(header["transmission"], surface, pane.outputs["BSDF"])
         if not header["double_sided"]:
@@ -129,7 +129,7 @@ class Materials:
 
 
 def _air_group(data: Any) -> Any:
-    """What the air between a surface and the camera does: fades it into the haze, exp(−extinction · distance)."""
+    """Fade a surface into the haze between it and the camera: exp(−extinction · distance)."""
     group = data.node_groups.new("air", "ShaderNodeTree")
     group.interface.new_socket("surface", in_out="INPUT", socket_type="NodeSocketShader")
     group.interface.new_socket("surface", in_out="OUTPUT", socket_type="NodeSocketShader")

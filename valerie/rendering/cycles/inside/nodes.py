@@ -60,7 +60,7 @@ class Nodes:
         return self.math("MULTIPLY_ADD", self.math("SUBTRACT", second, first), share, first)
 
     def scaled(self, vector: Any, factor: Any) -> Any:
-        """A vector or colour times a number."""
+        """Return a vector or colour times a number."""
         node = self.add("ShaderNodeVectorMath")
         node.operation = "SCALE"
         self.link(vector, node.inputs[0])
@@ -68,7 +68,7 @@ class Nodes:
         return node.outputs[0]
 
     def mixed(self, share: Any, first: Any, second: Any) -> Any:
-        """The first shader, with a share (a number or an output) of the second."""
+        """Return the first shader, with a share (a number or an output) of the second."""
         mix = self.add("ShaderNodeMixShader")
         if isinstance(share, float):
             mix.inputs[0].default_value = share
@@ -79,7 +79,7 @@ class Nodes:
         return mix.outputs[0]
 
     def math(self, operation: str, *operands: Any) -> Any:
-        """A number from outputs and numbers."""
+        """Return a number from outputs and numbers."""
         node = self.add("ShaderNodeMath")
         node.operation = operation
         self._feed(node, operands)

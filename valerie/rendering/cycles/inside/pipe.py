@@ -26,7 +26,7 @@ class Pipe:
         self._signed = 0.0
 
     def read(self) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """(header, arrays), or None at the end."""
+        """Read a request and return (header, arrays), or None at the end."""
         length = self._requests.read(_HEADER.size)
         if len(length) < _HEADER.size:
             return None
@@ -49,7 +49,7 @@ class Pipe:
         self._answers.flush()
 
     def alive(self, *_: Any) -> None:
-        """A sign of life, at most two a second."""
+        """Send a sign of life, at most two per second."""
         if time.monotonic() - self._signed > 0.5:
             self._signed = time.monotonic()
             self.write({"alive": True})

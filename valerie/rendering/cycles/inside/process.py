@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What both programs owe the process that started them."""
+"""Duties of both programs towards the process that started them."""
 
 from __future__ import annotations
 

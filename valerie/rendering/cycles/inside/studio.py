@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the engine may ask of Blender.
+"""The requests that the engine may send to Blender.
 
 Frames and units are those of the scene that is sent: world in metres, z up; a camera looks along −z; radiances are in
 the unit of the picture that comes back (linear Rec. 709, float32, first row at the top).
@@ -34,7 +34,7 @@ class Studio:
         self._clear()
 
     def hello(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Choose the device; say what there is."""
+        """Choose the device and report it."""
         self._threads = int(header["threads"])
         wanted = str(header["device"]).upper()
         preferences = self._bpy.context.preferences.addons["cycles"].preferences
@@ -72,7 +72,7 @@ class Studio:
         return {}, {}
 
     def mesh(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Positions (V, 3), normals (V, 3), uvs (V, 2; v downwards), faces (F, 3)."""
+        """Add a mesh: positions (V, 3), normals (V, 3), uvs (V, 2; v downwards), faces (F, 3)."""
         faces = arrays["faces"].astype(np.int32)
         mesh = self._bpy.data.meshes.new(header["key"])
         mesh.vertices.add(len(arrays["positions"]))
@@ -92,18 +92,19 @@ class Studio:
         return {}, {}
 
     def texture(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """An (H, W, 3 or 4) uint8 ``image``; ``color``: sRGB colour, else data."""
+        """Add a texture: an ``image``, (H, W, 3 or 4) uint8; ``color`` in the header: sRGB colour, else data."""
         self._materials.texture(header, arrays["image"])
         return {}, {}
 
     def material(self, header: dict[str, Any], _: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Blender's Principled BSDF with the numbers of ``header``."""
+        """Add a material: Blender's Principled BSDF with the values of ``header``."""
         self._materials.material(header)
         return {}, {}
 
     def render(self, header: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """A picture (h, w, 3) float32 of the border (x, y, w, h), or what a denoiser is given for it with ``guides``, or with
-        ``index`` the object index pass (h, w).
+        """Render the border (x, y, w, h) and return its image, (h, w, 3) float32.
+
+        With ``guides``, return the inputs of a denoiser instead; with ``index``, the object index pass, (h, w).
         """
         self._settings(header["settings"], header["size"], header["border"])
         self._camera_at(header["camera"])
@@ -117,7 +118,7 @@ class Studio:
         return {}, {"pixels": self._film.picture(self._scene)}
 
     def denoise(self, _: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What Cycles' own denoiser makes of ``noisy`` with the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
+        """Denoise ``noisy`` with Cycles' own denoiser and the guides ``albedo`` and ``normal``, each (h, w, 3) float32."""
         return {}, self._film.denoised(self._threads, arrays)
 
     def _clear(self) -> None:

@@ -1,5 +1,5 @@
-// Where in the image the surface under a pixel centre is seen at another moment: pixels from the left and the top; its depth along
-// the optical axis now; and its label and instance, negative where the object or the point is not in front of the camera then.
+// Position at another moment of the surface point under a pixel centre: pixels from the left and the top; its present depth along
+// the optical axis; and its label and instance, negative if the object is absent or the point not in front of the camera then.
 #include "surface.glsl"
 in vec3 elsewhere;
 uniform mat4 clip_from_elsewhere;

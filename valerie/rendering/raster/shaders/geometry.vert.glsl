@@ -1,10 +1,10 @@
 // Vertices to clip space. Statics come in world space with their ids; movables with a world matrix and ids of their own.
-// The image's G-buffer, the shadow maps and the truth pass all use this shader, so labels are in step with the image.
+// The image's G-buffer, the shadow maps and the truth pass all use this shader, so labels are aligned with the image.
 in vec3 in_position;
 in vec3 in_normal;
 in vec2 in_uv;
 #ifdef ELSEWHERE
-// Where the same vertex is at another moment, in the object's own coordinates then.
+// Position of the same vertex at another moment, in the object's own coordinates then.
 in vec3 in_elsewhere;
 out vec3 elsewhere;
 #endif

@@ -5,7 +5,7 @@
 #include "roughness.glsl"
 #include "sample.glsl"
 #include "shadow.glsl"
-// Of each sample, or of each pixel that is plain (plain.frag).
+// The G-buffer per sample, or per plain pixel (plain.frag).
 uniform sampler2D albedo_map;
 uniform sampler2D normals_map;
 uniform usampler2D material_map;
@@ -81,7 +81,8 @@ vec3 skylight(vec4 red, vec4 green, vec4 blue, vec3 zonal, vec3 n) {
     return max(vec3(dot(red, n1), dot(green, n1), dot(blue, n1)) + zonal * (0.375 * n.z * n.z - 0.125), vec3(0.0));
 }
 
-// What a mirror shows in a direction: the sky (given), what hides it, or the ground. Of no use where it is not wanted.
+// Returns the reflected radiance from a direction: of the sky (given), of surfaces that hide it, or of the ground. Undefined if not
+// wanted.
 vec3 surroundings(vec3 r, ivec2 cell, vec3 above, bool wanted) {
     vec2 p = r.xy / (abs(r.x) + abs(r.y) + max(r.z, 0.0));
     int side = textureSize(direction_shares, 0).x;
@@ -139,7 +140,7 @@ float sunlit(vec3 p, vec3 normal, float depth, bool wanted) {
     // dz/dx and dz/dy of the surface in the light's frame; a surface along the light has no useful slope.
     vec2 slope = clamp(-n.xy / (abs(n.z) < 0.05 ? -side * 0.05 : n.z), vec2(-6.0), vec2(6.0));
     vec3 receiver = light_rows * (p + normal * (side * 0.012));
-    // Where all casters around lie behind the planes of the taps, or all before them, no tap is needed.
+    // No tap is needed if all casters around lie behind the planes of the taps, or all in front of them.
     vec3 at = (receiver - static_origin) / static_extent;
     bool inside = all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));
     ivec2 blocks = textureSize(static_casters, 0);
@@ -291,7 +292,7 @@ void main() {
     vec3 f0 = mix(0.04 * surface.z * mix(vec3(1.0), tint, surface.w), albedo, metallic);
     vec3 view = -d;
     float facing = max(dot(normal, view), 1e-3);
-    // What is mirrored does not reach the matte surface below.
+    // Mirrored light does not reach the matte surface below.
     vec3 mirrored_share = environment_reflectance(f0, roughness, facing);
     vec3 diffuse = albedo * (1.0 - metallic) * (1.0 - mirrored_share);
     float cosine = dot(normal, toward_sun), face_cosine = dot(face, toward_sun);

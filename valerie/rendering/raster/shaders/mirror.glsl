@@ -1,5 +1,5 @@
-// What a wet surface mirrors of the statics that the camera sees, found along the mirrored ray in their G-buffer. Movables have no
-// mirror image: what a pixel shows here never depends on them.
+// Screen-space reflections of wet surfaces: the reflected ray is traced in the G-buffer of the statics. Movables have no reflection,
+// so they never change a pixel this way.
 uniform sampler2D mirror_albedo;    // of the statics alone, as in the G-buffer
 uniform sampler2D mirror_depth;
 uniform usampler2D mirror_material;
@@ -18,8 +18,8 @@ ivec2 mirror_sample(vec2 screen) {
     return clamp(ivec2((screen * 0.5 + 0.5) * vec2(sample_size)), ivec2(0), sample_size - 1);
 }
 
-// Whether a ray at a place of the image and this depth is behind what is seen there. What lies no higher than the mirror is not
-// seen in it: else the road would be in its own way where a sample holds metres of it.
+// Returns true if a ray at this place of the image and this depth is behind the visible surface. A surface no higher than the mirror
+// does not count: otherwise the road would hide itself where one sample covers metres of it.
 bool is_behind(vec2 screen, float depth, float level, out float seen) {
     ivec2 place = mirror_sample(screen);
     seen = linear_depth(texelFetch(mirror_depth, place, 0).r);

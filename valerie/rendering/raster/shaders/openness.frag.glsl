@@ -1,5 +1,5 @@
-// How much of the sky is seen from a place, in DIRECTIONS directions; one value for SKYLIGHT_CELL × SKYLIGHT_CELL samples, taken at
-// the first of them. Each direction has a shadow map of the statics (one tile of an atlas). It is the same under every light.
+// Visibility of the sky from a place in DIRECTIONS directions; one value for SKYLIGHT_CELL × SKYLIGHT_CELL samples, taken at the
+// first of them. Each direction has a shadow map of the statics (one tile of an atlas). Visibility does not depend on the light.
 #include "octahedron.glsl"
 #include "sample.glsl"
 uniform sampler2D normals_map;

@@ -1,4 +1,4 @@
-// What a roughness texture says of a sample, in 16 bits: factors of roughness (low byte) and of metallic.
+// The factors of a roughness texture in 16 bits: roughness (low byte) and metallic.
 const uint NO_ROUGHNESS_TEXTURE = 0xffffu;
 
 uint packed_factors(vec2 factors) {

@@ -1,4 +1,4 @@
-// What a fragment shader of a surface reads; MOVABLE and texture switches as in the vertex shader.
+// Inputs of a surface's fragment shader; MOVABLE and texture switches as in the vertex shader.
 in vec3 world_position;
 in vec3 world_normal;
 in vec2 uv;

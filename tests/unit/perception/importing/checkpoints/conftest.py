@@ -10,11 +10,11 @@ from tools.references import recipe as weights_and_picture
 
 @pytest.fixture(scope="session")
 def recipe() -> ModuleType:
-    """Weights from names and shapes, and the picture, as the origins' own code was given them."""
+    """The weights (from names and shapes) and the picture with which the origins' own code made the references."""
     return weights_and_picture
 
 
 @pytest.fixture(scope="session")
 def reference() -> Callable[[str], dict[str, Any]]:
-    """A file of ``fixtures/checkpoints`` by its name without ending."""
+    """Returns a file of ``fixtures/checkpoints`` by its name without suffix."""
     return lambda name: json.loads((weights_and_picture.KEPT / f"{name}.json").read_text())

@@ -125,13 +125,13 @@ def test_the_settings_in_a_file_of_mmsegmentation_decide(deeplab, aligned: bool,
         ("num_stages=4", "False, dilations=(1, 6, 12, 18)", r"decode_head\.dilations=\(1, 6, 12, 18\)"),
     ],
 )
-def test_settings_that_no_architecture_has_are_named(deeplab, backbone: str, aligned: str, match: str) -> None:
+def test_settings_of_no_architecture_are_named(deeplab, backbone: str, aligned: str, match: str) -> None:
     text = CONFIG.format(aligned=aligned, backbone=backbone)
     with pytest.raises(InvalidInput, match=match):
         convert(stored(deeplab, **{"meta.cfg": text}), field="f")
 
 
-def test_a_file_of_mmsegmentation_may_want_blue_first(fpn) -> None:
+def test_a_file_of_mmsegmentation_may_take_blue_first(fpn) -> None:
     text = "data_preprocessor = dict(mean=[1, 2, 3], std=[4, 5, 6], bgr_to_rgb=False)"
     units = convert(stored(fpn, **{"meta.cfg": text}), field="f").units
     assert (units.mean, units.std, units.channel_order) == ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), "bgr")
@@ -144,7 +144,7 @@ def test_settings_are_read_and_never_run(fpn, tmp_path: Path) -> None:
     assert not mark.exists()
 
 
-def test_what_the_file_does_not_say_is_listed_as_assumed(deeplab) -> None:
+def test_facts_that_the_file_does_not_state_are_listed_as_assumed(deeplab) -> None:
     assumed = convert(stored(deeplab), field="f").provenance["assumed"]
     assert "the tensors are also those of deeplabv3plus-r50c-os8-aligned" in assumed
     assert "classes: the 19 of Cityscapes" in assumed
@@ -209,7 +209,7 @@ def test_weights_that_are_not_finite_are_named(fpn) -> None:
         convert(stored(broken), field="f")
 
 
-def test_whole_numbers_are_no_weights(fpn) -> None:
+def test_weights_of_whole_numbers_are_refused(fpn) -> None:
     with pytest.raises(InvalidInput, match=r"decode_head\.conv_seg\.bias: not floating point; got int64"):
         convert(stored(fpn | {"decode_head.conv_seg.bias": np.zeros(19, np.int64)}), field="f")
 
@@ -239,7 +239,7 @@ def test_a_payload_comes_back_as_the_same_network(fpn, tmp_path: Path) -> None:
     np.testing.assert_array_equal(network.state_dict()["predictor.weight"].numpy(), fpn["decode_head.conv_seg.weight"])
 
 
-def test_a_function_file_of_our_own_is_taken_as_it_is() -> None:
+def test_a_function_file_of_our_own_is_taken_unchanged() -> None:
     path = function_path("semantic-fpn-small")
     imported, header = import_checkpoint(path), read_header(path)
     assert (imported.architecture, imported.classes) == ("semantic-fpn-small", CITYSCAPES)
@@ -254,7 +254,7 @@ def test_a_function_file_of_our_own_is_taken_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"classes": "no json"}, "a header that cannot be read"),
+        ({"classes": "no json"}, "the header cannot be read"),
         ({"mean": "[1, 2]"}, "mean: not the statistics of three channels"),
         ({"std": "[1, 2, 0]"}, "std: .*three positive numbers"),
         ({"architecture": "u-net"}, "unknown architecture 'u-net'"),
@@ -274,12 +274,12 @@ def test_a_wrong_header_of_our_own_is_refused(changes: dict[str, str], match: st
         convert(stored(tensors, **entries | changes), field="f")
 
 
-def test_a_header_of_our_own_that_lacks_entries_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="lacks entries; got classes, mean, std"):
+def test_missing_entries_of_our_own_header_are_named() -> None:
+    with pytest.raises(InvalidInput, match="entries of the header are missing; got classes, mean, std"):
         convert(stored({}, format="valerie-network/1", architecture="semantic-fpn-small"), field="f")
 
 
-def test_the_fields_of_the_document_make_a_document(detectron) -> None:
+def test_the_document_fields_make_a_document(detectron) -> None:
     imported = convert(stored(detectron), field="f")
     payload = Payload(sha256="0" * 64, bytes=1, format="safetensors")
     document = FunctionDocument(name="coarse", payload=payload, **imported.document_fields())

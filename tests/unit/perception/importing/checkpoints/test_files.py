@@ -92,7 +92,7 @@ def test_safetensors_come_back_with_their_header(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("zipped", [True, False])
-def test_what_training_keeps_beside_the_weights_does_no_harm(save, zipped: bool) -> None:
+def test_entries_beside_the_weights_do_no_harm(save, zipped: bool) -> None:
     whole = {
         "model_state": nn.BatchNorm2d(4).state_dict(),  # with its versions as an attribute
         "optimizer_state": {
@@ -221,7 +221,7 @@ def test_a_storage_larger_than_its_data_is_refused(rewritten) -> None:
 
 
 @pytest.mark.parametrize("zipped", [True, False])
-def test_one_number_that_poses_as_a_vast_tensor_is_refused(save, zipped: bool) -> None:
+def test_one_number_expanded_to_a_vast_tensor_is_refused(save, zipped: bool) -> None:
     with pytest.raises(InvalidInput, match="in a storage of 1 numbers"):
         read_stored_checkpoint(save({"a": torch.zeros(1).expand(1 << 40)}, zipped=zipped))
 
@@ -283,7 +283,7 @@ def test_an_exported_program_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"x", b"\x89PNG\r\n\x1a\n and so on", b"PK\x03\x04 no archive", b"\x80\x02N."])
-def test_what_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) -> None:
+def test_files_that_are_not_checkpoints_are_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "f.pth"
     path.write_bytes(data)
     with pytest.raises(InvalidInput, match=r"f\.pth"):

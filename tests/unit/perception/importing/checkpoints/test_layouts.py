@@ -94,7 +94,7 @@ def test_logits_are_those_of_the_original_code(imported, reference, recipe, weig
 
 
 @pytest.mark.parametrize("name", WHOLE)
-def test_every_tensor_of_the_original_is_taken_or_known_to_be_of_no_use(reference, recipe, name: str) -> None:
+def test_every_tensor_of_the_original_is_used_or_known_to_be_useless(reference, recipe, name: str) -> None:
     told = reference(name)
     layout = layout_of(told)
     ours = {layout.name_of(key): shape for key, shape in tensor_shapes(told["architecture"]).items()}
@@ -132,7 +132,7 @@ def test_another_architecture_with_the_same_tensors_gives_other_logits(imported,
     assert np.abs(recipe.sampled(whole.numpy()) - np.array(reference("deeplabv3plus-r50")["logits"])).max() > 0.1
 
 
-def test_a_reference_says_where_it_comes_from(reference) -> None:
+def test_a_reference_states_its_origin(reference) -> None:
     for _, name in PAIRS:
         told = reference(name)
         assert all(told[entry] for entry in ("source", "file", "made", "settings"))

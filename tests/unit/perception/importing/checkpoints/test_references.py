@@ -51,7 +51,7 @@ def made(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     return run
 
 
-def test_what_a_script_writes_is_what_the_code_gives_for_the_recipe(made, checkout: Path) -> None:
+def test_a_script_writes_what_the_code_computes_from_the_recipe(made, checkout: Path) -> None:
     assert made("--write") == 0
     told = json.loads((checkout.parent / "few.json").read_text())
     assert told["keys"]["conv.weight"] == [2, 3, 1, 1]
@@ -62,13 +62,13 @@ def test_what_a_script_writes_is_what_the_code_gives_for_the_recipe(made, checko
     assert told["logits"][1][1][2] == pytest.approx((point - mean) / (variance + 1e-5) ** 0.5 * scale + shift, abs=1e-5)
 
 
-def test_a_reference_that_the_code_still_gives_is_the_same(made, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_reference_that_the_code_reproduces_is_the_same(made, capsys: pytest.CaptureFixture[str]) -> None:
     made("--write")
     assert made() == 0
     assert "few: same" in capsys.readouterr().out
 
 
-def test_a_logit_or_a_setting_that_differs_is_told(made, checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_logit_or_a_setting_that_differs_is_named(made, checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made("--write")
     path = checkout.parent / "few.json"
     told = json.loads(path.read_text())

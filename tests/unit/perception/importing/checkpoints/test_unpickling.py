@@ -30,7 +30,7 @@ class Calls:
 
 
 @pytest.mark.parametrize("protocol", range(2, 6))
-def test_what_checkpoints_hold_comes_back_equal(protocol: int) -> None:
+def test_objects_of_checkpoints_come_back_equal(protocol: int) -> None:
     given = {
         "a": [1, 2.5, "text", None, True],
         "b": OrderedDict(x=(1, 2), y=b"bytes"),
@@ -76,14 +76,14 @@ def test_a_call_in_a_pickle_is_named_and_not_made(tmp_path: Path, protocol: int,
     assert "this" not in sys.modules
 
 
-def test_that_call_would_be_made_by_pickle_itself(tmp_path: Path) -> None:
+def test_pickle_itself_would_make_that_call(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     pickle.loads(pickle.dumps({"model": Calls(os.system, f"touch {mark}")}))
     assert mark.exists()
 
 
 @pytest.mark.parametrize("opcodes", [b"(S'touch x'\nios\nsystem\n.", b"(cos\nsystem\nS'touch x'\no."])
-def test_older_ways_to_call_something_are_refused(opcodes: bytes) -> None:
+def test_older_opcodes_for_calls_are_refused(opcodes: bytes) -> None:
     with pytest.raises(InvalidInput, match=r"holds os\.system"):
         load(opcodes)
 
@@ -123,7 +123,7 @@ def test_an_array_larger_than_its_bytes_is_refused() -> None:
         load(pickle.dumps(Calls(np.zeros(0).__reduce__()[0], np.ndarray, (0,), b"b", state=state)))
 
 
-def test_what_stands_for_a_function_cannot_be_changed() -> None:
+def test_the_stand_in_of_a_function_cannot_be_changed() -> None:
     with pytest.raises(InvalidInput, match="a change of Call"):
         load(b"\x80\x02c_codecs\nencode\n}b.")
 
@@ -161,7 +161,7 @@ def test_a_damaged_pickle_is_refused(data: bytes) -> None:
         load(data)
 
 
-def test_a_training_log_is_passed_over_without_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_log_is_skipped_without_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
     package, module = ModuleType("mmengine.logging"), ModuleType("mmengine.logging.history_buffer")
 
     class HistoryBuffer:

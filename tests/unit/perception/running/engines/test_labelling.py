@@ -57,7 +57,7 @@ def test_of_equal_logits_the_smaller_train_id_wins() -> None:
     assert label_maps(Equal(), grey, MEAN, STD).max() == 0
 
 
-def test_many_channels_are_looked_at_in_parts_with_the_result_of_the_whole() -> None:
+def test_many_channels_in_parts_give_the_result_of_the_whole() -> None:
     logits = torch.randint(0, 40, (2, 150, 6, 9)).float()  # many are equal
     whole = nn.functional.interpolate(logits, size=(24, 36), mode="bilinear", align_corners=False).argmax(dim=1)
     assert torch.equal(largest_channel(logits, 24, 36), whole.to(torch.uint8))

@@ -119,7 +119,7 @@ def test_logits_of_a_coarser_grid_lie_on_the_pixels_that_caused_them(write_onnx,
 
 
 @ENGINES
-def test_upsampling_is_torchs(write_onnx, engine: str) -> None:
+def test_upsampling_equals_torchs(write_onnx, engine: str) -> None:
     import torch
 
     picture = np.random.default_rng(0).integers(0, 190, (48, 80, 3), dtype=np.uint8)
@@ -225,10 +225,10 @@ def test_an_older_operator_set(write_onnx, engine: str) -> None:
         ({}, {"size": (64, 64)}, "takes another input.*1 × 3 × 32 × 32|takes another input"),
         ({"input": {"layout": "nhwc"}}, {}, "input.layout"),
         ({"options": {"output": "z"}}, {}, "no such output; got z; limit: y"),
-        ({}, {"opset": 10}, "too old an operator set; got 10"),
+        ({}, {"opset": 10}, "the operator set is too old; got 10"),
     ],
 )
-def test_what_document_and_network_disagree_about_is_named(
+def test_a_disagreement_of_document_and_network_is_named(
     write_onnx, document: dict[str, Any], network: dict[str, Any], message: str
 ) -> None:
     if network.get("opset") == 10:
@@ -248,7 +248,7 @@ def test_two_inputs_are_refused(write_onnx) -> None:
     model = onnx.load(path)
     model.graph.input.append(onnx.helper.make_tensor_value_info("z", 1, [1]))
     with pytest.raises(InvalidInput, match="one input is needed; got x, z"):
-        whole_graph(model, taken=document.input, given=document.output, piece=(8, 8), labels=(8, 8))
+        whole_graph(model, source=document.input, answer=document.output, piece=(8, 8), labels=(8, 8))
 
 
 @ENGINES
@@ -292,7 +292,7 @@ def test_precision_engine_and_threads_are_in_the_numeric_class(write_onnx) -> No
     assert classes[1].endswith("-t2")
 
 
-def test_what_was_exported_is_removed_when_the_function_is_closed(tmp_path, monkeypatch) -> None:
+def test_closing_the_function_removes_the_export(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = tmp_path / "small.safetensors"
     path.write_bytes(random_function_file("semantic-fpn-small"))

@@ -58,7 +58,7 @@ def test_the_card_carries_the_provenance_of_the_file(write_function) -> None:
 
 
 @pytest.mark.parametrize("shape", [(0, 8, 3), (8, 8), (8, 8, 4)])
-def test_something_that_is_no_picture_is_refused(write_function, shape: tuple[int, ...]) -> None:
+def test_arrays_that_are_not_pictures_are_refused(write_function, shape: tuple[int, ...]) -> None:
     with pytest.raises(InvalidInput, match="not a picture"):
         opened(write_function()).predict(np.zeros(shape, np.uint8))
 
@@ -82,7 +82,7 @@ def pictures(count: int) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("taken", [{}, {"size": (64, 32), "mode": "tile", "multiple_of": 1, "overlap": 8}])
-def test_pictures_that_are_given_together_have_the_labels_that_each_has_alone(write_function, taken: dict) -> None:
+def test_pictures_have_the_same_labels_together_and_alone(write_function, taken: dict) -> None:
     path = write_function()
     document = file_document("f", path)
     document = document.model_copy(update={"input": document.input.model_copy(update=taken)})
@@ -95,7 +95,7 @@ def test_pictures_that_are_given_together_have_the_labels_that_each_has_alone(wr
         np.testing.assert_array_equal(labels, function.predict(picture))
 
 
-def test_pictures_of_different_sizes_cannot_be_given_together(write_function) -> None:
+def test_pictures_of_different_sizes_cannot_be_predicted_together(write_function) -> None:
     with pytest.raises(InvalidInput, match="different sizes"):
         opened(write_function()).predict_many([np.zeros((8, 8, 3), np.uint8), np.zeros((8, 9, 3), np.uint8)])
 
@@ -119,7 +119,7 @@ def test_an_incomplete_batch_is_filled_so_that_the_kernels_stay_the_same(write_f
     assert seen == [4, 4]
 
 
-def test_a_gpu_that_is_not_there_is_named(write_function, monkeypatch) -> None:
+def test_a_missing_gpu_is_named(write_function, monkeypatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     path = write_function()
     document = file_document("f", path)
@@ -146,7 +146,7 @@ def test_fp16_is_refused_on_a_processor(write_function) -> None:
 
 
 @pytest.mark.parametrize("classes", [("person",), ("not", "person")])
-def test_a_network_of_ones_own_classes(tmp_path, classes: tuple[str, ...]) -> None:
+def test_a_network_with_classes_of_its_own(tmp_path, classes: tuple[str, ...]) -> None:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(1)
         state = build_network("semantic-fpn-small", len(classes)).state_dict()

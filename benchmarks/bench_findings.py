@@ -1,0 +1,419 @@
+"""Measure error rates and power of findings, verdicts, the gate and curves on planted truth.
+
+``make bench-findings``, or ``python -m benchmarks.bench_findings [--repetitions N]``. The worlds are those of
+`benchmarks.planted` on which no method was chosen, one with heavy tails, and curves of its own. The tables show failures
+and successes alike. *Confirmed* counts findings of `valerie.statistics.confirmation.find`. *Named* counts effects by Holm's
+procedure over all main effects and all places at once: the result of a comparison without confirmation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv, expit, ndtr
+from scipy.stats import qmc
+
+from benchmarks import results
+from benchmarks.planted import REPORTED, World
+from valerie.statistics.confirmation import find, holm
+from valerie.statistics.contrasts import contrasts
+from valerie.statistics.curves import Shape, contradicted_bins, fit_curve
+from valerie.statistics.gates import compare_versions, places_for_gate
+from valerie.statistics.observations import Observations, bin_codes, observe
+from valerie.statistics.power import places_needed
+from valerie.statistics.verdicts import Outcome, judge_sample, share_of, units_to_decide
+
+Floats = NDArray[np.float64]
+Row = dict[str, Any]
+Generator = np.random.Generator
+
+
+def _heavy(u: Floats) -> Floats:
+    """Return sums of Student's t with two degrees of freedom: no variance, no bounds."""
+    t = (2 * u - 1) / np.sqrt(2 * u * (1 - u))
+    return np.asarray(0.7 + 0.06 * t.sum(axis=-1))
+
+
+WORLDS: Final[dict[str, World]] = {**REPORTED, "heavy tails": _heavy}
+#: Places across, places along, suns, characters, cameras.
+PAPER_SMALL: Final = (6, 8, 4, 2, 3)
+FIRST_RUN: Final = (3, 4, 2, 2, 3)
+
+
+# Scores without any effect of a factor ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Planted rows: scores, places and factors."""
+
+    values: Floats
+    places: NDArray[np.int64]
+    factors: dict[str, NDArray[np.int64]]
+
+    def observed(self) -> Observations:
+        return observe(self.values, self.places, self.factors)
+
+
+def crossed(world: World, shape: tuple[int, ...], rng: Generator, reach_m: float = 0.0) -> Rows:
+    """Return the rows of a grid: places differ, suns and characters act differently in each, and rows differ besides.
+
+    Args:
+        world: of hidden numbers that no factor changes.
+        shape: as `PAPER_SMALL`.
+        rng: of everything drawn.
+        reach_m: places 3 m apart share their first three numbers over this distance; 0: not at all.
+    """
+    x, y, sun, character, camera = (axis.ravel() for axis in np.meshgrid(*map(np.arange, shape), indexing="ij"))
+    place = x * shape[1] + y
+    u = rng.random((len(x), 6))
+    u[:, :3] = (_field(shape, reach_m, rng) if reach_m else rng.random((shape[0] * shape[1], 3)))[place]
+    u[:, 3] = rng.random((shape[0] * shape[1], shape[2]))[place, sun]
+    u[:, 4] = rng.random((shape[0] * shape[1], shape[3]))[place, character]
+    factors = {"x": x, "y": y, "sun": sun, "character": character, "camera": camera}
+    return Rows(world(u), place, factors)
+
+
+def _field(shape: tuple[int, ...], reach_m: float, rng: Generator) -> Floats:
+    """Return (G, 3) uniform numbers of a smooth random field over places 3 m apart."""
+    x, y = (3.0 * axis.ravel() for axis in np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"))
+    distance = np.hypot(x[:, None] - x, y[:, None] - y)
+    root = np.linalg.cholesky(np.exp(-distance / reach_m) + 1e-9 * np.eye(len(x)))
+    return np.asarray(ndtr(root @ rng.standard_normal((len(x), 3))))
+
+
+def drawn(world: World, design: str, units: int, rng: Generator) -> Rows:
+    """Return variants of six factors without any effect, one row each."""
+    if design == "sobol":
+        position = qmc.Sobol(6, rng=rng).random(units)
+    elif design == "latin hypercube":
+        position = qmc.LatinHypercube(6, rng=rng).random(units)
+    else:
+        position = rng.random((units, 6))
+    factors = {f"factor-{k}": bin_codes(position[:, k], 3) for k in range(6)}
+    return Rows(world(rng.random((units, 6))), np.arange(units), factors)
+
+
+def clustered(world: World, units: int, rng: Generator) -> Rows:
+    """Return places with 2 to 8 rows; three factors are drawn for the place, three for the row."""
+    place = np.repeat(np.arange(units), rng.integers(2, 9, units))
+    u = rng.random((units, 6))[place]
+    u[:, 4:] = rng.random((len(place), 2))
+    factors = {f"factor-{k}": rng.integers(0, 3, units)[place] for k in range(3)}
+    factors |= {f"row-factor-{k}": rng.integers(0, 3, len(place)) for k in range(3)}
+    return Rows(world(u), place, factors)
+
+
+def lowered(rows: Rows, factor: str, points: float, rng: Generator, *, kind: str) -> Rows:
+    """Lower the mean of a factor's last level by ``points``: every score in proportion, or some places to 0 as a whole."""
+    where = rows.factors[factor] == rows.factors[factor].max()
+    share = points / rows.values[where].mean()
+    values = rows.values.copy()
+    if kind == "all places a little":
+        values[where] *= 1 - share
+    else:
+        fails = rng.random(rows.places.max() + 1) < share
+        values[where & fails[rows.places]] = 0.0
+    return Rows(values, rows.places, rows.factors)
+
+
+# Findings -----------------------------------------------------------------------------------------------------------------
+
+
+def false_findings(repetitions: int) -> Iterator[Row]:
+    makers: dict[str, Callable[[World, Generator], Rows]] = {
+        "independent, 200": lambda world, rng: drawn(world, "random", 200, rng),
+        "clustered, 60 places": lambda world, rng: clustered(world, 60, rng),
+        "grid 6 x 8 x 4 x 2 x 3": lambda world, rng: crossed(world, PAPER_SMALL, rng),
+        "grid 3 x 4 x 2 x 2 x 3": lambda world, rng: crossed(world, FIRST_RUN, rng),
+        "sobol, 256": lambda world, rng: drawn(world, "sobol", 256, rng),
+        "latin hypercube, 200": lambda world, rng: drawn(world, "latin hypercube", 200, rng),
+    }
+    for design, make in makers.items():
+        for name, world in WORLDS.items():
+            yield _no_effect(design, name, partial(make, world), repetitions)
+    for reach in (4.0, 15.0):
+        alike = partial(crossed, REPORTED["mild"], PAPER_SMALL, reach_m=reach)
+        yield _no_effect(f"grid 6 x 8, places alike over {reach:g} m", "mild", alike, repetitions)
+
+
+def _no_effect(design: str, world: str, make: Callable[[Generator], Rows], repetitions: int) -> Row:
+    rng = np.random.default_rng(11)
+    confirmed = named = 0
+    for repetition in range(repetitions):
+        observations = make(rng).observed()
+        confirmed += any(item.confirmed for item in find(observations, seed=repetition).items)
+        named += bool((holm([c.p_value for c in contrasts(observations, interactions=False)]) <= 0.05).any())
+    return {
+        "design": design,
+        "world": world,
+        "false confirmed": confirmed / repetitions,
+        "false named": named / repetitions,
+    }
+
+
+def true_findings(repetitions: int) -> Iterator[Row]:
+    for size, shape in {"6 x 8 x 4 x 2 x 3": PAPER_SMALL, "3 x 4 x 2 x 2 x 3": FIRST_RUN}.items():
+        for name, world in REPORTED.items():
+            for kind in ("all places a little", "some places to 0"):
+                yield _effect(size, shape, name, world, "sun", kind, repetitions)
+    # Between places: the last row along the street.
+    for size, shape in {"6 x 8 x 4 x 2 x 3": PAPER_SMALL, "3 x 4 x 2 x 2 x 3": FIRST_RUN}.items():
+        yield _effect(size, shape, "mild", REPORTED["mild"], "y", "all places a little", repetitions)
+
+
+def _effect(
+    size: str, shape: tuple[int, ...], name: str, world: World, factor: str, kind: str, repetitions: int
+) -> Row:
+    rng = np.random.default_rng(12)
+    confirmed = named = others = 0
+    needed = []
+    for repetition in range(repetitions):
+        observations = lowered(crossed(world, shape, rng), factor, 0.2, rng, kind=kind).observed()
+        holding = [item.candidate for item in find(observations, seed=repetition).items if item.confirmed]
+        confirmed += any(item.changes[0].factor == factor and len(item.changes) == 1 for item in holding)
+        # A loss at some places changes interactions too, so only findings on other factors are false.
+        others += any(all(change.factor != factor for change in item.changes) for item in holding)
+        main = contrasts(observations, interactions=False)
+        adjusted = holm([c.p_value for c in main])
+        named += any(c.changes[0].factor == factor and p <= 0.05 for c, p in zip(main, adjusted, strict=True))
+        last = int(observations.levels[factor].max())
+        ours = next(c for c in main if c.changes[0].factor == factor and c.changes[0].after == last)
+        alpha = 0.025 / len(main)
+        needed.append(places_needed(0.2, ours.deviation, alpha=alpha, parameters=ours.parameters) or np.inf)
+    return {
+        "grid": size,
+        "world": name,
+        "factor": factor,
+        "20 points": kind,
+        "confirmed": confirmed / repetitions,
+        "named": named / repetitions,
+        "other confirmed (false)": others / repetitions,
+        "places needed, median": float(np.median(needed)),
+    }
+
+
+# Verdicts -----------------------------------------------------------------------------------------------------------------
+
+#: True shares, against a bound of 0.95.
+BOUND: Final = 0.95
+SHARES: Final = (0.90, 0.93, 0.97, 0.98, 0.99)
+MOST_UNITS: Final = 3000
+
+
+def verdicts(repetitions: int) -> Iterator[Row]:
+    for truth in SHARES:
+        yield _verdicts("independent units", truth, repetitions, _pass_or_fail, 1)
+    for truth in (BOUND - 1e-9, BOUND):
+        yield _verdicts("independent units", truth, repetitions, _pass_or_fail, 1)
+        yield _verdicts("24 rows a place, alike", truth, repetitions, _alike, 24)
+        yield _verdicts("places of two kinds", truth, repetitions, _two_kinds, 6)
+
+
+def _pass_or_fail(truth: float, units: int, rows: int, rng: Generator) -> Floats:
+    return (rng.random((units, rows)) < truth).astype(float)
+
+
+def _alike(truth: float, units: int, rows: int, rng: Generator) -> Floats:
+    """Return rows whose shares by place follow a Beta distribution with an intraclass correlation of 0.5."""
+    return (rng.random((units, rows)) < rng.beta(truth, 1 - truth, (units, 1))).astype(float)
+
+
+def _two_kinds(truth: float, units: int, rows: int, rng: Generator) -> Floats:
+    """Return rows of which every tenth place fails half or more, and the others hardly any."""
+    hard = rng.random((units, 1)) < 0.1
+    share = np.where(hard, 1 - 9 * (1 - truth), 1 - (1 - truth) / 9)
+    return (rng.random((units, rows)) < share).astype(float)
+
+
+def _verdicts(
+    kind: str, truth: float, repetitions: int, make: Callable[[float, int, int, Generator], Floats], rows: int
+) -> Row:
+    rng = np.random.default_rng(13)
+    requirement = share_of(0.5, BOUND)
+    units = np.repeat(np.arange(MOST_UNITS), rows)
+    outcomes: Counter[Outcome] = Counter()
+    ends = []
+    for _ in range(repetitions):
+        verdict = judge_sample(requirement, make(truth, MOST_UNITS, rows, rng).ravel(), units)
+        outcomes[verdict.outcome] += 1
+        ends.append(verdict.decided_after or MOST_UNITS)
+    false = Outcome.NOT_MET if truth >= BOUND else Outcome.MET
+    return {
+        "units": kind,
+        "true share": round(truth, 6),
+        "is met": truth >= BOUND,
+        "false verdicts": outcomes[false] / repetitions,
+        "undecided after 3,000": outcomes[Outcome.UNDECIDED] / repetitions,
+        "mean units": float(np.mean(ends)),
+        "units said before": units_to_decide(requirement, truth),
+    }
+
+
+# The gate -----------------------------------------------------------------------------------------------------------------
+
+SLICES: Final = 20
+WORSE: Final = 4
+
+
+def gates(repetitions: int) -> Iterator[Row]:
+    for name, world in WORLDS.items():
+        for places, change in ((12, "none"), (48, "none"), (48, "5 points, all rows"), (48, "5 points, few rows")):
+            yield _gate(name, world, places, change, repetitions)
+    # The number of places that the gate requires, from the spread of an earlier comparison.
+    rng = np.random.default_rng(14)
+    before, after = _two_versions(REPORTED["mild"], 2000, "none", rng)
+    deviation = float((after[0] - before[0]).mean(axis=1).std(ddof=1))
+    needed = places_for_gate(0.05, deviation, SLICES) or 0
+    yield _gate("mild", REPORTED["mild"], needed, "5 points, all rows", repetitions)
+
+
+def _two_versions(world: World, places: int, change: str, rng: Generator) -> tuple[Floats, Floats]:
+    """Return (slices, places, 6) scores of two versions that see the same frames, and differ in two of six numbers.
+
+    The first `WORSE` slices become worse, unless ``change`` is none.
+    """
+    u = rng.random((SLICES, places, 6, 6))
+    u[..., :3] = u[:, :, :1, :3]
+    other = u.copy()
+    other[..., 4] = rng.random((SLICES, places, 1))
+    other[..., 5] = rng.random(u.shape[:3])
+    before, after = world(u), world(other)
+    if change == "5 points, all rows":
+        after[:WORSE] -= 0.05
+    elif change == "5 points, few rows":
+        after[:WORSE] -= 0.8 * (rng.random(after[:WORSE].shape) < 0.05 / 0.8)
+    return before, after
+
+
+def _gate(name: str, world: World, places: int, change: str, repetitions: int) -> Row:
+    rng = np.random.default_rng(15)
+    code = np.repeat(np.arange(SLICES * places), 6)
+    slices = {str(k): code // places == k for k in range(SLICES)}
+    worse = 0 if change == "none" else WORSE
+    false, power = [], []
+    for _ in range(repetitions):
+        before, after = _two_versions(world, places, change, rng)
+        gate = compare_versions(before.ravel(), after.ravel(), code, slices)
+        named = np.array([item.worse for item in gate.slices])
+        false.append(named[worse:].sum() / max(named.sum(), 1))
+        power.append(named[:worse].mean() if worse else np.nan)
+    return {
+        "world": name,
+        "places a slice": places,
+        "change": change,
+        "false discoveries": float(np.mean(false)),
+        "power": float(np.mean(power)),
+    }
+
+
+# Curves -------------------------------------------------------------------------------------------------------------------
+
+CURVES: Final[dict[str, Callable[[Floats], Floats]]] = {
+    "flat": lambda x: np.full_like(x, 0.7),
+    "slope": lambda x: 0.9 - 0.4 * x,
+    "sigmoid": lambda x: 0.08 + 0.86 * expit((0.45 - x) / 0.06),
+    "cliff": lambda x: np.where(x < 0.62, 0.6, 0.2),
+    "hump": lambda x: 0.35 + 0.45 * np.exp(-(((x - 0.4) / 0.18) ** 2)),
+}
+
+
+def curves(repetitions: int) -> Iterator[Row]:
+    for scores in ("mild", "piled"):
+        for within, places in ((True, 12), (True, 48), (True, 200), (False, 48)):
+            for name, curve in CURVES.items():
+                yield _curve(name, curve, scores, places, within, repetitions)
+
+
+def _curve(
+    name: str, curve: Callable[[Floats], Floats], scores: str, places: int, within: bool, repetitions: int
+) -> Row:
+    rng = np.random.default_rng(16)
+    place = np.repeat(np.arange(places), 6)
+    shapes: Counter[str] = Counter()
+    inside, widths, errors, contradicted = [], [], [], 0
+    for repetition in range(repetitions):
+        x = (rng.random((places, 6)) if within else np.repeat(rng.random((places, 1)), 6, axis=1)).ravel()
+        # Rows of a place are alike: their ranks among all scores at that x correlate by 0.4.
+        rank = ndtr(0.4**0.5 * rng.standard_normal(places)[place] + 0.6**0.5 * rng.standard_normal(len(x)))
+        mean = curve(x)
+        values = betaincinv(4 * mean, 4 * (1 - mean), rank) if scores == "mild" else (rank < mean).astype(float)
+        fit = fit_curve(x, values, place, seed=repetition)
+        if fit is None:
+            continue
+        shapes[fit.shape.value] += 1
+        at, low, high = np.array(fit.x), np.array(fit.low), np.array(fit.high)
+        truth = _bin_averages(curve, fit.bins.low, at) if fit.shape is Shape.FREE else curve(at)
+        inside.append((low - 1e-9 <= truth) & (truth <= high + 1e-9))
+        widths.append(float((high - low).mean()))
+        errors.append(float(np.sqrt(((np.array(fit.y) - curve(at)) ** 2).mean())))
+        drawn_at_rows = np.interp(x, at, fit.y)
+        contradicted += fit.shape is not Shape.FREE and bool(
+            contradicted_bins(drawn_at_rows, x, values, place, seed=repetition)
+        )
+    held = np.array(inside)
+    return {
+        "curve": name,
+        "scores": scores,
+        "places": places,
+        "x varies": "within places" if within else "between places",
+        "band holds everywhere": float(held.all(axis=1).mean()),
+        "worst point": float(held.mean(axis=0).min()),
+        "mean width": float(np.mean(widths)),
+        "error of the curve": float(np.mean(errors)),
+        "contradicted": contradicted / repetitions,
+        "shapes": dict(shapes),
+    }
+
+
+def _bin_averages(curve: Callable[[Floats], Floats], lows: tuple[float, ...], at: Floats) -> Floats:
+    """Return the average of the curve over the bin of each point, as a free curve estimates it."""
+    edges = np.array([*lows, 1.0])
+    averages = np.array([curve(np.linspace(a, b, 200)).mean() for a, b in pairwise(edges.tolist())])
+    return np.asarray(averages[np.searchsorted(edges[1:-1], at, side="right")])
+
+
+PARTS: Final[dict[str, Callable[[int], Iterator[Row]]]] = {
+    "false findings": false_findings,
+    "true findings": true_findings,
+    "verdicts": verdicts,
+    "gate": gates,
+    "curves": curves,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repetitions", type=int, default=1000)
+    parser.add_argument("--only", choices=PARTS, help="one part; nothing is written")
+    arguments = parser.parse_args()
+    figures: dict[str, Any] = {"repetitions": arguments.repetitions}
+    for part, rows in PARTS.items():
+        if arguments.only not in {None, part}:
+            continue
+        started = time.process_time()
+        print(f"\n{part}")
+        figures[part] = []
+        for row in rows(arguments.repetitions):
+            figures[part].append(row)
+            print("  " + ", ".join(f"{key} {_text(value)}" for key, value in row.items()), flush=True)
+        print(f"  {time.process_time() - started:.0f} CPU seconds")
+    if arguments.only is None:
+        results.write("findings", figures)
+
+
+def _text(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    main()

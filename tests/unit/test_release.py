@@ -1,0 +1,166 @@
+"""What release 0.1.0 stored and sent, read with today's code; `tests.fixtures.write_release` wrote it."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from celery import Celery
+from kombu import Connection as BrokerConnection
+from pydantic import TypeAdapter
+from sqlalchemy import Engine, insert, select, text
+from sqlalchemy.orm import Session
+
+from services.eval_worker import tasks as evaluation
+from services.infer_worker import tasks as inference
+from services.render_worker import tasks as rendering
+from valerie.analysis.findings import Findings
+from valerie.analysis.summary import Summary
+from valerie.broker import create_app
+from valerie.db import blocks, functions, processes, results, runs
+from valerie.db.engine import open_engine, reading, writing
+from valerie.db.migrate import migrate
+from valerie.db.models import Base, Product
+from valerie.perception.documents.function import FunctionDocument
+from valerie.pipeline.work.child import Child
+from valerie.runs.frames import FrameKey
+from valerie.runs.pins import OFFERS, Pins
+from valerie.runs.products import FailedInput, Fault
+from valerie.runs.progress import BlockCounts, Progress
+from valerie.runs.spec import RunSpec
+from valerie.runs.states import ProductKind, ProductState, RunState
+from valerie.settings import load_settings
+
+RELEASE = Path(__file__).parents[1] / "fixtures" / "release-0.1.0"
+FORMS = {
+    "spec": RunSpec,
+    "pins": Pins,
+    "progress": Progress,
+    "counts": BlockCounts,
+    "assignment": dict[str, float | int | bool | str],
+    "function": FunctionDocument,
+    "fault": Fault,
+    "failed_input": FailedInput,
+}
+
+
+def read(name: str) -> Any:
+    return json.loads((RELEASE / f"{name}.json").read_text())
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[Engine]:
+    """A database with the release's rows, written as they lay in SQLite."""
+    engine = open_engine(f"sqlite:///{tmp_path / 'valerie.sqlite3'}")
+    migrate(engine)
+    rows = read("rows")
+    with writing(engine) as connection:
+        for table in Base.metadata.sorted_tables:
+            for row in rows[table.name]:
+                names = ", ".join(f'"{name}"' for name in row)
+                marks = ", ".join("?" for _ in row)
+                values = [
+                    base64.b64decode(value["base64"]) if isinstance(value, dict) else value for value in row.values()
+                ]
+                connection.exec_driver_sql(f'INSERT INTO "{table.name}" ({names}) VALUES ({marks})', tuple(values))
+    yield engine
+    engine.dispose()
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_stored_document_reads_and_loses_nothing(name: str) -> None:
+    stored = read("documents")[name]
+    form = TypeAdapter(FORMS[name])
+    assert json.loads(form.dump_json(form.validate_json(json.dumps(stored)))) == stored
+
+
+def test_stored_offers_read_and_lose_nothing() -> None:
+    stored = read("documents")["offers"]
+    assert json.loads(OFFERS.dump_json(OFFERS.validate_json(json.dumps(stored)))) == stored
+
+
+def test_the_summary_reads() -> None:
+    stored = read("documents")["summary"]
+    assert Summary.from_json(stored["summary"]).rows
+    assert Findings.from_json(stored["findings"]) is not None
+
+
+def test_every_row_reads_and_is_written_again_as_it_was(engine: Engine, tmp_path: Path) -> None:
+    copy = open_engine(f"sqlite:///{tmp_path / 'copy.sqlite3'}")
+    migrate(copy)
+    written = {}
+    with reading(engine) as source, writing(copy) as target:
+        for table in Base.metadata.sorted_tables:
+            target.execute(insert(table), [dict(row) for row in source.execute(select(table)).mappings()])
+            rows = target.execute(text(f'SELECT * FROM "{table.name}"')).mappings()
+            written[table.name] = [readable(dict(row)) for row in rows]
+    copy.dispose()
+    assert written == {name: [readable(row) for row in rows] for name, rows in read("rows").items()}
+
+
+def readable(row: dict[str, Any]) -> dict[str, Any]:
+    """A row with its documents as values: their order and spaces may differ."""
+    found: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, bytes):
+            found[name] = {"base64": base64.b64encode(value).decode()}
+        elif isinstance(value, str) and value.startswith(("{", "[")):
+            found[name] = json.loads(value)
+        else:
+            found[name] = value
+    return found
+
+
+def test_the_queries_read_the_run_and_what_became_of_it(engine: Engine) -> None:
+    with reading(engine) as connection:
+        (run,) = runs.page(connection, limit=10)
+        assert run.state is RunState.COMPLETED_WITH_FAILURES
+        assert run.pins is not None
+        assert [pin.kind for pin in run.pins.functions.values()] == ["predictions", None]
+        assert blocks.closed_counts(connection, run.id)[0].frames == 4
+        frame = results.frame(connection, FrameKey(run.id, 0, 0))
+        assert len(results.frame_evaluations(connection, frame.key)) == 2
+        assert set(results.frame_annotations(connection, frame.key)) == {"light"}
+        assert {link.kind for link in results.failures(connection, run.id)} == {
+            ProductKind.PREDICTION,
+            ProductKind.EVALUATION,
+        }
+        (worker,) = processes.workers(connection, now=0.0)
+        assert {offer.name for offer in worker.offers} == {"blank", "truth"}
+        assert [row.name for row in functions.every(connection)] == ["mine"]
+    with Session(engine) as session:
+        states = set(session.scalars(select(Product.state)))
+    assert states == {ProductState.DONE, ProductState.FAILED}
+
+
+@pytest.fixture(scope="module")
+def app() -> Celery:
+    app = create_app(load_settings({}, broker_url="memory://"))
+    for worker in (rendering, inference, evaluation):
+        worker.register(app)
+    return app
+
+
+@pytest.mark.parametrize(
+    ("task", "asked"),
+    [
+        ("valerie.render", [f"{0:032x}"]),
+        ("valerie.infer", [f"{1:032x}"]),
+        ("valerie.evaluate", [f"{2:032x}"]),
+        ("valerie.finish", "r1ng219w3v1ks"),
+    ],
+)
+def test_a_worker_does_what_a_message_asks(app: Celery, monkeypatch: pytest.MonkeyPatch, task: str, asked: Any) -> None:
+    done: list[Any] = []
+    monkeypatch.setattr(Child, "run", lambda _, digests: done.append(digests))
+    monkeypatch.setattr(Child, "context", None)
+    monkeypatch.setattr(evaluation, "finish_run", lambda _, run_id: done.append(run_id))
+    with BrokerConnection("memory://") as connection:
+        message = connection.default_channel.message_to_python(read("messages")[task])
+    arguments, keywords, _ = message.decode()
+    app.tasks[message.headers["task"]](*arguments, **keywords)
+    assert done == [asked]

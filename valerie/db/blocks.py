@@ -1,0 +1,115 @@
+"""Queries about blocks: stretches of variants that are counted together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from sqlalchemy import ColumnElement, Connection, Executable, and_, case, func, insert, literal, or_, select, update
+from sqlalchemy.orm import aliased
+
+from valerie.db.links import same_frame
+from valerie.db.models import Block, Evaluation, Frame, FrameAnnotation, Product
+from valerie.runs.progress import BlockCounts
+from valerie.runs.states import ProductState
+
+
+class OpenBlock(NamedTuple):
+    """A block that is not finished: its number, and its first and last variant."""
+
+    number: int
+    first: int
+    last: int
+
+
+def open_block(connection: Connection, run_id: str, first: int, last: int) -> None:
+    """Add the block of the variants ``first`` … ``last``."""
+    number = select(func.coalesce(func.max(Block.number) + 1, 0)).where(Block.run_id == run_id).scalar_subquery()
+    connection.execute(insert(Block).values(run_id=run_id, number=number, first=first, last=last))
+
+
+def open_blocks(connection: Connection, run_id: str) -> list[OpenBlock]:
+    """Return the blocks that are not finished."""
+    rows = connection.execute(
+        select(Block.number, Block.first, Block.last)
+        .where(Block.run_id == run_id, Block.counts.is_(None))
+        .order_by(Block.number)
+    )
+    return [OpenBlock(*row) for row in rows]
+
+
+def closed_counts(connection: Connection, run_id: str) -> dict[int, BlockCounts]:
+    """Return the counts of the finished blocks by number."""
+    rows = connection.execute(select(Block.number, Block.counts).where(Block.run_id == run_id))
+    return {number: counts for number, counts in rows if counts is not None}
+
+
+def close_block(connection: Connection, run_id: str, number: int, counts: BlockCounts) -> None:
+    """Finish a block: its counts are final until `reopen_blocks`."""
+    connection.execute(update(Block).where(Block.run_id == run_id, Block.number == number).values(counts=counts))
+
+
+def reopen_blocks(connection: Connection, run_id: str) -> None:
+    """Have every block counted again."""
+    connection.execute(update(Block).where(Block.run_id == run_id).values(counts=None))
+
+
+def count_block(connection: Connection, run_id: str, first: int, last: int) -> BlockCounts:
+    """Count frames and evaluations of the variants ``first`` … ``last``."""
+    background, layer, truth = aliased(Product), aliased(Product), aliased(Product)
+    states = (background.state, layer.state, truth.state)
+    annotation = (
+        select(literal(1))
+        .select_from(FrameAnnotation)
+        .join(Product, Product.digest == FrameAnnotation.product)
+        .where(same_frame(FrameAnnotation))
+        .correlate(Frame)
+    )
+    unfinished = annotation.where(Product.state != ProductState.DONE).exists()
+    broken = annotation.where(Product.state == ProductState.FAILED).exists()
+    frames, rendered, render_failed = _counts(
+        connection,
+        select(
+            func.count(),
+            _number(and_(*(state == ProductState.DONE for state in states), ~unfinished)),
+            _number(or_(*(state == ProductState.FAILED for state in states), broken)),
+        )
+        .select_from(Frame)
+        .join(background, background.digest == Frame.background)
+        .join(layer, layer.digest == Frame.layer)
+        .join(truth, truth.digest == Frame.truth)
+        .where(Frame.run_id == run_id, Frame.variant_index.between(first, last)),
+    )
+    prediction, scores = aliased(Product), aliased(Product)
+    evaluations, inferred, infer_failed, evaluated, eval_failed = _counts(
+        connection,
+        select(
+            func.count(),
+            _number(prediction.state == ProductState.DONE),
+            _number(prediction.state == ProductState.FAILED),
+            _number(scores.state == ProductState.DONE),
+            _number(scores.state == ProductState.FAILED),
+        )
+        .select_from(Evaluation)
+        .join(prediction, prediction.digest == Evaluation.prediction)
+        .join(scores, scores.digest == Evaluation.scores)
+        .where(Evaluation.run_id == run_id, Evaluation.variant_index.between(first, last)),
+    )
+    return BlockCounts(
+        frames=frames,
+        rendered=rendered,
+        render_failed=render_failed,
+        evaluations=evaluations,
+        inferred=inferred,
+        infer_failed=infer_failed,
+        evaluated=evaluated,
+        eval_failed=eval_failed,
+    )
+
+
+def _number(condition: ColumnElement[bool]) -> ColumnElement[int]:
+    """Return the number of rows that meet a condition; NULL where there are no rows."""
+    return func.sum(case((condition, 1), else_=0))
+
+
+def _counts(connection: Connection, statement: Executable) -> list[int]:
+    return [int(count or 0) for count in connection.execute(statement).one()]

@@ -1,0 +1,58 @@
+"""Column types: frozen documents as JSON, enums as their words."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import cached_property
+from typing import Any, Generic, TypeVar
+
+from pydantic import TypeAdapter
+from sqlalchemy import JSON, Dialect, Enum, TypeDecorator
+from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy.types import TypeEngine
+
+D = TypeVar("D")
+
+
+class JsonDocument(TypeDecorator[D], Generic[D]):
+    """A document in a JSON column (JSONB on Postgres); the column's reader gets the document, or None for NULL.
+
+    `valerie.db.engine` hands JSON through as text, so that pydantic reads and writes it in one step.
+
+    Args:
+        form: a pydantic model, or any other type that pydantic knows, e.g. ``dict[str, float]``.
+    """
+
+    impl = JSON
+    cache_ok = True
+
+    def __init__(self, form: Any) -> None:
+        super().__init__(none_as_null=True)
+        self.form = form
+
+    @cached_property
+    def _adapter(self) -> TypeAdapter[D]:
+        return TypeAdapter(self.form)
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
+        """Return the type of the column in a database."""
+        return JSONB(none_as_null=True) if dialect.name == "postgresql" else JSON(none_as_null=True)
+
+    def process_bind_param(self, value: D | None, dialect: Dialect) -> Any:  # noqa: ARG002
+        """Return the document as JSON text."""
+        return None if value is None else self._adapter.dump_json(value).decode()
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> D | None:  # noqa: ARG002
+        """Return the document that JSON text holds."""
+        return None if value is None else self._adapter.validate_json(value)
+
+
+def words(enum: type[StrEnum], length: int) -> Enum:
+    """Return the type of a column that holds the values of an enum, as text of at most ``length`` characters."""
+    return Enum(
+        enum,
+        values_callable=lambda members: [member.value for member in members],
+        native_enum=False,
+        create_constraint=False,
+        length=length,
+    )

@@ -1,0 +1,37 @@
+"""Rows as frozen dataclasses: the fields of a form name the columns that a query reads."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from sqlalchemy import Connection, Executable
+
+R = TypeVar("R")
+
+
+def columns_of(form: type[Any], *models: type[Any], **others: Any) -> list[Any]:
+    """Return the columns for the fields of a dataclass, in their order.
+
+    Args:
+        form: the dataclass.
+        models: tables; a field is the column of its name in the first that has one.
+        others: columns of other names or tables, by field.
+    """
+    return [
+        others[field.name]
+        if field.name in others
+        else next(getattr(model, field.name) for model in models if field.name in model.__table__.columns)
+        for field in fields(form)
+    ]
+
+
+def read_all(connection: Connection, statement: Executable, form: type[R]) -> list[R]:
+    """Return the rows of a query over `columns_of` a form."""
+    return [form(*row) for row in connection.execute(statement)]
+
+
+def read_first(connection: Connection, statement: Executable, form: type[R]) -> R | None:
+    """Return the first row of a query over `columns_of` a form; None where there is none."""
+    row = connection.execute(statement).first()
+    return None if row is None else form(*row)

@@ -1,0 +1,78 @@
+"""Parts of statements that the queries of this package share."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Final
+
+import orjson
+from sqlalchemy import ARRAY, ColumnElement, Connection, String, any_, func, literal, literal_column, select
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.orm import InstrumentedAttribute
+
+from valerie.db.models import Base, Product
+from valerie.runs.states import ProductState
+
+
+def _spelled(state: ProductState) -> ColumnElement[ProductState]:
+    return literal_column(f"'{state.value}'")
+
+
+# Spelled out instead of bound: SQLite uses a partial index only for a condition that it can read in the statement. A query
+# for unfinished, waiting or ended products that names no digests needs one of these, or it reads the whole table.
+UNFINISHED: Final = Product.state.in_(
+    [_spelled(state) for state in (ProductState.WAITING, ProductState.READY, ProductState.RUNNING)]
+)
+WAITING: Final = Product.state == _spelled(ProductState.WAITING)
+ENDED: Final = Product.state.in_([_spelled(state) for state in (ProductState.DONE, ProductState.FAILED)])
+
+
+def among(connection: Connection, column: InstrumentedAttribute[Any], digests: Collection[str]) -> ColumnElement[bool]:
+    """Return the condition that a column is one of ``digests``.
+
+    The digests are one bound value however many they are, so that the statement is compiled once.
+    """
+    values = list(digests)
+    if connection.dialect.name == "postgresql":
+        return column == any_(literal(values, ARRAY(String)))
+    each = func.json_each(orjson.dumps(values).decode()).table_valued("value")
+    return column.in_(select(each.c.value))
+
+
+def insert_ignoring(connection: Connection, model: type[Base], rows: Sequence[Mapping[str, Any]]) -> int:
+    """Insert rows, leaving those whose primary key exists as they are; return how many were inserted."""
+    if not rows:
+        return 0
+    insert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    insertion = insert(model).on_conflict_do_nothing()
+    return connection.execute(insertion, list(rows), execution_options={"preserve_rowcount": True}).rowcount
+
+
+def insert_rows(
+    connection: Connection,
+    model: type[Base],
+    columns: Sequence[str],
+    rows: Sequence[tuple[Any, ...]],
+    *,
+    on_conflict: str = "",
+) -> None:
+    """Insert tuples in the order of ``columns`` by one prepared statement.
+
+    SQLAlchemy's own executemany builds a dictionary and runs a type's processor for every value; for the rows of a large run
+    that is a third of all feeding. Values must already be what the driver takes: JSON as text, enums as their values.
+
+    Args:
+        connection: SQLite or Postgres.
+        model: the table.
+        columns: names of its columns.
+        rows: one tuple per row; may be empty.
+        on_conflict: SQL after ``ON CONFLICT``; empty: a conflict is an error.
+    """
+    if not rows:
+        return
+    mark = "%s" if connection.dialect.name == "postgresql" else "?"
+    names = ", ".join(f'"{name}"' for name in columns)
+    marks = ", ".join([mark] * len(columns))
+    conflict = f" ON CONFLICT {on_conflict}" if on_conflict else ""
+    statement = f'INSERT INTO "{model.__tablename__}" ({names}) VALUES ({marks}){conflict}'  # noqa: S608  our own names
+    connection.exec_driver_sql(statement, list(rows))

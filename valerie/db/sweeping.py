@@ -1,0 +1,101 @@
+"""The sweeper's queries: products that the dead held, messages that got lost, products that no run links to."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+from sqlalchemy import Connection, delete, select, text, update
+
+from valerie.db.models import Product
+from valerie.db.products import READY_COLUMNS, fail, fail_dependents, to_send
+from valerie.db.statements import UNFINISHED, among
+from valerie.runs.products import Fault, Ready
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
+
+
+class Unlinked(NamedTuple):
+    """A product that nothing links to."""
+
+    digest: str
+    kind: ProductKind
+
+
+def take_back_expired(connection: Connection, *, now: float, max_attempts: int) -> list[Ready]:
+    """Make products ready whose lease ended; return them. After ``max_attempts`` such attempts they fail instead."""
+    expired = (UNFINISHED, Product.state == ProductState.RUNNING, Product.lease_until < now)
+    hopeless = connection.execute(
+        select(Product.digest, Product.kind, Product.attempts).where(*expired, Product.attempts >= max_attempts)
+    ).all()
+    for digest, kind, attempts in hopeless:
+        message = f"the worker process died or hung in each of {attempts} attempts"
+        error = Fault(stage=kind, type="WorkerLost", message=message, attempts=attempts)
+        fail(connection, digest, owner=None, error=error, now=now)
+    rows = connection.execute(
+        update(Product)
+        .where(*expired)
+        .values(state=ProductState.READY, lease_owner=None, lease_until=None, sent_at=now)
+        .returning(*READY_COLUMNS)
+    )
+    return to_send(rows)
+
+
+def stale_ready(connection: Connection, *, before: float, limit: int) -> list[Ready]:
+    """Return ready products that were last sent before ``before``: lost messages, and pauses after a fault that are over."""
+    rows = connection.execute(
+        select(*READY_COLUMNS)
+        .where(
+            UNFINISHED,
+            Product.state == ProductState.READY,
+            Product.sent_at < before,
+            Product.route != UPLOADED_ROUTE,
+        )
+        .limit(limit)
+    )
+    return to_send(rows)
+
+
+def mark_sent(connection: Connection, digests: Collection[str], now: float) -> None:
+    """Remember when products were sent."""
+    condition = among(connection, Product.digest, digests)
+    connection.execute(update(Product).where(condition, Product.state == ProductState.READY).values(sent_at=now))
+
+
+def fail_orphaned_dependents(connection: Connection, now: float) -> None:
+    """Fail every product that waits for a failed input."""
+    failed = connection.execute(
+        text(
+            "SELECT DISTINCT i.digest FROM products AS w JOIN products AS i ON i.digest IN (w.input_a, w.input_b, w.input_c) "
+            "WHERE w.state IN ('waiting','ready','running') AND w.state = 'waiting' AND i.state = 'failed'"
+        )
+    ).scalars()
+    fail_dependents(connection, failed, now)
+
+
+def unlinked(connection: Connection, *, limit: int) -> list[Unlinked]:
+    """Return products that nothing links to (frame, annotation, evaluation, a product stored over it) and no worker holds.
+
+    Nobody else writes products until the transaction ends, so that none of these is linked meanwhile. (On SQLite no two
+    transactions write at the same time anyway.)
+    """
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("LOCK TABLE products IN SHARE ROW EXCLUSIVE MODE"))
+    rows = connection.execute(
+        text(
+            "SELECT digest, kind FROM products AS p WHERE p.state <> 'running'"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE background = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE layer = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frames WHERE truth = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM frame_annotations WHERE product = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE prediction = p.digest)"
+            " AND NOT EXISTS (SELECT 1 FROM evaluations WHERE scores = p.digest)"
+            " AND (p.kind <> 'statics' OR NOT EXISTS (SELECT 1 FROM products AS o WHERE o.input_a = p.digest)) LIMIT :limit"
+        ),
+        {"limit": limit},
+    )
+    return [Unlinked(digest, ProductKind(kind)) for digest, kind in rows]
+
+
+def free(connection: Connection, digests: Collection[str]) -> None:
+    """Delete product rows, and with them the rows that say what the products hold."""
+    connection.execute(delete(Product).where(among(connection, Product.digest, digests)))

@@ -1,0 +1,127 @@
+"""Numbers about products: the backlog, what was made, what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from sqlalchemy import Connection, func, literal, select
+
+from valerie.db.models import Product
+from valerie.db.statements import ENDED, UNFINISHED, among
+from valerie.runs.states import UPLOADED_ROUTE, ProductKind, ProductState
+
+#: Cache group of the evaluations of uploaded predictions.
+UPLOADED_GROUP: Final = "uploaded"
+
+
+class Backlog(NamedTuple):
+    """Unfinished products of one route in one state."""
+
+    route: str
+    state: ProductState
+    products: int
+
+
+class KindTotal(NamedTuple):
+    """All products of one kind: how many are done, how many failed, CPU seconds of the done ones."""
+
+    kind: ProductKind
+    done: int
+    failed: int
+    cpu_seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedCost:
+    """Means over ``count`` finished products of one kind, route and size.
+
+    Attributes:
+        kind, route: of the products.
+        group: cache group, which tells functions apart; empty for other products, which have passing groups.
+        pixels: size of their images.
+        count: number of products.
+        cpu_seconds: mean without the dearest product, unless it is the only one: a worker's first product also pays for
+            loading.
+        bytes: mean size of an object.
+    """
+
+    kind: ProductKind
+    route: str
+    group: str
+    pixels: int
+    count: int
+    cpu_seconds: float
+    bytes: float
+
+
+def unfinished_count(connection: Connection) -> int:
+    """Return how many products wait, are ready or run: what the feeding window bounds.
+
+    Uploaded predictions and their evaluations are left out: otherwise nobody could see all frames of a large run before the
+    first label maps came.
+    """
+    uploaded = (Product.route == UPLOADED_ROUTE) | (Product.cache_group == UPLOADED_GROUP)
+    return connection.scalar(select(func.count()).select_from(Product).where(UNFINISHED, ~uploaded)) or 0
+
+
+def backlog(connection: Connection) -> list[Backlog]:
+    """Return the number of unfinished products by route and state."""
+    rows = connection.execute(
+        select(Product.route, Product.state, func.count()).where(UNFINISHED).group_by(Product.route, Product.state)
+    )
+    return [Backlog(*row) for row in rows]
+
+
+def totals(connection: Connection) -> list[KindTotal]:
+    """Return the totals of every kind, read from an index alone."""
+    rows = connection.execute(
+        select(Product.kind, Product.state, func.count(), func.sum(Product.cpu_seconds))
+        .where(ENDED)
+        .group_by(Product.kind, Product.state)
+    )
+    ended = {(kind, state): (count, float(seconds or 0.0)) for kind, state, count, seconds in rows}
+
+    def total(kind: ProductKind) -> KindTotal:
+        done, seconds = ended.get((kind, ProductState.DONE), (0, 0.0))
+        failed, _ = ended.get((kind, ProductState.FAILED), (0, 0.0))
+        return KindTotal(kind, done, failed, seconds)
+
+    return [total(kind) for kind in sorted(ProductKind)]
+
+
+def done_digests(connection: Connection, digests: Collection[str]) -> set[str]:
+    """Return those of ``digests`` that are done."""
+    condition = among(connection, Product.digest, digests)
+    return set(connection.scalars(select(Product.digest).where(condition, Product.state == ProductState.DONE)))
+
+
+def known_digests(connection: Connection, digests: Collection[str]) -> set[str]:
+    """Return those of ``digests`` that have a row, in whatever state."""
+    return set(connection.scalars(select(Product.digest).where(among(connection, Product.digest, digests))))
+
+
+def recorded_costs(connection: Connection, *, sample: int = 400) -> list[RecordedCost]:
+    """Return what the newest ``sample`` finished products of each kind cost."""
+    costs: list[RecordedCost] = []
+    for kind in ProductKind:
+        if kind is ProductKind.STATICS:  # made with a truth, at no cost of its own
+            continue
+        group = Product.cache_group if kind is ProductKind.PREDICTION else literal("")
+        newest = (
+            select(Product.route, group.label("grouped"), Product.cpu_seconds, Product.bytes, Product.pixels)
+            .where(ENDED, Product.kind == kind, Product.state == ProductState.DONE, Product.cpu_seconds.is_not(None))
+            .order_by(Product.finished_at.desc())
+            .limit(sample)
+            .subquery()
+        )
+        keys = (newest.c.route, newest.c.grouped, newest.c.pixels)
+        seconds = newest.c.cpu_seconds
+        rows = connection.execute(
+            select(*keys, func.count(), func.sum(seconds), func.max(seconds), func.avg(newest.c.bytes)).group_by(*keys)
+        )
+        for route, grouped, pixels, count, total, dearest, size in rows:
+            mean = total if count == 1 else (total - dearest) / (count - 1)
+            costs.append(RecordedCost(kind, route, grouped, int(pixels), count, float(mean), float(size)))
+    return costs

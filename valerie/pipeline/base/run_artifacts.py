@@ -1,0 +1,32 @@
+"""What the end of a run leaves in the artifact store."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from valerie.db import runs
+from valerie.db.engine import reading
+from valerie.errors import Conflict
+from valerie.pipeline.base.context import Context
+from valerie.storage.keys import run_key
+
+#: The table of the paper's section 6.2 and the findings, as JSON.
+SUMMARY: Final = "summary.json"
+#: One HTML file.
+REPORT: Final = "report.html"
+
+
+def artifact_key(context: Context, run_id: str, name: str) -> str:
+    """Return the key of an artifact that the end of a run wrote.
+
+    Raises:
+        NotFound: no such run.
+        Conflict: the run has not ended.
+    """
+    key = run_key(run_id, name)
+    with reading(context.engine) as connection:
+        run = runs.get(connection, run_id)
+    if not context.store.exists(key):
+        what = name.partition(".")[0]
+        raise Conflict(f"run {run_id} is {run.state}; it has a {what} when it has ended")
+    return key

@@ -1,0 +1,202 @@
+"""Findings that hold: candidates are searched in one half of the places and confirmed in the other.
+
+Whatever the search looks at, and however it chooses, the places that confirm have had no part in it. So only the candidates
+count as comparisons: Holm's procedure (Holm 1979, Scandinavian Journal of Statistics 6, 65–70) over them bounds the chance
+of even one false confirmed finding by the level (splitting: Cox 1975, doi:10.1093/biomet/62.2.441).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import false_discovery_control
+
+from valerie.errors import InvalidInput
+from valerie.statistics.contrasts import Contrast, contrasts
+from valerie.statistics.observations import Observations
+from valerie.statistics.power import places_needed
+
+#: Share of false candidates that a search may hand on (Benjamini–Hochberg): each costs the others power.
+FALSE_CANDIDATES: Final = 0.2
+#: Fewest and most candidates that a search hands on.
+FEWEST: Final = 2
+MOST: Final = 12
+#: Places that each half needs at least; with fewer, all places search and a fresh run confirms.
+FEWEST_PLACES: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What one set of places suggests.
+
+    Attributes:
+        candidates: the clearest contrasts, the clearest first.
+        comparisons: how many contrasts were looked at.
+        places: places that were searched.
+    """
+
+    candidates: tuple[Contrast, ...]
+    comparisons: int
+    places: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A candidate and what other places say of it.
+
+    Attributes:
+        candidate: the contrast as the search saw it; its estimate is exaggerated, because it was chosen for its size.
+        contrast: the same contrast on places that the search did not see; None where they cannot show it.
+        confirmed: whether they confirm it, in the same direction.
+        adjusted_p: p-value with all candidates accounted for (Holm).
+        low, high: interval of the difference on the places that confirm. Of all intervals of confirmed findings, at most
+            1 − level miss the truth on average (Benjamini & Yekutieli 2005, doi:10.1198/016214504000001907), and none of
+            them holds 0. Infinite where the places cannot tell.
+        places_needed: fresh places that confirm an effect half as large as the search saw in 90 % of runs, with all
+            candidates accounted for; None where no affordable number does.
+    """
+
+    candidate: Contrast
+    contrast: Contrast | None
+    confirmed: bool
+    adjusted_p: float
+    low: float
+    high: float
+    places_needed: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Candidates of a run, confirmed or not.
+
+    Attributes:
+        items: confirmed ones first, then in the order of the search.
+        comparisons: contrasts that were searched.
+        level: joint confidence of all confirmed findings.
+        places_searched, places_confirming: numbers of places; 0 confirming where the run had too few to split.
+    """
+
+    items: tuple[Finding, ...]
+    comparisons: int
+    level: float
+    places_searched: int
+    places_confirming: int
+
+
+def halves(places: int, seed: int) -> NDArray[np.bool_]:
+    """Choose half of the places for the search.
+
+    Of each two neighbours in their numbering one searches and one confirms, so that both halves spread over the whole design.
+
+    Args:
+        places: number of places.
+        seed: of the choice.
+
+    Returns:
+        (places,) bool, True for places that search; of an odd number, the last one confirms.
+    """
+    couples = places // 2
+    first = np.random.default_rng(seed).random(couples) < 0.5
+    return np.concatenate([np.stack([first, ~first], axis=1).ravel(), np.zeros(places % 2, np.bool_)])
+
+
+def search(observations: Observations, *, interactions: bool = True) -> Search:
+    """Look at every contrast and keep the clearest: those that false discovery control keeps, and always a few.
+
+    Main effects as a whole are given as much weight as all interactions, which are many more.
+
+    Args:
+        observations: the places to search.
+        interactions: whether to look at differences of differences too.
+    """
+    looked_at = contrasts(observations, interactions=interactions)
+    if not looked_at:
+        return Search((), 0, observations.places)
+    order = np.array([len(item.changes) for item in looked_at])
+    _, kind, sizes = np.unique(order, return_inverse=True, return_counts=True)
+    # Weighted p-values (Genovese, Roeder & Wasserman 2006, doi:10.1093/biomet/93.3.509).
+    weights = len(looked_at) / len(sizes) / sizes[kind]
+    weighted = np.minimum(np.array([item.p_value for item in looked_at]) / weights, 1.0)
+    kept = int(np.count_nonzero(false_discovery_control(weighted) <= FALSE_CANDIDATES))
+    clearest = np.argsort(weighted, kind="stable")[: min(max(kept, FEWEST), MOST)]
+    return Search(
+        tuple(looked_at[k] for k in clearest if looked_at[k].p_value < 1), len(looked_at), observations.places
+    )
+
+
+def confirm(candidates: Search, observations: Observations, *, level: float = 0.95) -> Findings:
+    """Judge candidates on places that the search did not see: the other half, or a fresh run.
+
+    Args:
+        candidates: of `search`.
+        observations: rows of other places, with the same factors and codes.
+        level: joint confidence; the chance of any false confirmed finding is at most 1 − ``level``.
+
+    Raises:
+        InvalidInput: the level lies outside 0…1.
+    """
+    if not 0 < level < 1:
+        raise InvalidInput("has to lie between 0 and 1", field="level", value=level)
+    chosen = candidates.candidates
+    shown = {item.changes: item for item in contrasts(observations, only=[item.changes for item in chosen])}
+    tested = [shown.get(item.changes) for item in chosen]
+    adjusted = holm([1.0 if item is None else item.p_value for item in tested])
+    agrees = [new is not None and new.estimate * old.estimate > 0 for new, old in zip(tested, chosen, strict=True)]
+    confirmed = [agree and p_value <= 1 - level for agree, p_value in zip(agrees, adjusted.tolist(), strict=True)]
+    alpha = (1 - level) * max(sum(confirmed), 1) / max(len(chosen), 1)
+    findings = []
+    for candidate, contrast, holds, p_value in zip(chosen, tested, confirmed, adjusted.tolist(), strict=True):
+        low, high = (-float("inf"), float("inf")) if contrast is None else contrast.interval(1 - alpha)
+        needed = fresh_places(candidate, candidate.estimate / 2, level=1 - (1 - level) / len(chosen))
+        findings.append(Finding(candidate, contrast, holds, p_value, low, high, needed))
+    findings.sort(key=lambda finding: not finding.confirmed)
+    return Findings(tuple(findings), candidates.comparisons, level, candidates.places, observations.places)
+
+
+def find(observations: Observations, *, seed: int, interactions: bool = True, level: float = 0.95) -> Findings:
+    """Search half of the places and confirm in the other half; with too few places, search only.
+
+    Args:
+        observations: all rows of a run.
+        seed: of the halves.
+        interactions: as of `search`.
+        level: as of `confirm`.
+    """
+    searching = halves(observations.places, seed)
+    if np.count_nonzero(searching) < FEWEST_PLACES:
+        nowhere = observations.of_places(np.zeros(observations.places, np.bool_))
+        return confirm(search(observations, interactions=interactions), nowhere, level=level)
+    candidates = search(observations.of_places(searching), interactions=interactions)
+    return confirm(candidates, observations.of_places(~searching), level=level)
+
+
+def fresh_places(contrast: Contrast, effect: float, *, level: float = 0.95, power_wanted: float = 0.9) -> int | None:
+    """Return how many places a run needs to see an effect of this size in such a contrast; None above ten million.
+
+    Args:
+        contrast: says how much places differ.
+        effect: difference that must not stay unseen, in units of the values.
+        level: confidence of the two-sided test.
+        power_wanted: chance to see it.
+
+    Raises:
+        InvalidInput: the effect is 0.
+    """
+    if contrast.degrees <= 0:
+        return None
+    return places_needed(
+        effect, contrast.deviation, alpha=(1 - level) / 2, power_wanted=power_wanted, parameters=contrast.parameters
+    )
+
+
+def holm(p_values: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
+    """Return the p-values adjusted for their number, step by step (Holm 1979): at or below α they may all be rejected."""
+    p = np.asarray(p_values, np.float64)
+    order = np.argsort(p, kind="stable")
+    adjusted = np.empty_like(p)
+    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
+    return adjusted

@@ -1,0 +1,455 @@
+"""Blocked contrasts: one factor changes, everything else stays equal.
+
+A factor that changes within places (sun, character, camera, function, version) is compared row by row: rows that agree in
+place and in all other factors form a *block*, and a contrast is the mean over places of the mean difference within its blocks.
+A factor that changes from place to place only (where somebody stands, or everything in a design that draws each variant)
+is compared between the places' means, in a linear model with all such factors, so that the others stay equal too. Contrasts
+are always between two levels: where the factor has no effect, exchanging them changes nothing, so the difference is
+symmetric about 0 and Student's t keeps its level for bounded, piled and heavy-tailed scores (Efron 1969,
+doi:10.1080/01621459.1969.10501056).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from itertools import combinations
+from math import comb, prod
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
+
+from valerie.statistics.observations import Observations
+
+#: A design is crossed when at least this share of all combinations of its factors occurs.
+_FILLED: Final = 0.25
+#: Residual degrees of freedom below which the other factors of places are left out of the model.
+_FEWEST_DEGREES: Final = 3
+#: A standard error below this is 0 but for rounding.
+_NO_SPREAD: Final = 1e-12
+
+
+class Matching(StrEnum):
+    """How the two sides of a contrast are held equal."""
+
+    BLOCKS = "same place and all other factors equal"
+    PLACES = "same place"
+    MODEL = "between places, other factors in a linear model"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A factor going from one level to another, as the caller's codes."""
+
+    factor: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """A difference of means and how well it is known.
+
+    Attributes:
+        changes: one change for a main effect; two for an interaction, whose estimate is the effect of the first change
+            after the second one minus its effect before.
+        matching: how the sides are held equal.
+        estimate: mean after − mean before, in units of the values; each place weighs the same.
+        error: its standard error.
+        degrees: degrees of freedom of the error; 0 where the places cannot tell.
+        p_value: two-sided, for this contrast alone; 1 where the places cannot tell.
+        places: places that it rests on.
+        pairs: pairs of rows (of an interaction: fours) that differ in the changes alone.
+        parameters: coefficients that the places determine besides the spread.
+    """
+
+    changes: tuple[Change, ...]
+    matching: Matching
+    estimate: float
+    error: float
+    degrees: float
+    p_value: float
+    places: int
+    pairs: int
+    parameters: int
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of one place's share in the estimate: error × √places."""
+        return self.error * float(np.sqrt(self.places))
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Interval by Student's t that holds the true difference with probability ``level``; infinite without degrees."""
+        if self.degrees <= 0:
+            return -float("inf"), float("inf")
+        half = -float(stdtrit(self.degrees, (1 - level) / 2)) * self.error
+        return self.estimate - half, self.estimate + half
+
+
+def contrasts(
+    observations: Observations, *, interactions: bool = True, only: Sequence[tuple[Change, ...]] | None = None
+) -> tuple[Contrast, ...]:
+    """Compare every two levels of every factor, and (interactions) every two such differences.
+
+    Args:
+        observations: the rows.
+        interactions: whether to compare differences too: between two factors that change within places, and between one
+            that does and one that changes from place to place.
+        only: the changes to look at, in this order; those that the rows cannot show are left out.
+
+    Returns:
+        Main effects first, in the order of the factors.
+    """
+    family = _Family(observations)
+    if only is None:
+        return tuple(family.all(interactions))
+    factors = {change.factor for changes in only for change in changes}
+    computed = {item.changes: item for item in family.all(any(len(changes) > 1 for changes in only), factors)}
+    return tuple(computed[changes] for changes in only if changes in computed)
+
+
+def largest_flips(observations: Observations, contrast: Contrast, count: int = 5) -> NDArray[np.int64]:
+    """Return the pairs of rows whose difference goes furthest in the direction of the contrast.
+
+    Where several rows share all their levels, the last one stands for them.
+
+    Args:
+        observations: the rows that the contrast was made of.
+        contrast: a main effect or an interaction.
+        count: the largest number of pairs.
+
+    Returns:
+        (K, 2) rows of the caller's arrays, before and after, the furthest first; (K, 4) for an interaction: before and
+        after the first change, first before and then after the second. Empty where no rows differ in the changes alone.
+    """
+    names = [change.factor for change in contrast.changes]
+    axes = _Family(observations).axes_of(names, contrast.matching)
+    shape = _shape(observations, axes)
+    if prod(shape) > len(observations.values) / _FILLED:
+        return np.zeros((0, 2 * len(names)), np.int64)
+    row = np.full(prod(shape), -1)
+    row[_index(observations, axes)] = np.arange(len(observations.values))
+    sides = np.moveaxis(row.reshape(shape), [axes.index(name) for name in names], range(len(names)))
+    for change in contrast.changes:
+        # Each change takes the next axis of levels to the end, as before and after.
+        ends = np.searchsorted(observations.levels[change.factor], [change.before, change.after])
+        sides = np.moveaxis(sides[ends], 0, -1)
+    # Before and after the first change vary fastest.
+    corners = np.swapaxes(sides, -1, -len(names)).reshape(-1, 2 * len(names))
+    corners = corners[(corners >= 0).all(axis=1)]
+    signs = np.array([-1.0, 1.0] if len(names) == 1 else [1.0, -1.0, -1.0, 1.0])
+    difference = np.sign(contrast.estimate) * (observations.values[corners] @ signs)
+    order = np.argsort(-difference, kind="stable")[:count]
+    return np.asarray(observations.rows[corners[order[difference[order] > 0]]])
+
+
+class _Family:
+    """All contrasts of some rows, place by place."""
+
+    def __init__(self, observations: Observations) -> None:
+        self.observations = observations
+        varied = [name for name, levels in observations.levels.items() if len(levels) > 1]
+        self.level_of_place: dict[str, NDArray[np.int64]] = {}
+        for name in varied:
+            codes = observations.factors[name]
+            of_place = np.zeros(observations.places, np.int64)
+            of_place[observations.place] = codes
+            if np.array_equal(of_place[observations.place], codes):
+                self.level_of_place[name] = of_place
+        self._models: dict[tuple[str, bytes], _Model] = {}
+        self.within = [name for name in varied if name not in self.level_of_place]
+        self.blocks = _table(observations, (None, *self.within)) if self.within else None
+        self.grid = _table(observations, (*self.level_of_place, *self.within)) if self.level_of_place else None
+
+    def all(self, interactions: bool, wanted: set[str] | None = None) -> Iterator[Contrast]:
+        """Yield main effects, then interactions, of the wanted factors (None: of all)."""
+
+        def asked(*names: str) -> bool:
+            return wanted is None or wanted.issuperset(names)
+
+        differences = {}
+        for name in self.observations.levels:
+            if name in self.within and asked(name):
+                matching, cells = self._changes(name)
+                differences[name], pairs = _by_place(cells)
+                singles = [(change,) for change in self._changes_of(name)]
+                yield from _averages(singles, matching, differences[name], pairs)
+            elif name in self.level_of_place and asked(name):
+                yield from self._between([], self._place_means()[:, None], name)
+        if not interactions:
+            return
+        for first, second in combinations(self.within, 2):
+            if asked(first, second):
+                matching, cells = self._double_changes(first, second)
+                doubles = [(x, y) for x in self._changes_of(first) for y in self._changes_of(second)]
+                yield from _averages(doubles, matching, *_by_place(cells))
+        for first, figures in differences.items():
+            for second in self.level_of_place:
+                if asked(first, second):
+                    yield from self._between(self._changes_of(first), figures, second)
+
+    def axes_of(self, names: Sequence[str], matching: Matching) -> tuple[str | None, ...]:
+        """Return the factors (None: the place) that a pair of rows changes or agrees in."""
+        if matching is Matching.PLACES:
+            return None, *names
+        if matching is Matching.MODEL:
+            return *self.level_of_place, *self.within
+        return None, *self.within
+
+    def _changes_of(self, name: str) -> list[Change]:
+        return [Change(name, int(a), int(b)) for a, b in combinations(self.observations.levels[name], 2)]
+
+    def _place_means(self) -> NDArray[np.float64]:
+        """(G,) mean of each place; in a crossed design each row counts as what it differs from its like in other places."""
+        data = self.observations
+        if self.blocks is None:
+            return np.asarray(np.bincount(data.place, weights=data.values) / np.bincount(data.place))
+        cells = self.blocks.reshape(len(self.blocks), -1)
+        cells = cells[:, np.isfinite(cells).any(axis=0)]
+        usual = np.nanmean(cells, axis=0)
+        # Else a place whose hard rows are missing would look easy.
+        return np.asarray(np.nanmean(cells - usual, axis=1) + usual.mean())
+
+    def _cells(self, names: Sequence[str]) -> tuple[NDArray[np.float64], Matching]:
+        """(G, L…, C) cell means: the named factors in front, the combinations of all others behind."""
+        if self.blocks is not None:
+            moved = np.moveaxis(self.blocks, [1 + self.within.index(name) for name in names], range(1, 1 + len(names)))
+            return moved.reshape(*moved.shape[: 1 + len(names)], -1), Matching.BLOCKS
+        table = _table(self.observations, (None, *names))
+        if table is None:
+            table = np.full(_shape(self.observations, (None, *names)), np.nan)
+        return table[..., None], Matching.PLACES
+
+    def _changes(self, name: str) -> tuple[Matching, NDArray[np.float64]]:
+        """(G, S, C) differences of the cells for each change of a factor."""
+        cells, matching = self._cells([name])
+        before, after = _level_pairs(cells.shape[1])
+        return matching, cells[:, after] - cells[:, before]
+
+    def _double_changes(self, first: str, second: str) -> tuple[Matching, NDArray[np.float64]]:
+        """(G, S, C) differences of differences of the cells for each two changes of two factors."""
+        cells, matching = self._cells([first, second])
+        a, b = _level_pairs(cells.shape[1])
+        c, d = _level_pairs(cells.shape[2])
+        differences = cells[:, b] - cells[:, a]
+        doubled = differences[:, :, d] - differences[:, :, c]
+        return matching, doubled.reshape(len(cells), len(a) * len(c), -1)
+
+    def _between(self, firsts: Sequence[Change], figures: NDArray[np.float64], name: str) -> Iterator[Contrast]:
+        """Compare (G, S) figures of the places between the levels of a factor that changes from place to place.
+
+        Args:
+            firsts: the S changes that the figures are differences of; none where they are the places' means.
+            figures: NaN where a place has none.
+            name: the factor.
+        """
+        seconds = self._changes_of(name)
+        before, after = _level_pairs(len(self.observations.levels[name]))
+        pairs = self._matched(firsts[0].factor if firsts else None, name)
+        known = np.isfinite(figures)
+        batches = [slice(None)] if known.all() else [slice(k, k + 1) for k in range(figures.shape[1])]
+        for batch in batches:
+            rows = np.asarray(known[:, batch].all(axis=1))
+            model = self._model(name, rows)
+            columns = model.compare(figures[rows, batch], before, after)
+            first = range(figures.shape[1])[batch]
+            for s, k in enumerate(first):
+                rest = (seconds, *(column[:, s].tolist() for column in columns), pairs[k].tolist())
+                for second, estimate, error, degrees, p_value, matched in zip(*rest, strict=True):
+                    yield Contrast(
+                        (*firsts[k : k + 1], second),
+                        Matching.MODEL,
+                        estimate,
+                        error,
+                        degrees,
+                        p_value,
+                        int(np.count_nonzero(rows)),
+                        matched,
+                        model.parameters,
+                    )
+
+    def _model(self, name: str, rows: NDArray[np.bool_]) -> _Model:
+        """The model of the places in ``rows``, with the levels of a factor to compare."""
+        key = name, rows.tobytes()
+        if key not in self._models:
+            codes = [levels[rows] for levels in self.level_of_place.values()]
+            compared = [*self.level_of_place].index(name)
+            self._models[key] = _Model(codes, compared, len(self.observations.levels[name]))
+        return self._models[key]
+
+    def _matched(self, first: str | None, name: str) -> NDArray[np.int64]:
+        """(S, T) numbers of pairs (or fours) of rows that differ in the changes alone."""
+        before, after = _level_pairs(len(self.observations.levels[name]))
+        axes = [*self.level_of_place, *self.within]
+        size = 1 if first is None else len(self._changes_of(first))
+        if self.grid is None:
+            return np.zeros((size, len(before)), np.int64)
+        there = np.isfinite(self.grid)
+        front = [axes.index(name)] if first is None else [axes.index(first), axes.index(name)]
+        there = np.moveaxis(there, front, range(len(front)))
+        there = there.reshape(*there.shape[: len(front)], -1)
+        if first is None:
+            there = there[None]
+        else:
+            c, d = _level_pairs(len(there))
+            there = there[c] & there[d]
+        return np.asarray(np.count_nonzero(there[:, before] & there[:, after], axis=-1))
+
+
+class _Model:
+    """Least squares of the places' figures on an intercept and all factors of places, additive.
+
+    With too few places for all factors, the compared one stands alone.
+
+    Attributes:
+        parameters: rank of the model.
+    """
+
+    def __init__(self, codes: Sequence[NDArray[np.int64]], compared: int, levels: int) -> None:
+        """Args:
+        codes: (G,) level of each place, one array per factor.
+        compared: which of the factors is compared.
+        levels: number L of its levels.
+        """
+        self._member = (codes[compared] == np.arange(levels)[:, None]).astype(float)
+        others = [(code == np.arange(1, code.max(initial=0) + 1)[:, None]).astype(float) for code in codes]
+        del others[compared]
+        for columns in ([self._member, *others], [self._member]):
+            self._design = np.concatenate(columns).T
+            self._inverse = np.linalg.pinv(self._design)
+            # The trace of the projection is the rank.
+            self.parameters = round(float((self._design * self._inverse.T).sum()))
+            self._degrees = len(self._design) - self.parameters
+            if self._degrees >= _FEWEST_DEGREES:
+                break
+
+    def compare(
+        self, figures: NDArray[np.float64], before: NDArray[np.int64], after: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Compare (G, S) figures between levels.
+
+        The error is the larger of two: that of the common spread of all levels, and that of the two levels' own spreads
+        (Welch 1947, doi:10.1093/biomet/34.1-2.28). A rare outlier in one of them thus never looks like an effect.
+
+        Returns:
+            (T, S) differences, standard errors (infinite where nothing can be told), degrees of freedom and p-values.
+        """
+        weights = np.zeros((len(before), self._design.shape[1]))
+        t = np.arange(len(before))
+        weights[t, before], weights[t, after] = -1, 1
+        of_places = weights @ self._inverse
+        solved = self._inverse @ figures
+        squares = (figures - self._design @ solved) ** 2
+        count = self._member.sum(axis=1)
+        estimable = (count[before] > 1) & (count[after] > 1) & (self._degrees > 0)
+        estimable &= np.abs(of_places @ self._design - weights).max(axis=1) < 1e-6
+        common = squares.sum(axis=0) / max(self._degrees, 1)
+        pooled = np.sqrt((of_places**2).sum(axis=1)[:, None] * common)
+        # The other factors have used up degrees of freedom in every level alike.
+        used = (len(self._design) - np.count_nonzero(count)) / max(self._degrees, 1)
+        own = used * (self._member @ squares) / np.maximum(count * (count - 1), 1)[:, None]
+        both = own[before] + own[after]
+        less = np.maximum(count - 1, 1)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            welch = both**2 / (own[before] ** 2 / less[before] + own[after] ** 2 / less[after])
+        welch = np.where(both > 0, welch, 1.0)
+        estimates = weights @ solved
+        rare = np.array([2 / comb(int(count[a] + count[b]), int(count[a])) for a, b in zip(before, after, strict=True)])
+        choices = []
+        for error, degrees in ((pooled, np.full_like(pooled, self._degrees)), (np.sqrt(both), welch)):
+            error[~estimable] = np.inf
+            choices.append((error, degrees, _p_values(estimates, error, degrees, rare[:, None])))
+        (error, degrees, p_values), own_choice = choices
+        wider = own_choice[2] > p_values
+        error, degrees, p_values = (
+            np.where(wider, theirs, ours) for ours, theirs in zip((error, degrees, p_values), own_choice, strict=True)
+        )
+        return estimates, error, np.where(np.isfinite(error), degrees, 0.0), p_values
+
+
+def _averages(
+    changes: Sequence[tuple[Change, ...]],
+    matching: Matching,
+    figures: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+) -> Iterator[Contrast]:
+    """Compare the mean of (G, S) differences of the places with 0."""
+    known = np.isfinite(figures)
+    places = known.sum(axis=0)
+    filled = np.where(known, figures, 0.0)
+    count = np.maximum(places, 1)
+    estimates = filled.sum(axis=0) / count
+    squares = (np.where(known, figures - estimates, 0.0) ** 2).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.where(places > 1, np.sqrt(squares / (places - 1) / count), np.inf)
+    degrees = np.maximum(places - 1, 0).astype(np.float64)
+    p_values = _p_values(estimates, errors, degrees, 2.0 ** (1 - places))
+    columns = (changes, estimates, errors, degrees, p_values, places, pairs)
+    for change, estimate, error, degree, p_value, number, matched in zip(*columns, strict=True):
+        yield Contrast(
+            change, matching, float(estimate), float(error), float(degree), float(p_value), int(number), int(matched), 1
+        )
+
+
+def _p_values(
+    estimates: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    degrees: NDArray[np.float64],
+    without_spread: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Two-sided p-values of Student's t; where all places agree to the last bit, that of exchanging the levels."""
+    flat = errors <= _NO_SPREAD
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(flat, 0.0, np.abs(estimates) / errors)
+    p_values = 2 * stdtr(np.maximum(degrees, 1), -t)
+    exact = np.where(np.abs(estimates) <= _NO_SPREAD, 1.0, np.minimum(without_spread, 1.0))
+    return np.asarray(np.where(np.isfinite(errors), np.where(flat, exact, p_values), 1.0))
+
+
+def _by_place(cells: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(G, S) means over the last axis of (G, S, C) differences, NaN aside, and (S,) how many there are."""
+    known = np.isfinite(cells)
+    if known.all():
+        return cells.mean(axis=2), np.full(cells.shape[1], cells.shape[0] * cells.shape[2])
+    count = known.sum(axis=2)
+    with np.errstate(invalid="ignore"):
+        means = np.where(known, cells, 0.0).sum(axis=2) / count
+    return means, count.sum(axis=0)
+
+
+@cache
+def _level_pairs(levels: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Every two of L levels: (S,) the earlier and (S,) the later."""
+    before, after = np.triu_indices(levels, 1)
+    return before.astype(np.int64), after.astype(np.int64)
+
+
+def _shape(observations: Observations, axes: Sequence[str | None]) -> tuple[int, ...]:
+    """Numbers of levels of some factors; None stands for the place."""
+    return tuple(observations.places if name is None else len(observations.levels[name]) for name in axes)
+
+
+def _index(observations: Observations, axes: Sequence[str | None]) -> NDArray[np.int64]:
+    """(N,) number of each row's cell in a table of these axes."""
+    index = np.zeros(len(observations.values), np.int64)
+    for name, size in zip(axes, _shape(observations, axes), strict=True):
+        index = index * size + (observations.place if name is None else observations.factors[name])
+    return index
+
+
+def _table(observations: Observations, axes: Sequence[str | None]) -> NDArray[np.float64] | None:
+    """Means of all combinations of some factors, NaN where one does not occur; None where most do not."""
+    shape = _shape(observations, axes)
+    if prod(shape) > len(observations.values) / _FILLED:
+        return None
+    index = _index(observations, axes)
+    count = np.bincount(index, minlength=prod(shape))
+    if np.count_nonzero(count) < _FILLED * len(count):
+        return None
+    total = np.bincount(index, weights=observations.values, minlength=len(count))
+    with np.errstate(invalid="ignore"):
+        return np.asarray((total / count).reshape(shape))

@@ -1,0 +1,372 @@
+"""Curves between 0 and 1 that rise or fall where the data do, with a band that holds for whole places.
+
+The axis is cut into bins with about equally many rows, each seen from several places. Three shapes are fitted to the bins: a
+*level*, the best *rising* or *falling* one (isotonic regression: Barlow et al. 1972, *Statistical Inference under Order
+Restrictions*), and the bins' own averages, *free*. Places left out decide: free where it predicts them best, a level where
+it predicts them as well as the monotone fit does (by one standard error: Breiman et al. 1984, section 3.4.3). A shape that
+its own bins contradict is given up for the next.
+
+The band rests on averages over all runs of neighbouring bins, whose intervals hold together. A curve that rises lies, at every
+x, above the lower end of each average to its left and below the upper end of each average to its right (compare Dümbgen 2003,
+doi:10.3150/bj/1065444813). So the band holds for cliffs as for slopes, and needs no smoothness. About a level nobody knows
+whether it rises or falls a little: its band is the union of both. Of a free curve the band is of the bins' averages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import isotonic_regression
+from scipy.special import ndtr, stdtrit
+
+from valerie.errors import InvalidInput
+from valerie.statistics.observations import dense
+
+#: Most bins, and how many places (by effective number) each has to be seen from.
+MAX_BINS: Final = 12
+PLACES_PER_BIN: Final = 4.0
+#: Folds of whole places.
+FOLDS: Final = 10
+#: Points at which a curve is given.
+GRID: Final = 61
+#: More places than this are put into groups at random; the variance stays right, memory stays bounded.
+_MOST_GROUPS: Final = 500
+#: Random weights behind a joint interval.
+_DRAWS: Final = 500
+
+
+class Shape(StrEnum):
+    LEVEL = "level"
+    RISING = "rising"
+    FALLING = "falling"
+    FREE = "free"
+
+
+@dataclass(frozen=True, slots=True)
+class Bins:
+    """Averages along the axis.
+
+    Attributes:
+        low, high: smallest and largest x of each bin.
+        centre: mean x of its rows.
+        mean: mean value of its rows.
+        rows: number of rows.
+        places: effective number of places: (Σn)² / Σn² of the places' rows.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    centre: tuple[float, ...]
+    mean: tuple[float, ...]
+    rows: tuple[int, ...]
+    places: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A fitted curve.
+
+    Attributes:
+        shape: the simplest that the data allow.
+        x: `GRID` points from the smallest to the largest x.
+        y: the curve there.
+        low, high: the band; with the stated confidence it holds the true curve at all x together.
+        bins: what it was fitted to.
+        places: number of places; ``rows`` is that of rows, and ``undefined`` of those left out.
+    """
+
+    shape: Shape
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    bins: Bins
+    places: int
+    rows: int
+    undefined: int
+
+
+def fit_curve(
+    x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int, confidence: float = 0.95
+) -> Curve | None:
+    """Fit values over x.
+
+    Args:
+        x: (N,); rows with a gap are left out.
+        values: (N,) scores in 0…1; the same.
+        places: (N,) whole numbers, the independent unit of each row.
+        seed: of folds and random weights.
+        confidence: of the band as a whole.
+
+    Returns:
+        None where the places are too few for two bins.
+
+    Raises:
+        InvalidInput: a value lies outside 0…1, or the lengths differ.
+    """
+    data = _sums(x, values, places, seed)
+    if data is None or data.count.shape[1] < 2:
+        return None
+    fits = {shape: data.fit(shape) for shape in Shape}
+    alone = _Band(data, True, confidence, seed)
+
+    grid = np.linspace(data.low[0], data.high[-1], GRID)
+
+    def stands(shape: Shape) -> bool:
+        drawn = np.interp(data.along, grid, np.interp(grid, data.centre, fits[shape]))
+        return shape is Shape.FREE or not alone.leaves_out(data.averages(drawn)).any()
+
+    shape = next(shape for shape in _by_simplicity(data, seed) if stands(shape))
+    band = alone if shape is Shape.FREE else _Band(data, False, confidence, seed)
+    if shape is Shape.FREE:
+        bin_of = np.searchsorted(data.low[1:], grid, side="right")
+        y, low, high = data.mean[bin_of], band.low[bin_of, bin_of], band.high[bin_of, bin_of]
+    else:
+        y = np.interp(grid, data.centre, fits[shape])
+        directions = (True, False) if shape is Shape.LEVEL else (shape is Shape.RISING,)
+        sides = [band.monotone(grid, rising=rising) for rising in directions]
+        low, high = np.min([side[0] for side in sides], axis=0), np.max([side[1] for side in sides], axis=0)
+    return Curve(
+        shape,
+        tuple(grid.tolist()),
+        tuple(y.tolist()),
+        tuple(np.minimum(low, y).tolist()),
+        tuple(np.maximum(high, y).tolist()),
+        Bins(
+            tuple(data.low.tolist()),
+            tuple(data.high.tolist()),
+            tuple(data.centre.tolist()),
+            tuple(data.mean.tolist()),
+            tuple(data.rows.tolist()),
+            tuple(data.seen_from.tolist()),
+        ),
+        data.places,
+        int(data.rows.sum()),
+        data.undefined,
+    )
+
+
+def contradicted_bins(
+    fitted: ArrayLike, x: ArrayLike, values: ArrayLike, places: ArrayLike, *, seed: int = 0, confidence: float = 0.95
+) -> tuple[int, ...]:
+    """Return the bins of x whose average a curve misses by more than chance; of polynomials and of any other curve.
+
+    Args:
+        fitted: (N,) the curve at each row's x.
+        x, values, places: as of `fit_curve`.
+        seed: as of `fit_curve`.
+        confidence: chance that a true curve is contradicted in no bin.
+    """
+    data = _sums(x, values, places, seed)
+    if data is None:
+        return ()
+    averages = data.averages(np.asarray(fitted, np.float64)[data.used])
+    return tuple(np.flatnonzero(_Band(data, True, confidence, seed).leaves_out(averages)).tolist())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Sums by group of places and bin, and what every shape needs of them.
+
+    Attributes:
+        total, count: (G, B) sum of values and number of rows.
+        low, high, centre, mean, rows, seen_from: (B,) of the bins, as in `Bins`.
+        places: number of places; ``undefined`` of rows left out.
+        used: (N,) bool, rows of the caller that count.
+        along, bin_of: (M,) x and bin of these rows.
+    """
+
+    total: NDArray[np.float64]
+    count: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    seen_from: NDArray[np.float64]
+    places: int
+    undefined: int
+    used: NDArray[np.bool_]
+    along: NDArray[np.float64]
+    bin_of: NDArray[np.int64]
+
+    def fit(self, shape: Shape) -> NDArray[np.float64]:
+        """Return the (B,) values of a shape at the bins."""
+        return _fit(shape, self.total.sum(axis=0), self.count.sum(axis=0))
+
+    def averages(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B,) means over the bins of what a curve says at each of the (M,) rows."""
+        return np.asarray(np.bincount(self.bin_of, weights=drawn) / self.rows)
+
+
+def _sums(x: ArrayLike, values: ArrayLike, places: ArrayLike, seed: int) -> _Sums | None:
+    along, scores, codes = np.asarray(x, np.float64), np.asarray(values, np.float64), np.asarray(places)
+    if not along.shape == scores.shape == codes.shape:
+        raise InvalidInput("x, values and places differ in length", field="x", value=along.shape, limit=scores.shape)
+    known = np.isfinite(along) & np.isfinite(scores)
+    along, scores = along[known], scores[known]
+    if len(scores) and (scores.min() < 0 or scores.max() > 1):
+        raise InvalidInput(
+            "has to lie between 0 and 1", field="values", value=float(scores[(scores < 0) | (scores > 1)][0])
+        )
+    place, occurring = dense(codes[known])
+    groups = min(len(occurring), _MOST_GROUPS)
+    if groups < 2:
+        return None
+    if groups < len(occurring):
+        place = (np.random.default_rng(seed).permutation(len(occurring)) % groups)[place]
+    for bins in range(MAX_BINS, 0, -1):
+        edges = np.unique(np.quantile(along, np.arange(1, bins) / bins))
+        bin_of = np.searchsorted(edges, along, side="right")
+        bin_of, filled = dense(bin_of)
+        cell, size = place * len(filled) + bin_of, groups * len(filled)
+        count = np.bincount(cell, minlength=size).reshape(groups, -1).astype(np.float64)
+        seen_from = count.sum(axis=0) ** 2 / (count**2).sum(axis=0)
+        if seen_from.min() >= PLACES_PER_BIN:
+            break
+    total = np.bincount(cell, weights=scores, minlength=size).reshape(groups, -1).astype(np.float64)
+    rows = count.sum(axis=0)
+    order = np.argsort(along, kind="stable")
+    ends = np.cumsum(rows).astype(np.int64)
+    return _Sums(
+        total,
+        count,
+        along[order[ends - rows.astype(np.int64)]],
+        along[order[ends - 1]],
+        np.bincount(bin_of, weights=along) / rows,
+        total.sum(axis=0) / rows,
+        rows.astype(np.int64),
+        seen_from,
+        len(occurring),
+        int(np.count_nonzero(~known)),
+        known,
+        along,
+        bin_of,
+    )
+
+
+def _fit(shape: Shape, total: NDArray[np.float64], count: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of a shape at the bins, from sums and numbers of rows; bins without rows take what lies beside them."""
+    filled = np.flatnonzero(count)
+    mean, weight = total[filled] / count[filled], count[filled]
+    if shape is Shape.LEVEL:
+        mean = np.full(len(filled), total.sum() / count.sum())
+    elif shape is not Shape.FREE:
+        mean = isotonic_regression(mean, weights=weight, increasing=shape is Shape.RISING).x
+    return np.asarray(np.interp(np.arange(len(count)), filled, mean))
+
+
+def _by_simplicity(data: _Sums, seed: int) -> list[Shape]:
+    """Shapes that predict places left out as well as the best does, the simplest first, and free at the end."""
+    groups = len(data.total)
+    folds = min(FOLDS, groups)
+    fold_of = np.random.default_rng(seed).permutation(groups) % folds
+    member = (fold_of == np.arange(folds)[:, None]).astype(np.float64)
+    total, count = member @ data.total, member @ data.count
+    losses = {}
+    for shape in Shape:
+        fits = np.stack(
+            [
+                _fit(shape, data.total.sum(axis=0) - t, data.count.sum(axis=0) - n)
+                for t, n in zip(total, count, strict=True)
+            ]
+        )
+        # Σ (y − f)² less Σ y², which all shapes share.
+        losses[shape] = (fits**2 * count - 2 * fits * total).sum(axis=1) / count.sum(axis=1)
+    mean = {shape: float(losses[shape].mean()) for shape in Shape}
+    monotone = min((Shape.RISING, Shape.FALLING), key=mean.__getitem__)
+    if mean[Shape.FREE] < min(mean[Shape.LEVEL], mean[monotone]):
+        return [Shape.FREE]
+    excess = losses[Shape.LEVEL] - losses[monotone]
+    level = float(excess.mean()) <= float(excess.std(ddof=1)) / np.sqrt(folds)
+    return [*([Shape.LEVEL] if level else []), monotone, Shape.FREE]
+
+
+def _errors(total: NDArray[np.float64], count: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Standard errors and degrees of freedom of ratios Σ total / Σ count over groups, by their residuals."""
+    rows = count.sum(axis=0)
+    effective = rows**2 / (count**2).sum(axis=0)
+    residual = total - total.sum(axis=0) / rows * count
+    variance = (residual**2).sum(axis=0) / rows**2 * effective / np.maximum(effective - 1, 1e-9)
+    return np.sqrt(variance), np.maximum(effective - 1, 0.5)
+
+
+class _Band:
+    """Intervals of the averages over runs of neighbouring bins, which hold together.
+
+    Attributes:
+        low, high: (B, B) ends of the interval of the bins a…b, at [a, b]; −inf and inf for b < a.
+    """
+
+    def __init__(self, data: _Sums, single: bool, confidence: float, seed: int) -> None:
+        """Args:
+        data: sums by group and bin.
+        single: whether to look at single bins only.
+        confidence: that all hold.
+        seed: of the random weights.
+        """
+        bins = len(data.mean)
+        first, last = (np.arange(bins),) * 2 if single else np.triu_indices(bins)
+        total, count = (
+            np.concatenate([np.zeros((len(column), 1)), np.cumsum(column, axis=1)], axis=1)
+            for column in (data.total, data.count)
+        )
+        total, count = total[:, last + 1] - total[:, first], count[:, last + 1] - count[:, first]
+        mean = total.sum(axis=0) / count.sum(axis=0)
+        error, degrees = _errors(total, count)
+        tail = _joint_tail(total - mean * count, confidence, seed)
+        half = -stdtrit(degrees, tail) * error
+        # What one place at 0 or at 1, of which none was drawn, could add.
+        unseen = 1 - tail ** (1 / (degrees + 1))
+        self.low, self.high = np.full((bins, bins), -np.inf), np.full((bins, bins), np.inf)
+        self.low[first, last] = np.clip(np.minimum(mean - half, (1 - unseen) * mean), 0, 1)
+        self.high[first, last] = np.clip(np.maximum(mean + half, mean + unseen * (1 - mean)), 0, 1)
+        self._edges = data.low, data.high
+
+    def leaves_out(self, fitted: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which bins' intervals do not hold (B,) values."""
+        return np.asarray((fitted < self.low.diagonal() - 1e-9) | (fitted > self.high.diagonal() + 1e-9))
+
+    def monotone(self, x: NDArray[np.float64], *, rising: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the ends of the band at x of a curve that rises, or falls."""
+        left, right = self._edges
+        # The best bound from averages that end at or before bin b, or begin at or after bin a.
+        if rising:
+            before, after = (
+                np.maximum.accumulate(self.low.max(axis=0)),
+                np.minimum.accumulate(self.high.min(axis=1)[::-1])[::-1],
+            )
+        else:
+            before, after = (
+                np.minimum.accumulate(self.high.min(axis=0)),
+                np.maximum.accumulate(self.low.max(axis=1)[::-1])[::-1],
+            )
+        ended = np.searchsorted(right, x, side="right")
+        begins = np.searchsorted(left, x, side="left")
+        worst = (0.0, 1.0) if rising else (1.0, 0.0)
+        bounds = np.concatenate([[worst[0]], before])[ended], np.concatenate([after, [worst[1]]])[begins]
+        return bounds if rising else bounds[::-1]
+
+
+def _joint_tail(residual: NDArray[np.float64], confidence: float, seed: int) -> float:
+    """Probability on each side of each of M intervals that makes all hold together.
+
+    The largest of the M standardised means is drawn with random normal weights of the groups (multiplier bootstrap:
+    Chernozhukov, Chetverikov & Kato 2013, doi:10.1214/13-AOS1161).
+
+    Args:
+        residual: (G, M) what each group adds to the deviation of each mean.
+        confidence: that all hold.
+        seed: of the weights.
+    """
+    size = np.sqrt((residual**2).sum(axis=0))
+    spread = size > 1e-12
+    if not spread.any():
+        return (1 - confidence) / 2 / len(size)
+    weights = np.random.default_rng(seed).standard_normal((_DRAWS, len(residual)))
+    largest = np.abs(weights @ (residual[:, spread] / size[spread])).max(axis=1)
+    return max(1 - float(ndtr(np.quantile(largest, confidence))), (1 - confidence) / 2 / len(size))

@@ -1,0 +1,256 @@
+"""Is a version worse than the baseline? Paired on identical frames, by whole places, slice by slice.
+
+Three tests look at the differences of the places in each slice, because a version can become worse in different ways: Student's
+t sees a mean shift made of large differences, the signed-rank test (Wilcoxon 1945, doi:10.2307/3001968) a small shift of most
+places, and McNemar's test (1947, doi:10.1007/BF02295996) rows that passed and now fail. Their p-values are combined
+by the Cauchy rule, which holds although they are dependent (Liu & Xie 2020, doi:10.1080/01621459.2018.1554485), and the
+slices are judged together by Benjamini & Hochberg (1995, doi:10.1111/j.2517-6161.1995.tb02031.x). What is tested is that
+exchanging baseline and version changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import bdtr, ndtr, stdtr, stdtrit
+from scipy.stats import false_discovery_control, rankdata
+
+from valerie.errors import InvalidInput
+from valerie.statistics.observations import dense
+from valerie.statistics.power import places_needed
+
+#: Up to this many places the signed-rank test counts all signs; above, the normal approximation is used.
+_EXACT: Final = 25
+#: A p-value near 1 must not outweigh small ones in the Cauchy rule.
+_LARGEST: Final = 0.9
+#: Tests that share the level of a slice.
+_TESTS: Final = 3
+#: Differences below this are rounding.
+_NO_DIFFERENCE: Final = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class SliceComparison:
+    """Version − baseline in one slice.
+
+    Attributes:
+        name: of the slice.
+        difference: mean over places of the mean difference of their rows.
+        low, high: 95 % interval of it alone, by Student's t over places; infinite with fewer than two.
+        places: number of places with rows in the slice; ``pairs`` is that of rows.
+        lost, gained: rows that passed and now fail; that failed and now pass.
+        t_p, rank_p, flip_p: one-sided p-values of the three tests; NaN where one has nothing to look at.
+        p_value: of their combination; 1 where none has.
+        adjusted_p: with all slices accounted for.
+        worse: whether the slice is worse, at the gate's rate of false discoveries.
+        flips: rows that fell furthest, the furthest first.
+        places_needed: places that find the effect which must not stay unseen; None where no affordable number does, or
+            where the places cannot say.
+    """
+
+    name: str
+    difference: float
+    low: float
+    high: float
+    places: int
+    pairs: int
+    lost: int
+    gained: int
+    t_p: float
+    rank_p: float
+    flip_p: float
+    p_value: float
+    adjusted_p: float
+    worse: bool
+    flips: tuple[int, ...]
+    places_needed: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A version against its baseline.
+
+    Attributes:
+        slices: in the order given.
+        false_discoveries: largest expected share of slices named worse that are not.
+        threshold: score that a row needs to pass.
+        effect: drop that must not stay unseen.
+        unpaired: rows that only one of the two has a value for.
+    """
+
+    slices: tuple[SliceComparison, ...]
+    false_discoveries: float
+    threshold: float
+    effect: float
+    unpaired: int
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Names of the slices that are worse."""
+        return tuple(item.name for item in self.slices if item.worse)
+
+
+def compare_versions(
+    baseline: ArrayLike,
+    version: ArrayLike,
+    places: ArrayLike,
+    slices: Mapping[str, ArrayLike],
+    *,
+    threshold: float = 0.5,
+    effect: float = 0.05,
+    false_discoveries: float = 0.05,
+    flips: int = 5,
+) -> Gate:
+    """Compare a version with its baseline on the same rows.
+
+    Args:
+        baseline, version: (N,) scores of the same persons in the same frames; NaN where one has none.
+        places: (N,) whole numbers, the independent unit of each row.
+        slices: name to (N,) bool; slices may overlap.
+        threshold: score that a row needs to pass.
+        effect: drop that must not stay unseen; says how many places are needed.
+        false_discoveries: largest expected share of false ones among the slices named worse.
+        flips: most rows to name in each slice.
+
+    Raises:
+        InvalidInput: the lengths differ, or ``effect`` or ``false_discoveries`` is not between 0 and 1.
+    """
+    before, after, codes = np.asarray(baseline, np.float64), np.asarray(version, np.float64), np.asarray(places)
+    masks = {name: np.asarray(mask, np.bool_) for name, mask in slices.items()}
+    for field, column in {"version": after, "places": codes, **masks}.items():
+        if column.shape != before.shape:
+            raise InvalidInput(
+                "needs one entry per row of the baseline", field=field, value=column.shape, limit=before.shape
+            )
+    for field, number in (("effect", effect), ("false_discoveries", false_discoveries)):
+        if not 0 < number < 1:
+            raise InvalidInput("has to lie between 0 and 1", field=field, value=number)
+    paired = np.isfinite(before) & np.isfinite(after)
+    change = np.where(paired, after - before, 0.0)
+    flip = np.where(paired, (after >= threshold).astype(np.int64) - (before >= threshold), 0)
+    alpha = false_discoveries / max(len(masks), 1)
+    alpha = false_discoveries / max(len(masks), 1) / _TESTS
+    compared = []
+    for name, mask in masks.items():
+        rows = np.flatnonzero(paired & mask)
+        place, occurring = dense(codes[rows])
+        differences = np.bincount(place, weights=change[rows]) / np.bincount(place)
+        p_values = (
+            t_test(differences),
+            signed_rank_test(differences),
+            flip_test(np.bincount(place, weights=flip[rows]).astype(np.float64)),
+        )
+        low, high, deviation = _interval(differences)
+        furthest = rows[np.argsort(change[rows], kind="stable")[:flips]]
+        compared.append(
+            SliceComparison(
+                name=name,
+                difference=float(differences.mean()) if len(rows) else float("nan"),
+                low=low,
+                high=high,
+                places=len(occurring),
+                pairs=len(rows),
+                lost=int(np.count_nonzero(flip[rows] < 0)),
+                gained=int(np.count_nonzero(flip[rows] > 0)),
+                t_p=p_values[0],
+                rank_p=p_values[1],
+                flip_p=p_values[2],
+                p_value=combine(p_values),
+                adjusted_p=1.0,
+                worse=False,
+                flips=tuple(furthest[change[furthest] < 0].tolist()),
+                places_needed=None if np.isnan(deviation) else places_needed(effect, deviation, alpha=alpha),
+            )
+        )
+    adjusted = false_discovery_control([item.p_value for item in compared]).tolist() if compared else []
+    judged = tuple(
+        replace(item, adjusted_p=p_value, worse=p_value <= false_discoveries)
+        for item, p_value in zip(compared, adjusted, strict=True)
+    )
+    unpaired = int(np.count_nonzero(np.isfinite(before) ^ np.isfinite(after)))
+    return Gate(judged, false_discoveries, threshold, effect, unpaired)
+
+
+def places_for_gate(
+    effect: float, deviation: float, slices: int, *, false_discoveries: float = 0.05, power_wanted: float = 0.9
+) -> int | None:
+    """Return how many places each slice needs, said before a run.
+
+    Reckoned for the t-test alone, as if the other two saw nothing and this slice alone were worse: the usual number
+    is smaller.
+
+    Args:
+        effect: drop that must not stay unseen.
+        deviation: standard deviation of a place's mean difference, of an earlier comparison.
+        slices: number of slices of the gate.
+        false_discoveries: rate of the gate.
+        power_wanted: chance to name the slice.
+
+    Raises:
+        InvalidInput: the effect is 0, or a probability lies outside 0…1.
+    """
+    return places_needed(effect, deviation, alpha=false_discoveries / slices / _TESTS, power_wanted=power_wanted)
+
+
+def t_test(differences: NDArray[np.float64]) -> float:
+    """Return Student's one-sided p-value that the mean of (G,) differences is not below 0; NaN without spread or pairs."""
+    if len(differences) < 2 or differences.std() < _NO_DIFFERENCE:
+        return float("nan")
+    t = differences.mean() / (differences.std(ddof=1) / np.sqrt(len(differences)))
+    return float(stdtr(len(differences) - 1, t))
+
+
+def signed_rank_test(differences: NDArray[np.float64]) -> float:
+    """Return the signed-rank test's one-sided p-value that (G,) differences do not lie below 0; NaN where all are 0.
+
+    Differences of 0 are left out; ties share their mean rank. Exact by counting all signs for up to 25 places.
+    """
+    nonzero = differences[np.abs(differences) > _NO_DIFFERENCE]
+    if not len(nonzero):
+        return float("nan")
+    # Rounding must not part differences that are equal.
+    ranks = rankdata(np.round(np.abs(nonzero), 12))
+    positive = float(ranks[nonzero > 0].sum())
+    if len(nonzero) > _EXACT:
+        deviation = np.sqrt((ranks**2).sum() / 4)
+        return float(ndtr((positive - ranks.sum() / 2 + 0.25) / deviation))
+    # Number of sign choices for each sum of twice the positive ranks.
+    doubled = np.round(2 * ranks).astype(np.int64)
+    ways = np.zeros(int(doubled.sum()) + 1)
+    ways[0] = 1.0
+    for rank in doubled.tolist():
+        ways[rank:] += ways[:-rank].copy()
+    return float(ways[: round(2 * positive) + 1].sum() / 2.0 ** len(nonzero))
+
+
+def flip_test(net: NDArray[np.float64]) -> float:
+    """Return McNemar's exact one-sided p-value of (G,) net flips of the places, gained − lost; NaN where none flips.
+
+    A place counts once, as better or worse, whatever the number of its rows.
+    """
+    lost, gained = int(np.count_nonzero(net < 0)), int(np.count_nonzero(net > 0))
+    return float(bdtr(gained, lost + gained, 0.5)) if lost + gained else float("nan")
+
+
+def combine(p_values: ArrayLike) -> float:
+    """Return the Cauchy combination of p-values; NaN ones are left out, and 1 comes of none."""
+    p = np.asarray(p_values, np.float64)
+    p = np.minimum(p[np.isfinite(p)], _LARGEST)
+    if not len(p):
+        return 1.0
+    # tan((½ − p) π) = 1 / tan(p π), without loss for small p.
+    mean = float(np.mean(1 / np.tan(np.pi * np.maximum(p, 1e-300))))
+    return float(np.arctan2(1.0, mean) / np.pi)
+
+
+def _interval(differences: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Ends of the 95 % interval of the mean, and the standard deviation (NaN with fewer than two)."""
+    if len(differences) < 2:
+        return -float("inf"), float("inf"), float("nan")
+    mean, deviation = float(differences.mean()), float(differences.std(ddof=1))
+    half = -float(stdtrit(len(differences) - 1, 0.025)) * deviation / float(np.sqrt(len(differences)))
+    return mean - half, mean + half, deviation
