@@ -1,8 +1,8 @@
-"""Things that installed distributions offer by name, imported only when they are asked for.
+"""Plugins: objects that installed distributions offer by name, imported only when they are needed.
 
-A distribution offers them as entry points of the groups ``valerie.*``. An entry point is a program, and being installed
-(perhaps for the sake of something else) is no permission to run in every worker. So the offers of another distribution count
-only where the operator names it in ``VALERIE_PLUGINS``; this distribution's own always count.
+A distribution offers them as entry points of the groups ``valerie.*``. An entry point is code, and being installed
+(perhaps as a dependency) is no permission to run in every worker. Offers of another distribution therefore count only
+if the operator names it in ``VALERIE_PLUGINS``; those of this distribution always count.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Offer(NamedTuple):
     """One entry point.
 
     Attributes:
-        name: as specs write it.
+        name: its name in specs.
         target: ``module`` or ``module:attribute``.
-        package: the distribution that offers it, as package indexes spell it.
+        package: normalized name of the distribution that offers it.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Offer(NamedTuple):
 
 @lru_cache
 def installed(group: str) -> tuple[Offer, ...]:
-    """Return what installed distributions offer in a group; read once, since a file of every distribution is opened."""
+    """Return the offers of a group; cached, since reading them opens a file of every installed distribution."""
     return tuple(
         Offer(point.name, point.value, package_name(point.dist.name) if point.dist is not None else "")
         for point in entry_points(group=group)
@@ -49,19 +49,19 @@ def installed(group: str) -> tuple[Offer, ...]:
 def named_packages() -> frozenset[str]:
     """Return the distributions that the operator names in ``VALERIE_PLUGINS``.
 
-    Read from this process's environment: the code that asks for a name lies deep in the science and knows no settings.
+    They are read from the environment of this process, since the code that looks up names has no settings.
     """
     return frozenset(load_settings().plugin_packages)
 
 
 @dataclass(frozen=True, slots=True)
 class PluginKind:
-    """One kind of things that can be named, and where they come from.
+    """One kind of plugin.
 
     Attributes:
-        word: of one such thing, as messages call it.
+        word: noun for one of them, in messages.
         group: of entry points.
-        built_in: name to ``module:attribute``; no distribution can take these names over.
+        built_in: name to ``module:attribute``; distributions cannot replace these.
     """
 
     word: str
@@ -69,7 +69,7 @@ class PluginKind:
     built_in: Mapping[str, str] = field(default_factory=dict)
 
     def declared(self) -> dict[str, str]:
-        """Return name to target of what may be used and is not built in: this distribution's own first, then by name."""
+        """Return name to target of the allowed plugins that are not built in: this distribution's first, then by name."""
         allowed = [offer for offer in self._offers() if offer.package in {OWN, *named_packages()}]
         ordered = sorted(allowed, key=lambda offer: (offer.package != OWN, offer.name))
         targets: dict[str, str] = {}
@@ -78,7 +78,7 @@ class PluginKind:
         return targets
 
     def left_out(self) -> dict[str, str]:
-        """Return name to package of what is installed and not allowed."""
+        """Return name to package of the plugins that are installed but not allowed."""
         names = self.names()
         return {offer.name: offer.package for offer in self._offers() if offer.name not in names}
 
@@ -90,11 +90,11 @@ class PluginKind:
         return (*self.built_in, *self.declared())
 
     def load(self, name: str) -> Any:
-        """Import what a name stands for.
+        """Import a plugin and return it.
 
         Raises:
-            UnknownName: no such name.
-            InvalidInput: it is installed, but the operator does not allow its package.
+            UnknownName: no plugin has this name.
+            InvalidInput: the plugin is installed, but the operator does not allow its package.
             MissingDependency: a library that it needs is not installed.
         """
         table = {**self.declared(), **self.built_in}
@@ -102,18 +102,18 @@ class PluginKind:
             raise self.unknown(name, table, field=self.word)
         module, _, attribute = table[name].partition(":")
         try:
-            loaded = import_module(module)
-            return getattr(loaded, attribute) if attribute else loaded
+            plugin = import_module(module)
+            return getattr(plugin, attribute) if attribute else plugin
         except ImportError as error:
             raise MissingDependency(f"the {self.word} {name!r} needs what is not installed: {error}") from error
 
     def unknown(self, name: str, known: Iterable[str], *, field: str) -> InvalidInput:
-        """Return the error for a name that is not among ``known``: which switch would allow it, or near matches."""
+        """Return the error for a name that is not in ``known``, with the setting that allows it or similar names."""
         package = self.left_out().get(name)
         if package is None:
             return UnknownName(self.word, name, known, field=field)
         return InvalidInput(
             f"{self.word} {name}: offered by the package {package}, which VALERIE_PLUGINS does not name",
             field=field,
-            limit="whoever operates this deployment can allow it: packages in VALERIE_PLUGINS run as part of VALERIE",
+            limit="the operator can allow it: packages in VALERIE_PLUGINS run as part of VALERIE",
         )

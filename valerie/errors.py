@@ -1,7 +1,7 @@
-"""The one tree of errors: what went wrong, with its data, and what to do about it.
+"""All errors of VALERIE: each holds what went wrong, the data about it, and what to do.
 
-An error here knows nothing of HTTP, SQL or Celery. The API maps classes to problem documents, the CLI to exit codes, the
-workers to retries. Every message names the field, the value and the limit, so that nobody needs a stack trace.
+They do not depend on HTTP, SQL or Celery: the API maps them to problem documents, the CLI to exit codes, the workers to
+retries. Messages about input name the field, the value and the limit, so that users need no stack trace.
 """
 
 from __future__ import annotations
@@ -9,22 +9,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
-#: Known names that an error lists where none is near.
+#: Largest number of known names that an error lists if none is similar.
 _LISTED = 12
 
 
 class ValerieError(Exception):
-    """Base of all errors that VALERIE raises on purpose; its text may be shown to a user as it is."""
+    """Base class of all errors that VALERIE raises on purpose; the text can be shown to users unchanged."""
 
 
 class InvalidInput(ValerieError):
-    """Something that a user gave is wrong.
+    """An input of the user is wrong.
 
     Args:
-        message: what is wrong, in one sentence.
-        field: dotted place in the document, e.g. ``blocks.0.vary.1.step``; empty when the whole input is meant.
-        value: the offending value as it was given, if it can be shown.
-        limit: the bound or the form that would have been accepted.
+        message: the problem, in one sentence.
+        field: dotted place in the document, e.g. ``blocks.0.vary.1.step``; empty for the whole input.
+        value: the wrong value as the user wrote it, if it can be shown.
+        limit: the bound or the form that would be accepted.
     """
 
     def __init__(self, message: str, *, field: str = "", value: object = None, limit: object = None) -> None:
@@ -38,7 +38,7 @@ class InvalidInput(ValerieError):
 
 
 class InvalidInputs(InvalidInput):
-    """Several things that a user gave are wrong; ``problems`` holds each."""
+    """Several inputs of the user are wrong; ``problems`` holds one error for each."""
 
     def __init__(self, problems: Sequence[InvalidInput]) -> None:
         self.problems = tuple(problems)
@@ -47,14 +47,14 @@ class InvalidInputs(InvalidInput):
 
 
 class UnknownName(InvalidInput):
-    """A name that nothing declares; the message lists near matches.
+    """A name is unknown; the message lists similar names.
 
     Args:
-        kind: what was looked for, e.g. ``parameter``, ``renderer``.
+        kind: kind of the name, e.g. ``parameter``, ``renderer``.
         name: the unknown name.
         known: all names of that kind.
-        field: where the name was given.
-        limit: what else could have stood there.
+        field: dotted place of the name.
+        limit: other input that would be accepted.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str], *, field: str = "", limit: object = None) -> None:
@@ -74,15 +74,15 @@ class NotFound(ValerieError):
 
 
 class Conflict(ValerieError):
-    """The thing exists, but its state does not allow what was asked."""
+    """The state of an existing object does not allow the request."""
 
 
 class MissingDependency(ValerieError):
-    """An optional library or a system library is not installed; the message says how to install it."""
+    """A library or program is not installed; the message says how to install it."""
 
 
 class TransientError(ValerieError):
-    """Something that may succeed when tried again: a lost connection, a crashed driver."""
+    """A failure that may not occur again, such as a lost connection or a crashed driver."""
 
 
 class StorageFull(TransientError):
@@ -94,11 +94,11 @@ class StorageUnavailable(TransientError):
 
 
 class CorruptArtifact(ValerieError):
-    """A stored object does not hold what its key promises."""
+    """The content of a stored object does not match its key."""
 
 
 class MissingInput(ValerieError):
-    """The stored object of a finished input is gone or damaged; it has to be made again.
+    """The stored object of a finished input is missing or damaged; the input must be made again.
 
     Args:
         kind: of the input.

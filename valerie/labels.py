@@ -1,7 +1,7 @@
-"""The class map: Cityscapes label ids, train ids, names, colours and instance ids, in this one place.
+"""The class map: label ids, train ids, names, colours and instance ids of Cityscapes.
 
-Ground truth stores *label ids* (``person`` = 24), networks speak *train ids* (``person`` = 11, void = 255); an *instance id*
-is ``label id × 1000 + n`` for classes that have instances, as in Cityscapes (Cordts et al. 2016, arXiv:1604.01685).
+Ground truth stores *label ids* (``person`` = 24), and networks use *train ids* (``person`` = 11, void = 255). An
+*instance id* is ``label id × 1000 + n`` for classes with instances (Cordts et al. 2016, arXiv:1604.01685).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Label:
         id: label id, 0…33.
         train_id: 0…18, or 255 (void).
         category: the Cityscapes category, e.g. ``human``.
-        has_instances: whether single objects are told apart.
+        has_instances: True if the objects of the class have instance ids.
         color: sRGB, 0…255, for pictures.
     """
 
@@ -43,7 +43,7 @@ class Label:
 
     @property
     def node_class(self) -> str:
-        """The class as it is written in a node name: ``traffic light`` is ``traffic-light``."""
+        """The class as written in node names, e.g. ``traffic-light`` for ``traffic light``."""
         return self.name.replace(" ", "-")
 
 
@@ -125,7 +125,7 @@ def colorize(label_ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def label_of_node_class(node_class: str, *, field: str = "") -> Label:
-    """The label of the class part of a node name (``person`` of ``person-1``).
+    """Return the label for the class part of a node name (``person`` in ``person-1``).
 
     Raises:
         UnknownName: no such class.
@@ -137,7 +137,7 @@ def label_of_node_class(node_class: str, *, field: str = "") -> Label:
 
 
 def instance_id(label: Label, number: int) -> int:
-    """Instance id of the n-th object of a class: ``label.id × 1000 + n``; 0 for classes without instances.
+    """Return the instance id of the n-th object of a class, ``label.id × 1000 + n``; 0 for a class without instances.
 
     Raises:
         InvalidInput: ``number`` is not in 0…999.
@@ -148,5 +148,5 @@ def instance_id(label: Label, number: int) -> int:
 
 
 def instances_of(instance_ids: Iterable[int], label: Label) -> tuple[int, ...]:
-    """Those instance ids that belong to ``label``, ascending, without repetition."""
+    """Return the distinct instance ids of a label, ascending."""
     return tuple(sorted({i for i in instance_ids if i // 1000 == label.id}))

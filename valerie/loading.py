@@ -1,7 +1,7 @@
-"""Text to plain data, with limits: what a document from outside may look like before anyone looks at what it means.
+"""Load documents from outside as plain data, with limits on size, depth and values.
 
-YAML is read as YAML 1.2 reads it where 1.1 surprises: ``no``, ``on`` and ``1:30`` are text, ``1e3`` is a number.
-Aliases and tags are refused: no document of ours needs them, and both have been used to exhaust or subvert parsers.
+Scalars follow YAML 1.2 where 1.1 is surprising: ``no``, ``on`` and ``1:30`` are text, ``1e3`` is a number. Aliases and
+tags are refused, since no document needs them and both have been used to exhaust or subvert parsers.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class _Loader(yaml.CSafeLoader):
             if not isinstance(key, str):
                 raise InvalidInput(f"a key must be text (line {key_node.start_mark.line + 1})", value=key)
             if key in keys:
-                raise InvalidInput(f"the key stands twice (line {key_node.start_mark.line + 1})", value=key)
+                raise InvalidInput(f"the key appears twice (line {key_node.start_mark.line + 1})", value=key)
             keys.add(key)
         return super().construct_mapping(node, deep)
 
@@ -48,30 +48,31 @@ for _tag, _pattern, _first in (
     ),
 ):
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"(?:{_pattern})\Z"), _first)
-# 0123 is a decimal number here, as everywhere else.
+# 0123 is a decimal number, as in YAML 1.2.
 _Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(str(node.value)))
 _Loader.add_constructor("tag:yaml.org,2002:float", lambda _, node: _float(str(node.value)))
 
 
 def load_document(source: str | bytes | dict[str, Any], *, max_bytes: int = MAX_BYTES) -> dict[str, Any]:
-    """Read a YAML or JSON document, or check one that was read already.
+    """Load a YAML or JSON document, or check one that has been loaded.
 
     Args:
         source: the text, or plain data.
-        max_bytes: largest text that is read.
+        max_bytes: largest size of the text.
 
     Returns:
-        plain dictionaries, lists, text, finite numbers and truth values; the caller's own.
+        A new document of dictionaries, lists, text, finite numbers, truth values and None.
 
     Raises:
-        InvalidInput: larger than ``max_bytes``, not UTF-8, not YAML or JSON, nested more than 20 deep, no mapping, duplicate
-            keys, aliases, tags, or a number that is not finite or beyond ±10¹² (a whole-number ``seed`` may be larger).
+        InvalidInput: larger than ``max_bytes``, not UTF-8, not YAML or JSON, more than 20 levels deep, not a mapping,
+            duplicate keys, aliases, tags, or a number that is not finite or beyond ±10¹² (an integer ``seed`` may be
+            larger).
     """
     data = _read(_text(source, max_bytes)) if isinstance(source, str | bytes) else source
     if data is None:
         raise InvalidInput("the document is empty", limit="lines of the form  key: value")
     if not isinstance(data, dict):
-        raise InvalidInput("the document is no mapping", value=type(data).__name__, limit="key: value")
+        raise InvalidInput("the document is not a mapping", value=type(data).__name__, limit="key: value")
     checked = _checked(data, "", 1)
     assert isinstance(checked, dict), "a mapping stays one"
     return checked
@@ -96,7 +97,7 @@ def _read(text: str) -> Any:
         except RecursionError:
             raise _too_deep() from None
         except ValueError:
-            # Not JSON: YAML's flow style begins alike.
+            # Not JSON, but YAML's flow style begins in the same way.
             pass
     try:
         _check_events(text)
@@ -131,12 +132,12 @@ def _check_events(text: str) -> None:
 
 
 def _pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    mapping: dict[str, Any] = {}
     for key, value in pairs:
-        if key in found:
-            raise InvalidInput("the key stands twice", value=key)
-        found[key] = value
-    return found
+        if key in mapping:
+            raise InvalidInput("the key appears twice", value=key)
+        mapping[key] = value
+    return mapping
 
 
 def _checked(value: Any, field: str, depth: int) -> Any:
@@ -162,7 +163,7 @@ def _checked(value: Any, field: str, depth: int) -> Any:
         if "\x00" in value:
             raise InvalidInput("text with a null character", field=field)
         return value
-    raise InvalidInput(f"{type(value).__name__} has no place in a document", field=field)
+    raise InvalidInput(f"a document cannot hold a {type(value).__name__}", field=field)
 
 
 def _float(text: str) -> float:

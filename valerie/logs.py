@@ -1,4 +1,4 @@
-"""Structured logs on standard error: text for people, JSON for machines; set up once where a process starts."""
+"""Structured logs on standard error, as text or JSON; every process configures them once when it starts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a deployment chooses: environment variables named ``VALERIE_*``, read once where a process starts.
+"""The settings of a deployment: environment variables ``VALERIE_*``, read once when a process starts.
 
-`load_settings` builds one frozen `Settings` at an entry point; it is passed down and never kept in a global. A process
-that starts others hands the same settings on as environment variables (`Settings.environment`).
+Each entry point builds one frozen `Settings` with `load_settings` and passes it down; there is no global. A process
+passes its settings to its children as environment variables (`Settings.environment`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Seconds = Annotated[float, Field(gt=0, le=86_400, allow_inf_nan=False)]
 
 
 class Settings(BaseSettings):
-    """One deployment's choices; every field is an environment variable ``VALERIE_<FIELD>``."""
+    """The settings of a deployment; every field is an environment variable ``VALERIE_<FIELD>``."""
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", env_ignore_empty=True)
 
@@ -144,7 +144,7 @@ class Settings(BaseSettings):
     @model_validator(mode="before")
     @classmethod
     def _derived(cls, values: Any) -> Any:
-        """Make paths absolute (children may run elsewhere) and place what was left open below ``data_dir``."""
+        """Make paths absolute, since children may run in another folder, and derive missing ones from ``data_dir``."""
         data_dir = Path(values.get("data_dir") or cls.model_fields["data_dir"].default).expanduser().absolute()
         values = {**values, "data_dir": data_dir}
         if not values.get("database_url"):
@@ -177,19 +177,19 @@ class Settings(BaseSettings):
 
     @property
     def plugin_packages(self) -> tuple[str, ...]:
-        """The packages of ``plugins``, spelt as package indexes do."""
+        """The packages in ``plugins``, as normalized names."""
         return tuple(package_name(entry) for entry in self.plugins.split(",") if entry.strip())
 
     @property
     def exposed(self) -> bool:
-        """Whether the API listens to more than this machine."""
+        """True if the API listens to more than this machine."""
         return self.api_host not in _LOOPBACK
 
     def require_token(self) -> None:
-        """Refuse to listen to the network without a token.
+        """Check that an API that listens to the network has a token.
 
         Raises:
-            InvalidInput: the address is not loopback and no token is set, or the token is too short to guard anything.
+            InvalidInput: the address is not loopback, and there is no token or it is too short.
         """
         token = self.api_token.get_secret_value() if self.api_token else ""
         if self.exposed and not token:
@@ -202,34 +202,34 @@ class Settings(BaseSettings):
             raise InvalidInput("the token is too short", field="VALERIE_API_TOKEN", limit="at least 16 characters")
 
     def environment(self) -> dict[str, str]:
-        """The variables that make another process build equal settings."""
-        found: dict[str, str] = {}
+        """Return the environment variables from which another process builds equal settings."""
+        variables: dict[str, str] = {}
         for name in type(self).model_fields:
             value = getattr(self, name)
             if value is not None:
                 text = value.get_secret_value() if isinstance(value, SecretStr) else str(value)
-                found[PREFIX + name.upper()] = text
-        return found
+                variables[PREFIX + name.upper()] = text
+        return variables
 
 
 def load_settings(environ: Mapping[str, str] | None = None, **overrides: object) -> Settings:
-    """Read the environment of this process.
+    """Read the settings from the environment of this process.
 
     Args:
-        environ: looked at for unknown names (default: ``os.environ``, which the values come from).
-        overrides: fields that win over the environment; None is no override.
+        environ: checked for unknown names; by default ``os.environ``, which the values always come from.
+        overrides: fields that override the environment; None overrides nothing.
 
     Raises:
-        UnknownName: a variable begins with ``VALERIE_`` and names no setting.
-        InvalidInput: a value is not accepted; each problem names its variable.
+        UnknownName: a variable begins with ``VALERIE_`` and is not a setting.
+        InvalidInputs: a value is invalid; each problem names its variable.
     """
     known = {PREFIX + name.upper() for name in Settings.model_fields}
     for name in sorted(environ if environ is not None else os.environ):
         if name.startswith(PREFIX) and not name.startswith(_FOREIGN) and name.upper() not in known:
             raise UnknownName("setting", name, known)
-    given = {name: value for name, value in overrides.items() if value is not None}
+    fields = {name: value for name, value in overrides.items() if value is not None}
     try:
-        return Settings(**given)  # type: ignore[arg-type]  # pydantic checks them
+        return Settings(**fields)  # type: ignore[arg-type]  # pydantic checks them
     except ValidationError as error:
         raise InvalidInputs([_problem(detail) for detail in error.errors(include_url=False)]) from None
 

@@ -1,4 +1,4 @@
-"""Names that people give, spelled so that every file system, address and tool takes them."""
+"""Spell names so that every file system, URL and tool accepts them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import unicodedata
 from hashlib import sha256
 from typing import Final
 
-#: Letters that stay recognisable in others; what is a letter with a mark (é, ç, ő) loses the mark.
+#: Spellings of letters in ASCII; letters with a mark (é, ç, ő) lose the mark instead.
 _SPELLED: Final = str.maketrans(
     {
         "ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ẞ": "SS",
@@ -19,18 +19,18 @@ _MARK: Final = 6
 
 
 def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
-    """A name of ASCII letters and digits; whatever stands between them becomes one hyphen.
+    """Return a name of ASCII letters and digits; everything between them becomes one hyphen.
 
-    Letters of other scripts have no such spelling: a name that loses some ends with six hexadecimal digits of its SHA-256, so
-    that two of them differ.
+    Letters of other scripts are dropped. A name that loses any ends with six hexadecimal digits of its SHA-256, so that
+    different names stay different.
 
     Args:
-        text: as it was given.
+        text: the name.
         also: punctuation that stays, except at both ends.
-        longest: characters at most; None: as many as it takes.
+        longest: largest number of characters; None for no limit.
 
     Returns:
-        The name; empty where nothing of ``text`` is a letter or a digit.
+        The spelled name; empty if ``text`` has no letter or digit.
     """
     composed = unicodedata.normalize("NFC", text)
     parts = unicodedata.normalize("NFKD", composed.translate(_SPELLED))
@@ -43,5 +43,5 @@ def plain_name(text: str, *, also: str = "", longest: int | None = None) -> str:
 
 
 def package_name(text: str) -> str:
-    """The name of a Python package as indexes spell it, so that ``My_Package`` and ``my-package`` are one."""
+    """Return the normalized name of a Python package, the same for ``My_Package`` and ``my-package``."""
     return re.sub(r"[-_.]+", "-", text.strip()).lower()

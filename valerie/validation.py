@@ -1,4 +1,4 @@
-"""What pydantic finds wrong, as errors of ours: place, value and limit in words, near matches where a value is one of a few."""
+"""Conversion of pydantic's errors to VALERIE's, with place, value and limit, and similar names for unknown words."""
 
 from __future__ import annotations
 
@@ -36,22 +36,23 @@ _MESSAGES: Final = {
     "dict_type": "a mapping is needed here",
     "union_tag_not_found": "a distribution is needed here",
 }
-#: Problems with a value that has to be one of a few words.
+#: Problems with a value that must be one of a few words.
 _OF_A_FEW: Final = frozenset({"literal_error", "enum"})
 
 
 def problem_of(detail: Mapping[str, Any], field: str) -> InvalidInput:
-    """One entry of ``ValidationError.errors()``.
+    """Convert an entry of ``ValidationError.errors()``.
 
     Args:
         detail: the entry.
         field: where the user wrote it.
     """
-    kind, given, context = detail["type"], detail["input"], detail.get("ctx", {})
-    if kind in _OF_A_FEW and isinstance(given, str):
-        return UnknownName("value", given, re.findall(r"'([^']*)'", str(context["expected"])), field=field)
+    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    if kind in _OF_A_FEW and isinstance(value, str):
+        return UnknownName("value", value, re.findall(r"'([^']*)'", str(context["expected"])), field=field)
     limit = next((f"{sign} {context[key]}" for key, sign in _BOUNDS.items() if key in context), None)
-    own = detail["msg"].removeprefix("Value error, ")  # of a validator of ours: stays as it is
-    message = _MESSAGES.get(kind, own if kind == "value_error" else own[:1].lower() + own[1:])
-    # A mapping is too long to show; of what is missing, pydantic shows what surrounds it.
-    return InvalidInput(message, field=field, value=None if isinstance(given, dict) else given, limit=limit)
+    text = detail["msg"].removeprefix("Value error, ")
+    # The messages of VALERIE's own validators (value_error) stay unchanged.
+    message = _MESSAGES.get(kind, text if kind == "value_error" else text[:1].lower() + text[1:])
+    # A mapping is too long to show; for a missing field, pydantic's input is the mapping around it.
+    return InvalidInput(message, field=field, value=None if isinstance(value, dict) else value, limit=limit)

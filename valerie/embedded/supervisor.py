@@ -1,4 +1,4 @@
-"""Starts Redis, the API and the workers as processes, restarts what dies, ends everything together."""
+"""Start Redis, the API and the workers as processes, restart those that end, and end all together."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from valerie.embedded.process import Command, GuardedProcess, python_command
 from valerie.errors import Conflict, InvalidInput, TransientError, ValerieError
 from valerie.settings import Settings
 
-#: A service that ends so often within this time will not work the next time either.
+#: A service that ends this often within this time is given up.
 _DEATHS: Final = 5
 _WINDOW_SECONDS: Final = 180.0
 _FIRST_PAUSE_SECONDS: Final = 0.5
@@ -27,7 +27,7 @@ _LAST_PAUSE_SECONDS: Final = 10.0
 _LOOK_SECONDS: Final = 0.2
 _API_READY_SECONDS: Final = 90.0
 
-#: Worker name → module; each serves its own queues.
+#: Name of a worker to its module; each serves its own queues.
 WORKERS: Final = {
     "render": "services.render_worker",
     "infer": "services.infer_worker",
@@ -36,11 +36,11 @@ WORKERS: Final = {
 
 
 class ServiceFailedError(ValerieError):
-    """A process of the one-machine mode ends again and again; the message holds the end of its log."""
+    """A process of the one-machine mode keeps ending; the message contains the end of its log."""
 
 
 class Service:
-    """One process that is started again when it ends, after a growing pause, until it ends too often."""
+    """One process that is restarted when it ends, after a growing pause, until it has ended too often."""
 
     def __init__(self, command: Command, *, lock_fd: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.command = command
@@ -49,11 +49,11 @@ class Service:
         self._deaths: deque[float] = deque(maxlen=_DEATHS)
         self._start_at: float | None = None
         self._process: GuardedProcess | None = None
-        #: What the user is told when it was given up; None while there is hope.
+        #: Message for the user once the service is given up; None until then.
         self.failure: str | None = None
 
     def start(self) -> None:
-        """Start it now."""
+        """Start the process."""
         self._process = GuardedProcess(self.command, lock_fd=self._lock_fd)
         self._start_at = None
 
@@ -64,11 +64,11 @@ class Service:
 
     @property
     def deaths(self) -> int:
-        """How often it ended lately."""
+        """Number of recent ends of the process."""
         return len(self._deaths)
 
     def look(self) -> bool:
-        """Notice an end, and start again when the pause is over; True when the process is another one now."""
+        """Check the process, and restart it if it has ended and the pause is over; return True if anything changed."""
         now = self._clock()
         if self.failure is not None or self._process is None:
             return False
@@ -77,7 +77,7 @@ class Service:
                 return False
             try:
                 self.start()
-            except OSError:  # no process or no log at present: the machine is out of something
+            except OSError:  # no process or no log can be created now: the machine lacks memory or disk space
                 self._start_at = now + _LAST_PAUSE_SECONDS
                 return False
             return True
@@ -97,32 +97,32 @@ class Service:
         return True
 
     def ask_to_end(self) -> None:
-        """Begin to end it."""
+        """Ask the process to end."""
         if self._process is not None:
             self._process.ask_to_end()
 
     def end(self) -> None:
-        """End it and wait until it is gone."""
+        """End the process, and wait until it is gone."""
         if self._process is not None:
             self._process.end()
 
 
 class Supervisor:
-    """A whole system on one machine; a context manager that ends it.
+    """A complete system on one machine; a context manager that starts and ends it.
 
-    ``with Supervisor(settings, lock) as system: system.url``. Entering prepares the database and the artifact store, so
-    that a wrong version or a read-only folder is one clear error before any process starts.
+    ``with Supervisor(settings, lock) as system: system.url``. Entering it prepares the database and the artifact store,
+    so that a wrong version or a read-only folder is one clear error before any process starts.
     """
 
     def __init__(self, settings: Settings, lock: running.Lock, *, workers: Sequence[str] = tuple(WORKERS)) -> None:
         """Prepare; nothing is started yet.
 
         Args:
-            settings: where data lies; an explicitly given ``broker_url`` is used instead of an own Redis.
-            lock: the held lock of the data folder; closed at the end.
+            settings: of the deployment; an explicit ``broker_url`` replaces the system's own Redis.
+            lock: the held lock of the data folder; released at the end.
             workers: names in `WORKERS` to start.
         """
-        self._given = settings
+        self._initial_settings = settings
         self._lock = lock
         self._worker_names = tuple(workers)
         self._services: dict[str, Service] = {}
@@ -137,7 +137,7 @@ class Supervisor:
         Raises:
             MissingDependency: there is no Redis server.
             StorageUnavailable, StorageFull, Conflict: data folder, artifacts or database cannot be used.
-            ServiceFailedError: a process does not stay alive.
+            ServiceFailedError: a process keeps ending.
         """
         try:
             self._start()
@@ -164,21 +164,21 @@ class Supervisor:
         return self.settings.data_dir / "logs"
 
     def pids(self) -> dict[str, int]:
-        """Service name to process id; 0 while a service waits to be started again."""
+        """Return service name to process id; 0 while a service waits for its restart."""
         return {name: service.pid for name, service in list(self._services.items())}
 
     def check(self) -> None:
-        """Raise what cannot be mended.
+        """Check that no service has been given up.
 
         Raises:
-            ServiceFailedError: a process was given up.
+            ServiceFailedError: a service has.
         """
         for service in list(self._services.values()):
             if service.failure is not None:
                 raise ServiceFailedError(service.failure)
 
     def _start(self) -> None:
-        settings = self._given
+        settings = self._initial_settings
         data_dir = settings.data_dir
         self._prepare_stores()
         settings = settings.model_copy(update={"api_port": _free_port(settings)})
@@ -203,7 +203,7 @@ class Supervisor:
         from valerie.db.migrate import migrate
         from valerie.storage import open_store
 
-        settings = self._given
+        settings = self._initial_settings
         open_store(settings.artifacts_url, s3_endpoint=settings.s3_endpoint).check()
         engine = open_engine(settings.database_url)
         try:
@@ -241,16 +241,16 @@ class Supervisor:
 
     def _look(self) -> bool:
         with self._guarding:
-            changed = [service.look() for service in self._services.values()]  # each must have its turn
+            changed = [service.look() for service in self._services.values()]  # a list, so that all are checked
         return any(changed)
 
     def _note(self) -> None:
         note = running.Running(os.getpid(), self.url, self.settings.broker_url, self.pids())
-        with suppress(OSError):  # a full disk: the note only serves commands that would attach
+        with suppress(OSError):  # on a full disk, only other commands that look for this system suffer
             running.write(self.settings.data_dir, note)
 
     def _end(self) -> None:
-        """End the API and the workers together, then the broker that they still talk to."""
+        """End the API and the workers together, and then the broker, which they use until they end."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -271,23 +271,23 @@ _LIBRARIES: Final = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
-    # Threads that wait shall sleep: where rendering and inference share the cores, spinning ones were measured to cost
-    # three times the CPU time and three times the wall time of an inference.
+    # Waiting threads sleep instead of spinning: where rendering and inference shared the cores, spinning was measured
+    # to triple the CPU time and the wall time of an inference.
     "OMP_WAIT_POLICY": "PASSIVE",
-    # llvmpipe: 0 renders in the calling thread; more threads than cores only make it wait.
+    # llvmpipe: 0 renders in the calling thread; more threads than cores only slow it down.
     "LP_NUM_THREADS": "0",
 }
 
 
 def service_environment(name: str, settings: Settings) -> dict[str, str]:
-    """The environment of a service: this process's, ``settings``, and as many threads as its kind of work can use."""
+    """Return the environment of a service: that of this process, ``settings``, and numbers of threads for its work."""
     libraries = dict(_LIBRARIES)
     if name == "infer":
         threads = str(settings.infer_threads or os.cpu_count() or 1)
         libraries |= {"OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
     return {
         **{key: value for key, value in os.environ.items() if not key.startswith("VALERIE_")},
-        # What a user set for a library wins; ours are defaults.
+        # Variables that the user has set override these defaults.
         **{key: value for key, value in libraries.items() if key not in os.environ},
         **settings.environment(),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(_source_root()), os.environ.get("PYTHONPATH")])),
@@ -296,15 +296,15 @@ def service_environment(name: str, settings: Settings) -> dict[str, str]:
 
 
 def _free_port(settings: Settings) -> int:
-    """The configured port if it is free; any free one if none was asked for.
+    """Return the configured port if it is free; otherwise any free one, unless the user has set the port.
 
     Raises:
-        Conflict: the port that was asked for is in use.
+        Conflict: the port that the user has set is in use.
         InvalidInput: this machine has no such address.
     """
     family = socket.AF_INET6 if ":" in settings.api_host else socket.AF_INET
-    wanted = settings.api_port
-    for port in dict.fromkeys([wanted, 0]):
+    configured = settings.api_port
+    for port in dict.fromkeys([configured, 0]):
         with socket.socket(family) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
@@ -316,9 +316,9 @@ def _free_port(settings: Settings) -> int:
                     "not an address of this machine", field="VALERIE_API_HOST", value=settings.api_host
                 ) from error
             except OSError as error:
-                if port == wanted and wanted != 0 and "api_port" in settings.model_fields_set:
+                if port == configured and port != 0 and "api_port" in settings.model_fields_set:
                     raise Conflict(
-                        f"port {wanted} of {settings.api_host} cannot be used ({error.strerror}); set VALERIE_API_PORT "
+                        f"port {port} of {settings.api_host} cannot be used ({error.strerror}); set VALERIE_API_PORT "
                         "to another one, or to 0 for any"
                     ) from error
                 continue
@@ -327,7 +327,7 @@ def _free_port(settings: Settings) -> int:
 
 
 def _source_root() -> Path:
-    """Where the packages ``valerie`` and ``services`` lie: children find the same code, wherever they run."""
+    """Return the folder of the packages ``valerie`` and ``services``, so that children import the same code."""
     return Path(valerie.__path__[0]).parent
 
 

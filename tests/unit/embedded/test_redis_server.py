@@ -85,7 +85,7 @@ def test_a_socket_folder_that_others_can_enter_is_refused(
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", runtime_dir)
     redis_server.socket_path(tmp_path).parent.chmod(0o755)
-    with pytest.raises(StorageUnavailable, match="not a folder of this user alone"):
+    with pytest.raises(StorageUnavailable, match="not a private folder of this user"):
         redis_server.socket_path(tmp_path)
 
 
@@ -97,7 +97,7 @@ def test_a_link_in_place_of_the_socket_folder_is_refused(
     folder.rmdir()
     (tmp_path / "elsewhere").mkdir(mode=0o700)
     folder.symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(StorageUnavailable, match="not a folder of this user alone"):
+    with pytest.raises(StorageUnavailable, match="not a private folder of this user"):
         redis_server.socket_path(tmp_path)
 
 
