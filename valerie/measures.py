@@ -32,14 +32,14 @@ class ColumnType(StrEnum):
 
 
 class Source(StrEnum):
-    """Where the values of a column come from."""
+    """Origin of a column's values."""
 
     FRAME = "frame"
-    """What the row is about: run, frame, sensor, person."""
+    """Subject of the row: run, frame, sensor, person."""
     PIXELS = "pixels"
     """The ground truth of one picture; measured again where the sensor distorts."""
     PLACE = "place"
-    """Where the person stands in front of the camera."""
+    """Place of the person in front of the camera."""
     LIGHT = "light"
     """The annotation ``light``; empty in runs that did not ask for it."""
     CONDITIONS = "conditions"
@@ -47,9 +47,9 @@ class Source(StrEnum):
     FUNCTION = "function"
     """The function under test."""
     PERSON_SCORE = "person score"
-    """What the function made of the person."""
+    """Score of the function on the person."""
     FRAME_SCORE = "frame score"
-    """What the function made of the whole frame."""
+    """Score of the function on the whole frame."""
 
 
 #: Sources that describe a person before any function looks.
@@ -93,7 +93,7 @@ class Measure:
 
     @property
     def is_number(self) -> bool:
-        """Whether the values are numbers."""
+        """Return True if the values are numbers."""
         return self.type.python is not str
 
     def text(self, value: float) -> str:

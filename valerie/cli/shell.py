@@ -1,4 +1,4 @@
-"""What commands share: exit codes, error messages, signals, common options, settings and consoles."""
+"""Parts that commands share: exit codes, error messages, signals, common options, settings and consoles."""
 
 from __future__ import annotations
 

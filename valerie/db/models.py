@@ -283,7 +283,7 @@ class PersonView(Base):
 
 @_measured(Source.LIGHT)
 class PersonLight(Base):
-    """How light falls on one person in one frame's image, and how the person stands out; of a product of kind ``light``."""
+    """Light on one person in one frame, and the person's contrast; part of a product of kind ``light``."""
 
     __tablename__ = "person_lights"
 

@@ -77,7 +77,7 @@ class RunValues(TypedDict, total=False):
 
 
 class Fed(NamedTuple):
-    """How much of a run has rows.
+    """Part of a run that has rows.
 
     Attributes:
         state: of the run.

@@ -1,4 +1,4 @@
-"""What workers offer, and what a run pinned of it: the numeric classes that make the run's pixels."""
+"""Offers of workers, and the offers that a run pinned: the numeric classes that make its pixels."""
 
 from __future__ import annotations
 

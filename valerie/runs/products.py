@@ -1,4 +1,4 @@
-"""What the parts of the pipeline tell each other about products."""
+"""Documents about products that the parts of the pipeline exchange."""
 
 from __future__ import annotations
 

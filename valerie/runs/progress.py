@@ -1,4 +1,4 @@
-"""How far a run is, as counted by the control loop."""
+"""Progress of a run, as counted by the control loop."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class BlockCounts(Document):
 
     @property
     def is_final(self) -> bool:
-        """Whether nothing is left to do."""
+        """Return True if nothing is left to do."""
         return all(counts.done + counts.failed == counts.total for counts in map(self.stage, Stage))
 
     @classmethod
@@ -101,7 +101,7 @@ class FrameProgress(Document):
 
 
 class Progress(Document):
-    """How far a run is.
+    """Progress of a run.
 
     Attributes:
         state: of the run.

@@ -9,7 +9,7 @@ from valerie.rendering.annotations.kinds import AnnotationKind
 
 
 class RunState(StrEnum):
-    """Where a run is in its life."""
+    """State of a run."""
 
     #: Stored; waits for workers that offer what it needs, then its numeric classes are pinned.
     SUBMITTED = "submitted"
@@ -29,12 +29,12 @@ class RunState(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """Whether nothing happens any more unless someone asks (resume, retry)."""
+        """Return True if the run only goes on when a user resumes or retries it."""
         return self in (self.COMPLETED, self.COMPLETED_WITH_FAILURES, self.CANCELLED, self.FAILED)
 
 
 class ProductState(StrEnum):
-    """Where a product is."""
+    """State of a product."""
 
     #: An input is not done yet.
     WAITING = "waiting"
@@ -51,7 +51,7 @@ class ProductState(StrEnum):
 
 
 class ProductKind(StrEnum):
-    """What a product is; each has a digest of its true inputs (see `valerie.runs.inputs`)."""
+    """Kind of a product; each product has a digest of its true inputs (see `valerie.runs.inputs`)."""
 
     #: The linear image without movables.
     BACKGROUND = "background"

@@ -1,1 +1,1 @@
-"""What numbers of a run can be said to be true of, and how certainly; pure functions of arrays (docs/statistics.md)."""
+"""Intervals, contrasts and verdicts with their estimands: pure functions of arrays (docs/statistics.md)."""

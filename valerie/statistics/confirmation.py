@@ -31,7 +31,7 @@ FEWEST_PLACES: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What one set of places suggests.
+    """Candidates from one set of places.
 
     Attributes:
         candidates: the clearest contrasts, the clearest first.

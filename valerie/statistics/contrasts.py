@@ -34,7 +34,7 @@ _NO_SPREAD: Final = 1e-12
 
 
 class Matching(StrEnum):
-    """How the two sides of a contrast are held equal."""
+    """Matching of the two sides of a contrast."""
 
     BLOCKS = "same place and all other factors equal"
     PLACES = "same place"

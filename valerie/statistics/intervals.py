@@ -1,4 +1,4 @@
-"""How far a mean may be from the truth: one entry point for means, shares and ratios of sums of scores in [0, 1].
+"""Intervals of means: one entry point for means, shares and ratios of sums of scores in [0, 1].
 
 A share is the mean of rows that are 0 or 1; a pooled ratio Σ tp / Σ (tp + fn) is the mean of pACC weighted by pixels. All
 of them are Σ s / Σ n over units, and everything below is computed from these sums of whole units. Two methods share the
@@ -169,7 +169,7 @@ class _Sums:
 
     @property
     def worth(self) -> float:
-        """How many units of equal size are worth as much (Kish 1965, *Survey Sampling*, section 11.7)."""
+        """Return the number of units of equal size with the same information (Kish 1965, *Survey Sampling*, section 11.7)."""
         return float(self.sizes.sum() ** 2 / (self.sizes**2).sum())
 
     @property

@@ -1,4 +1,4 @@
-"""How many places a question needs, said before a run."""
+"""Number of places that a question needs, computed before a run."""
 
 from __future__ import annotations
 

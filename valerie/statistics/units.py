@@ -1,4 +1,4 @@
-"""What was drawn at random, and what a number is therefore an estimate of.
+"""Units that were drawn at random, and the estimand that follows.
 
 An interval says how far an estimate may be from the truth because only some units were drawn. What a unit is follows
 from the design alone:
@@ -26,7 +26,7 @@ from valerie.errors import InvalidInput, UnknownName
 
 
 class Estimand(StrEnum):
-    """What an estimate is of.
+    """Subject of an estimate.
 
     Attributes:
         LISTED_GRID: the mean over exactly the listed variants.

@@ -34,7 +34,7 @@ _MOST_UNITS: Final = 10_000_000
 
 
 class Statistic(StrEnum):
-    """What a requirement bounds from below."""
+    """Statistic that a requirement bounds from below."""
 
     MEAN = "mean"
     SHARE = "share"
@@ -48,7 +48,7 @@ class Outcome(StrEnum):
 
 
 class Basis(StrEnum):
-    """What a verdict speaks of."""
+    """Subject of a verdict."""
 
     SAMPLE = "the space that the variants were drawn from"
     GRID = "the listed grid"
@@ -97,7 +97,7 @@ def quantile_of(order: float, at_least: float, *, confidence: float = 0.95) -> R
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the rows say of a requirement.
+    """Evidence of the rows on a requirement.
 
     Attributes:
         outcome: met, not met or undecided.

@@ -1,4 +1,4 @@
-"""What every asset pack must do: subclass `AssetContract`, give it the asset's name, and run it with pytest."""
+"""Contract of asset packs: subclass `AssetContract`, give it the asset's name, and run it with pytest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every perception function must keep; subclass in a test module and override the ``function`` fixture."""
+"""Contract of perception functions; subclass in a test module and override the ``function`` fixture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every render engine must keep; subclass in a test module and override the ``renderer`` fixture."""
+"""Contract of render engines; subclass in a test module and override the ``renderer`` fixture."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def truths(scene: Scene, view: View) -> tuple[GroundTruth, GroundTruth]:
 def assert_in_step(
     background: LinearImage, full: LinearImage, statics: GroundTruth, truth: GroundTruth, *, noisy: bool = False
 ) -> None:
-    """What ``person-1`` changes in the image is, to a pixel at its silhouette, what the truth calls its own.
+    """The pixels that ``person-1`` changes are those that the truth assigns to it, to a pixel at its silhouette.
 
     Every one of its pixels changes but for those at its silhouette. Its shadow and its light on other things change more, but
     not the sky: there, away from other silhouettes, nothing changes farther than a pixel from the person.

@@ -1,4 +1,4 @@
-"""What every sampler must do: subclass `SamplerContract`, give it the factory, and run it with pytest."""
+"""Contract of samplers: subclass `SamplerContract`, give it the factory, and run it with pytest."""
 
 from __future__ import annotations
 

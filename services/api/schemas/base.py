@@ -1,4 +1,4 @@
-"""What all read models share, and how they take over the columns of the long table."""
+"""Base of all read models, and their fields from the columns of the long table."""
 
 from __future__ import annotations
 

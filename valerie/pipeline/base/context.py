@@ -17,7 +17,7 @@ from valerie.storage.store import ArtifactStore, open_store
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a process works with.
+    """Settings and connections of a process.
 
     Attributes:
         settings: of the deployment.

@@ -1,4 +1,4 @@
-"""What the end of a run leaves in the artifact store."""
+"""Artifacts that a finished run leaves in the store."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from valerie.pipeline.reading.run_cache import RunCache
 
 @dataclass(frozen=True, slots=True)
 class ExportProgress:
-    """How far an export is.
+    """Progress of an export.
 
     Attributes:
         done, total: frames.

@@ -87,7 +87,7 @@ class ImportFailure(_Document):
 
 
 class ImportAnswer(_Document):
-    """What the child writes."""
+    """Answer of the child."""
 
     outcome: ImportedFile | ImportFailure
 

@@ -1,4 +1,4 @@
-"""How one sensor setting sees one frame: the picture, and the truth in step with it."""
+"""One frame through one sensor setting: the picture, and the truth in step with it."""
 
 from __future__ import annotations
 

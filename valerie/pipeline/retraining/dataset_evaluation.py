@@ -133,7 +133,7 @@ class DatasetResult:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationProgress:
-    """How far an evaluation is, in frames of all functions together."""
+    """Progress of an evaluation, in frames of all functions together."""
 
     function: str
     done: int

@@ -20,7 +20,7 @@ class Child:
 
     @property
     def context(self) -> Context:
-        """What the child opened.
+        """Context that the child opened.
 
         Raises:
             RuntimeError: called in the parent.

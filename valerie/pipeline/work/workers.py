@@ -134,7 +134,7 @@ def infer_offers(functions: Sequence[str], engines: Sequence[str]) -> list[AnyOf
 
 
 class _Probed(NamedTuple):
-    """What works, or why nothing does."""
+    """Return the offers that work, or the reason why none does."""
 
     offers: list[AnyOffer]
     complaint: str

@@ -115,7 +115,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """How a figure holds itself; its asset names the poses and the things to carry.
+    """Pose of a figure and the things that it carries; its asset names the poses and the things to carry.
 
     Attributes:
         pose: a name that the figure knows.
