@@ -240,11 +240,13 @@ def _heartbeat(context: Context, batch: _Batch) -> Iterator[None]:
 
     def beat() -> None:
         while not stop.wait(context.settings.heartbeat_seconds):
+            # Before the transaction: whoever holds the batch may be waiting for the database.
+            held = batch.held
             try:
                 with writing(context.engine) as connection:
                     products.renew(
                         connection,
-                        batch.held,
+                        held,
                         owner=context.owner,
                         until=time.time() + context.settings.lease_seconds,
                     )
