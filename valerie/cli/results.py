@@ -54,7 +54,7 @@ def rows(
 
     from valerie.db.engine import reading
     from valerie.pipeline.base.resolved_runs import read_run
-    from valerie.pipeline.reading.selection import evaluated_rows, run_where
+    from valerie.pipeline.reading.selection import evaluated_persons, run_where
     from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
@@ -65,7 +65,7 @@ def rows(
         if where:
             expression = run_where(where, run.resolved, field="--where")
             with reading(context.engine) as connection:
-                selected = [expression.holds(row) for _, row in evaluated_rows(connection, run)]
+                selected = [expression.holds(person.row) for person in evaluated_persons(connection, run)]
             # A running run may have more rows by now.
             table = table.select(np.array(selected[: len(table)], np.bool_))
     if output is None:
