@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.acceptance.system import System, write_box_street
+from tests.acceptance.system import System
+from tests.world.boxes import write_box_street
 
 
 @pytest.fixture(scope="session")

@@ -12,40 +12,12 @@ from typing import Any, Self
 import httpx
 import psutil
 import pyarrow.parquet as pq
-import yaml
 
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
-from valerie.scene.gltf.writer import save_gltf
 from valerie.settings import load_settings
-from valerie.testing.assets import simple_asset
 
 ENDED = ("completed", "completed-with-failures", "cancelled", "failed")
-
-
-def write_box_street(folder: Path) -> None:
-    """The asset of boxes as a user's asset folder."""
-    folder.mkdir(parents=True)
-    asset = simple_asset()
-    save_gltf(asset.base, folder / "scene.glb")
-    document = asset.manifest.model_dump(mode="json") | {"name": folder.name, "files": ["scene.glb"]}
-    (folder / "manifest.yaml").write_text(yaml.safe_dump(document))
-
-
-def spec(*, xs: int = 20, ys: int = 20, name: str = "boxes", **more: Any) -> dict[str, Any]:
-    """A run over xs × ys places, two cameras, with the blank engine and function."""
-    return {
-        "name": name,
-        "asset": "box-street",
-        "vary": [
-            ["person-1.pos.x", "HOMOGENEOUS", -3.0, -3.0 + 0.1 * (xs - 1), 0.1],
-            ["person-1.pos.y", "HOMOGENEOUS", 3.0, 3.0 + 0.2 * (ys - 1), 0.2],
-        ],
-        "renderer": "blank",
-        "functions": ["blank"],
-        "resolution": {"width": 64, "height": 36},
-        **more,
-    }
 
 
 class System:

@@ -9,7 +9,8 @@ import psutil
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import System, spec
+from tests.acceptance.system import System
+from tests.world.boxes import spec
 from valerie.broker import Broker, create_app
 from valerie.db.engine import open_engine, reading
 from valerie.db.models import Product

@@ -14,7 +14,7 @@ import httpx
 import psutil
 import pytest
 
-from tests.acceptance.system import spec, write_box_street
+from tests.world.boxes import spec, write_box_street
 from valerie.embedded import running
 
 ROOT = Path(__file__).parents[2]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db.engine import reading
 from valerie.db.models import Product
 from valerie.pipeline.functions.probe import probe_engine, probe_function
