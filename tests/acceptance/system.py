@@ -16,6 +16,8 @@ import pyarrow.parquet as pq
 from valerie.embedded import running
 from valerie.embedded.supervisor import Supervisor
 from valerie.settings import load_settings
+from valerie.storage.keys import PRODUCTS
+from valerie.storage.store import open_store
 
 ENDED = ("completed", "completed-with-failures", "cancelled", "failed")
 
@@ -84,11 +86,9 @@ class System:
 
     def objects(self) -> dict[str, str]:
         """Key to SHA-256 of every stored product."""
-        root = self.settings.data_dir / "artifacts"
-        return {
-            str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in sorted((root / "products").rglob("*.zst"))
-        }
+        store = open_store(self.settings.artifacts_url)
+        keys = sorted(info.key for info in store.list(PRODUCTS.rstrip("/")))
+        return {key: hashlib.sha256(store.get(key)).hexdigest() for key in keys}
 
     def processes(self, service: str) -> list[psutil.Process]:
         """The process of a service and all below it, children first."""

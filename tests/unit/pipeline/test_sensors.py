@@ -60,7 +60,7 @@ def table(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
 
 def all_views(pipeline: Pipeline, digest: str) -> list[dict[str, Any]]:
     with reading(pipeline.context.engine) as connection:
-        return [dict(row._mapping) for row in results.person_views(connection, digest)]
+        return [row._asdict() for row in results.person_views(connection, digest)]
 
 
 def test_a_run_with_other_sensors_renders_nothing(pipeline: Pipeline) -> None:
