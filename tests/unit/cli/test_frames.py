@@ -13,8 +13,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from services.api.app import create_app
-from tests.acceptance.system import spec, write_box_street
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec, write_box_street
 from tests.world.serving import served
 from valerie.cli.main import app
 from valerie.client import ServerProblemError

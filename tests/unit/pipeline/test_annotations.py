@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.datasets import coco
 from valerie.db import frames, results
 from valerie.db.engine import reading

@@ -13,9 +13,9 @@ import orjson
 import pytest
 from numpy.typing import NDArray
 
-from tests.acceptance.system import spec
 from tests.unit.label_server import Server
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db import results
 from valerie.db.engine import reading
 from valerie.db.products import Finished, Job

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import spec
 from tests.world.blank import SMALL, Pipeline
+from tests.world.boxes import spec
 from valerie.db import frames, results, runs, sweeping
 from valerie.db.engine import reading, writing
 from valerie.db.models import Block

@@ -7,8 +7,8 @@ import orjson
 import pytest
 from sqlalchemy import select
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
 from valerie.analysis.summary_text import summary_text

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.acceptance.system import spec, write_box_street
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec, write_box_street
 from valerie.db import frames, measured, results
 from valerie.db.engine import reading
 from valerie.db.measured import SeenPerson

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db import frames
 from valerie.db.engine import reading
 from valerie.errors import InvalidInputs

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.acceptance.system import spec
 from tests.world.blank import Pipeline
+from tests.world.boxes import spec
 from valerie.db.engine import reading, writing
 from valerie.db.runs import set_values
 from valerie.errors import Conflict, InvalidInput, NotFound, UnknownName
