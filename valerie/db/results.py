@@ -416,10 +416,10 @@ def person_scores(connection: Connection, scores: Sequence[str]) -> dict[str, li
         .where(PersonScore.digest.in_(scores))
         .order_by(PersonScore.digest, PersonScore.instance_id)
     )
-    found: dict[str, list[Row[Any]]] = {digest: [] for digest in scores}
+    scores_of: dict[str, list[Row[Any]]] = {digest: [] for digest in scores}
     for row in rows:
-        found[row.digest].append(row)
-    return found
+        scores_of[row.digest].append(row)
+    return scores_of
 
 
 def frame_evaluations(connection: Connection, key: FrameKey) -> list[Row[Any]]:

@@ -41,7 +41,8 @@ BELOW = View("camera-1", 301, 170)
 _PERSON_1 = instance_id(PERSON, 1)
 #: Smallest number of pixels that a test must compare.
 _FEWEST = 50
-#: Smallest change of log(1 + 10 v) that counts. A person against the sky changes four times as much, filters beside it hardly.
+#: Smallest change of log(1 + 10 v) that counts. A person against the sky changes four times as much, and filters beside it a
+#: hundredth.
 _VISIBLE = 0.1
 
 
