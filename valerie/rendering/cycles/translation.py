@@ -203,14 +203,14 @@ class _Sender:
 
     def forget_unused(self) -> None:
         """Remove the things that this image does not use once there are many of them. It bounds the memory of many scenes."""
-        known = self._blender.known
-        unused = [key for key in known if key not in self._used]
+        things = self._blender.known
+        unused = [key for key in things if key not in self._used]
         if len(unused) > len(self._used) + _SPARE:
             kinds = ("mesh", "material", "texture")
             lists = {kind: [key for key in unused if key.startswith(f"{kind}-")] for kind in kinds}
             self._blender.ask("forget", meshes=lists["mesh"], materials=lists["material"], textures=lists["texture"])
             for key in unused:
-                del known[key]
+                del things[key]
 
     def _mesh(self, mesh: Mesh, world: Matrix) -> tuple[str, Matrix]:
         if not _sheared(world):

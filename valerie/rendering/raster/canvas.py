@@ -142,10 +142,10 @@ class Canvas:
             self.skylit, self.shaded = self.grid.none(), self.grid.none()
             self._light = light
 
-    def light(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the pixels of the ``wanted`` tiles, and all of their inputs that are not valid."""
+    def light(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the pixels of these tiles, and all of their inputs that are not valid."""
         spans = self.grid.spans
-        shaded = widened(wanted) & ~self.shaded
+        shaded = widened(tiles) & ~self.shaded
         self.occlude(frame, widened(shaded))
         self.light_sky(frame, widened(shaded))
         classified = shaded & ~self.classified
@@ -153,20 +153,20 @@ class Canvas:
         self.classified |= classified
         frame.shade(spans(shaded))
         self.shaded |= shaded
-        frame.resolve.run(spans(wanted))
+        frame.resolve.run(spans(tiles))
 
-    def light_sky(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the sky light of the ``wanted`` tiles."""
-        skylit = wanted & ~self.skylit
+    def light_sky(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the sky light of these tiles."""
+        skylit = tiles & ~self.skylit
         opened = skylit & ~self.opened
         frame.open_sky(self.grid.spans(opened))
         self.opened |= opened
         frame.light_sky(self.grid.spans(skylit))
         self.skylit |= skylit
 
-    def occlude(self, frame: LitFrame, wanted: Mask) -> None:
-        """Compute the ambient occlusion of the ``wanted`` tiles."""
-        smoothed = wanted & ~self.smoothed
+    def occlude(self, frame: LitFrame, tiles: Mask) -> None:
+        """Compute the ambient occlusion of these tiles."""
+        smoothed = tiles & ~self.smoothed
         occluded = widened(smoothed) & ~self.occluded
         frame.occlusion.run(self.grid.spans(occluded))
         self.occluded |= occluded
@@ -186,16 +186,16 @@ class Canvas:
         """
         if self._received is None:
             self._received = Target(self._gl, (self.grid.width, self.grid.height), ((4, "f4"),), depth=False)
-        wanted = self.grid.none()
+        tiles = self.grid.none()
         for area in areas:
-            wanted |= self.grid.touching(area)
-        near = widened(wanted)
+            tiles |= self.grid.touching(area)
+        near = widened(tiles)
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.occlude(frame, near)
         self.cover(near)
         self.light_sky(frame, near)
-        lighting.receive(frame, self._received, self.grid.spans(wanted))
+        lighting.receive(frame, self._received, self.grid.spans(tiles))
         self.occluded &= ~widened(near)
         self.smoothed &= ~near
         self.cover(near)

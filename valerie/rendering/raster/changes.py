@@ -53,22 +53,22 @@ def occluded_tiles(
 
 
 def shadowed_tiles(
-    wanted: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
+    candidates: Mask, bodies: Sequence[Points], surfaces: StaticSurfaces, camera: Camera, view: View, shadow: ShadowMap
 ) -> Mask:
-    """Return those of the ``wanted`` tiles whose static surfaces may lie in the movables' shadow.
+    """Return those of the ``candidates`` whose static surfaces may lie in the movables' shadow.
 
     The visible surfaces of a tile lie in a frustum between two depths. The test compares the frustum's box in the light's axes
     with the boxes of the movables, and then with the occupied texels of their shadow map.
 
     Args:
-        wanted: the tiles to test.
+        candidates: the tiles to test.
         bodies: (8, 3) world corners of the movables' boxes.
         surfaces: the statics seen by the camera.
         camera, view: the camera and the size of its image.
         shadow: the movables' shadow map.
     """
-    shadowed = np.zeros_like(wanted)
-    rows, columns = np.nonzero(wanted & (surfaces.nearest < camera.far * 0.999))
+    shadowed = np.zeros_like(candidates)
+    rows, columns = np.nonzero(candidates & (surfaces.nearest < camera.far * 0.999))
     if not len(rows) or not bodies:
         return shadowed
     light = shadow.light

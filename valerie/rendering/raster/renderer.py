@@ -245,9 +245,9 @@ class RasterRenderer:
         bounce = bounced(lamps.still, prepared.statics.geometry.core_low, prepared.statics.geometry.core_high)
         return LampLight(lit, tiles_of(lamps, movable=movables), static, moving, casters, bounce)
 
-    def _learn(self, frame: _Frame, wanted: Mask) -> None:
-        """Render the wanted tiles of the statics' image that are not cached yet."""
-        missing = wanted & ~frame.image.known
+    def _learn(self, frame: _Frame, tiles: Mask) -> None:
+        """Render those of these tiles of the statics' image that are not cached yet."""
+        missing = tiles & ~frame.image.known
         if not missing.any():
             return
         canvas = frame.canvas

@@ -103,9 +103,9 @@ class ShadowMap:
         """Return (N,) bool, True if a caster lies in the rectangle ``low`` … ``high``, (N, 2) metres in the light's axes."""
         side = self.target.size[0]
         data = self.target.framebuffer.read(components=1, attachment=-1, dtype="f4", alignment=1)
-        drawn = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
+        casters = (np.frombuffer(data, np.float32) < 1).reshape(side, side)
         # A summed-area table counts the drawn texels of a rectangle.
-        sums = cv2.integral(drawn.view(np.uint8), sdepth=cv2.CV_32S)
+        sums = cv2.integral(casters.view(np.uint8), sdepth=cv2.CV_32S)
         texel = self.light.extent[:2] / side
         first = np.clip(np.floor((low - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
         last = np.clip(np.ceil((high - self.light.origin[:2]) / texel), 0, side).astype(np.int64)
