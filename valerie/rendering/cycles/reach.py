@@ -2,7 +2,7 @@
 
 The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. So this bound is not exact, as the
 raster engine's is, but follows a measured criterion: beyond `REACH` times its height from a movable, its effect on indirect
-light is smaller than the noise of an image of the default quality (docs/cycles.md has the measurement). The bounds of its own
+light is smaller than the noise of an image of the default quality (measured in docs/benchmarks.md). The bounds of its own
 pixels and its shadow are exact. They include its reflection in a wet road, but not reflections in distant smooth surfaces.
 """
 
@@ -70,7 +70,7 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
     """Return the part of the image that is rendered for the denoiser where only a rectangle is wanted.
 
     It begins and ends where the pixels that the denoiser's network takes together do in the whole image: else the network would
-    see other blocks of pixels than there, and differ more than a margin of any width makes good (docs/cycles.md).
+    see other blocks of pixels than there, and differ more than a margin of any width makes good (docs/benchmarks.md).
     """
     around = grown(rectangle, _MARGIN, view)
 

@@ -91,7 +91,7 @@ def guided(
 ) -> Guided:
     """Render as `render` does, but without denoiser and rain, and return the denoiser's guides.
 
-    Frames are composed of it to validate layers (docs/cycles.md); no product is made of it.
+    Frames are composed of it to validate layers (docs/benchmarks.md); no product is made of it.
     """
     items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}
