@@ -93,7 +93,7 @@ def find_picture(
         needed.append(annotations[kind].state)
     missing = [state for state in needed if state != "done"]
     if missing:
-        raise Conflict(f"the frame is not there yet: what the picture needs is {missing[0]}")
+        raise Conflict(f"the picture is not available yet: a product that it needs is {missing[0]}")
     return PictureSource(kind, capture, None if evaluation is None else evaluation.prediction, annotation)
 
 

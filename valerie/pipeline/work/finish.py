@@ -61,7 +61,8 @@ def finish_run(context: Context, run_id: str) -> None:
         if failures:
             roots = [failure for failure in failures if isinstance(failure.error, Fault)]
             state = RunState.COMPLETED_WITH_FAILURES
-            reason = f"{len(roots)} products failed for good; see the report or `valerie status`"
+            products = "product" if len(roots) == 1 else "products"
+            reason = f"{len(roots)} {products} failed for good; see the report or `valerie status`"
     except ValerieError as error:
         log.exception("finish.failed", run=run_id)
         state, reason = RunState.FAILED, f"the results could not be written: {error}"

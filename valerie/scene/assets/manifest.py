@@ -202,7 +202,7 @@ class Manifest(_Document):
         for path in self.persons:
             if (f"{path}.pos.x" in paths) != (f"{path}.pos.y" in paths):
                 # The manifest alone decides which variants are legal, so it needs both coordinates.
-                raise InvalidInput("a person declares both of pos.x and pos.y, or none", field="parameters", value=path)
+                raise InvalidInput("a person declares both pos.x and pos.y, or neither", field="parameters", value=path)
         for obstacle in self.obstacles:
             changes = any(f"{obstacle.path}.{name}" in paths for name in ("heading", "rot.z", "scale"))
             if changes and not {f"{obstacle.path}.pos.x", f"{obstacle.path}.pos.y"} <= paths:
@@ -293,7 +293,7 @@ def parse_manifest(data: object, *, source: str = "manifest") -> Manifest:
         InvalidInput, UnknownName: a contradiction.
     """
     if not isinstance(data, dict):
-        raise InvalidInput("the document is no mapping", field=source, value=type(data).__name__)
+        raise InvalidInput("the document is not a mapping", field=source, value=type(data).__name__)
     unknown = [str(key) for key in data if key not in Manifest.model_fields]
     if unknown:
         raise UnknownName("field", unknown[0], Manifest.model_fields, field=source)

@@ -32,7 +32,7 @@ class EvaluateMaker:
         """See `valerie.pipeline.work.stages.Maker`."""
         started = time.process_time()
         if job.look is None:
-            raise InferenceError(f"product {job.digest} is no evaluation")
+            raise InferenceError(f"product {job.digest} is not an evaluation")
         run = self._runs.run(job.frame.key.run_id)
         resolved = run.resolved
         card = pinned_card(run.pins, resolved.spec.functions[job.look.function])
