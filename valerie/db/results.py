@@ -145,6 +145,30 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
     yield from connection.execution_options(yield_per=5_000).execute(query)
 
 
+def lost_rows(connection: Connection, run_id: str) -> Iterator[Row[Any]]:
+    """Read the rows that the long table lacks: evaluations without scores, in the order of the variants.
+
+    There is one row per person where the truth is stored, else one row without any values of a person.
+    """
+    query = (
+        select(*(column.label(name) for name, column in COLUMNS.items()), Variant.assignment)
+        .select_from(Evaluation)
+        .join(Frame, same_frame(Evaluation))
+        .join(Variant, VARIANT_OF_FRAME)
+        .outerjoin(Score, Score.digest == Evaluation.scores)
+        .outerjoin(PersonView, and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False)))
+        .outerjoin(FrameAnnotation, _LIGHT_OF_FRAME)
+        .outerjoin(PersonLight, _LIGHT_OF_PERSON)
+        .outerjoin(
+            PersonScore,
+            and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),
+        )
+        .where(Evaluation.run_id == run_id, Score.digest.is_(None))
+        .order_by(*(COLUMNS[name] for name in KEY))
+    )
+    yield from connection.execution_options(yield_per=5_000).execute(query)
+
+
 def page(
     connection: Connection,
     run_id: str,

@@ -8,7 +8,6 @@ from typing import Any
 
 from sqlalchemy import Connection
 
-from valerie.analysis.where import Where, compile_where
 from valerie.db import results
 from valerie.db.links import StoredFrame, key_of
 from valerie.errors import InvalidInput, UnknownName
@@ -16,6 +15,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.tables import TableRow, frame_columns, person_columns, table_row
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.where import Where, choices_of, compile_where
 from valerie.scene.variation.conditions import with_sun_angles
 
 
@@ -26,7 +26,7 @@ class ChosenFrame:
     Attributes:
         stored: its row.
         moment: the variant's assignment at the frame's time, as `apply` takes it.
-        persons: metadata columns (`valerie.analysis.where.METADATA`) and boxes, one row per person; where the frame
+        persons: metadata columns (`valerie.runs.where.METADATA`) and boxes, one row per person; where the frame
             has no person, one row with empty values.
     """
 
@@ -51,11 +51,7 @@ def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Wher
     Raises:
         InvalidInput, UnknownName: as `compile_where`.
     """
-    choices = {
-        "camera": resolved.cameras,
-        "sensor": tuple(setting.name for setting in resolved.spec.sensors),
-        "function": resolved.spec.functions,
-    }
+    choices = choices_of(resolved.spec, resolved.cameras)
     return compile_where(text, resolved.definitions, choices=choices, field=field)
 
 
@@ -152,10 +148,14 @@ def evaluated_rows(
         for column, value in (("sensor_index", sensor), ("function_index", function))
         if value is not None
     ]
-    resolved = run.resolved
     for row in results.rows(connection, run.id, filters=filters):
-        values = {**row.assignment, **resolved.at(row.assignment, row.time_index)}
-        yield key_of(run.id, row), {**with_sun_angles(values, resolved.manifest), **table_row(row, run, ())}
+        yield key_of(run.id, row), {**values_of(row, run), **table_row(row, run, ())}
+
+
+def values_of(row: Any, run: StoredRun) -> Mapping[str, Any]:
+    """Return path to value of everything that the variant or the moment of a row sets."""
+    values = {**row.assignment, **run.resolved.at(row.assignment, row.time_index)}
+    return with_sun_angles(values, run.resolved.manifest)
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:
