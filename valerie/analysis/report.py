@@ -20,7 +20,7 @@ import orjson
 import yaml
 from markupsafe import Markup
 
-from valerie.analysis import wording
+from valerie.analysis import verdict_text, wording
 from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.examples import Example, choose_examples
 from valerie.analysis.frame_counts import ALL, characters, settings
@@ -129,6 +129,9 @@ def _environment() -> jinja2.Environment:
         "pedestrian": wording.pedestrian,
         "reasons": wording.reasons_text,
         "classes": wording.classes_text,
+        "verdict_title": verdict_text.title,
+        "verdict_sentence": verdict_text.sentence,
+        "verdict_notes": verdict_text.notes,
         "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
     }
     environment.globals |= {

@@ -74,7 +74,7 @@ def exit_code(state: str) -> Exit:
 
 
 def show_result(client: Client, run_id: str, progress: Progress, report: Path | None, *, json_lines: bool) -> None:
-    """Show the result of an ended run: the table of the paper's section 6.2, the failures and the path of the report.
+    """Show the result of an ended run: verdicts, the table of the paper's section 6.2, failures, the path of the report.
 
     Args:
         client: of the server.
@@ -102,8 +102,13 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.findings import Findings
         from valerie.analysis.summary import Summary
         from valerie.analysis.summary_text import summary_renderable
+        from valerie.analysis.verdict_text import verdicts_renderable
+        from valerie.analysis.verdicts import from_json
 
         out.print()
+        if summary["verdicts"]:
+            out.print(verdicts_renderable(from_json(summary["verdicts"])))
+            out.print()
         numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:

@@ -16,10 +16,12 @@ from valerie.errors import InvalidInput
 
 
 def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Show the table and the findings of an ended run."""
+    """Show the verdicts, the table and the findings of an ended run."""
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable
+    from valerie.analysis.verdict_text import verdicts_renderable
+    from valerie.analysis.verdicts import from_json
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
     with context_of(data_dir) as context:
@@ -30,6 +32,9 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
     document = json.loads(text)
     summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out = console()
+    if document["verdicts"]:
+        out.print(verdicts_renderable(from_json(document["verdicts"])))
+        out.print()
     out.print(summary_renderable(summary, findings, most=None))
     if not findings.items:
         reason = (

@@ -135,9 +135,57 @@ def rows(connection: Connection, run_id: str, *, filters: Sequence[Filter] = ())
 
 
 def _read(connection: Connection, run_id: str, query: Select[Any]) -> Iterator[LongRow]:
+    for key, instance, measures, assignment in _cells(connection, run_id, query):
+        yield LongRow(*key, instance, measures, assignment)
+
+
+def _cells(
+    connection: Connection, run_id: str, query: Select[Any]
+) -> Iterator[tuple[tuple[FrameKey, int, int], Any, Measures, Assignment]]:
     for variant, camera, time, sensor, function, instance, *values, assignment in connection.execute(query):
-        measures = dict(zip(_MEASURES, values, strict=True))
-        yield LongRow(FrameKey(run_id, variant, camera, time), sensor, function, instance, measures, assignment)
+        key = FrameKey(run_id, variant, camera, time), sensor, function
+        yield key, instance, dict(zip(_MEASURES, values, strict=True)), assignment
+
+
+@dataclass(frozen=True, slots=True)
+class LostRow:
+    """A row that the long table lacks because its evaluation has no scores; as `LongRow` otherwise.
+
+    Attributes:
+        instance_id: None where the truth is not stored either: then nobody knows who is seen.
+    """
+
+    frame: FrameKey
+    sensor_index: int
+    function_index: int
+    instance_id: int | None
+    measures: Measures
+    assignment: Assignment
+
+
+def lost_rows(connection: Connection, run_id: str) -> Iterator[LostRow]:
+    """Read the rows of evaluations without scores, in the order of the variants.
+
+    There is one row per person where the truth is stored, else one row without any values of a person.
+    """
+    query = (
+        select(*COLUMNS.values(), Variant.assignment)
+        .select_from(Evaluation)
+        .join(Frame, same_frame(Evaluation))
+        .join(Variant, VARIANT_OF_FRAME)
+        .outerjoin(Score, Score.digest == Evaluation.scores)
+        .outerjoin(PersonView, and_(PersonView.truth == Frame.truth, Evaluation.distorted.is_(False)))
+        .outerjoin(FrameAnnotation, LIGHT_OF_FRAME)
+        .outerjoin(PersonLight, LIGHT_OF_PERSON)
+        .outerjoin(
+            PersonScore,
+            and_(PersonScore.digest == Evaluation.scores, PersonScore.instance_id == PersonView.instance_id),
+        )
+        .where(Evaluation.run_id == run_id, Score.digest.is_(None))
+        .order_by(*(COLUMNS[name] for name in KEY))
+    )
+    for key, instance, measures, assignment in _cells(connection.execution_options(yield_per=5_000), run_id, query):
+        yield LostRow(*key, instance, measures, assignment)
 
 
 def page(

@@ -6,6 +6,9 @@ import io
 import math
 from typing import Annotated, Any, Literal
 
+import orjson
+import pyarrow.csv
+import pyarrow.parquet
 from fastapi import APIRouter, Query, Response
 
 from services.api.dependencies import ContextDependency, Cursor, Limit, RunId, decode_cursor, encode_cursor, index
@@ -13,6 +16,7 @@ from services.api.dependencies import value_of_column as value
 from services.api.openapi import binary, example_of, problems
 from services.api.schemas.results import EvaluationPage, EvaluationRow, PointColumns, SummaryRead
 from services.api.transfer import ConditionsDependency, send
+from valerie.analysis.verdicts import from_json, verdict_table
 from valerie.db import long_table
 from valerie.db.engine import reading
 from valerie.errors import InvalidInput, UnknownName
@@ -109,10 +113,37 @@ def points(
 
 
 @router.get(
-    "/summary", responses=problems(404, 409, 422), summary="The table of the paper's section 6.2, and the findings"
+    "/summary",
+    responses=problems(404, 409, 422),
+    summary="The verdicts, the table of the paper's section 6.2, and the findings",
 )
 def summary(run_id: RunId, context: ContextDependency) -> SummaryRead:
     return SummaryRead.model_validate_json(context.store.get(artifact_key(context, run_id, SUMMARY)))
+
+
+@router.get(
+    "/verdicts",
+    summary="The verdicts on the run's requirements, as CSV or Parquet; as JSON they are in the summary",
+    response_class=Response,
+    responses={
+        **problems(404, 409, 422),
+        200: {
+            "content": {
+                "text/csv": {"schema": {"type": "string"}, "example": "id,function,outcome\nSYS-214,one,met\n"},
+                "application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}},
+            }
+        },
+    },
+)
+def verdicts(
+    run_id: RunId,
+    context: ContextDependency,
+    format_: Annotated[Literal["csv", "parquet"], Query(alias="format", description="csv or parquet")] = "csv",
+) -> Response:
+    stored = orjson.loads(context.store.get(artifact_key(context, run_id, SUMMARY)))
+    table, buffer = verdict_table(from_json(stored["verdicts"])), io.BytesIO()
+    (pyarrow.csv.write_csv if format_ == "csv" else pyarrow.parquet.write_table)(table, buffer)
+    return _file(buffer, f"{run_id}-verdicts", format_)
 
 
 @router.get(
@@ -140,7 +171,11 @@ def _download(context: Context, run: StoredRun, format_: str) -> Response:
     table = read_table(context.engine, run)
     buffer = io.BytesIO()
     (table.to_csv if format_ == "csv" else table.to_parquet)(buffer)
-    name = f'attachment; filename="{run.id}-evaluations.{format_}"'
+    return _file(buffer, f"{run.id}-evaluations", format_)
+
+
+def _file(buffer: io.BytesIO, stem: str, format_: str) -> Response:
+    name = f'attachment; filename="{stem}.{format_}"'
     return Response(buffer.getvalue(), media_type=_MEDIA[format_], headers={"Content-Disposition": name})
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection
 
-from valerie.analysis.where import Where, compile_where
 from valerie.db import frames as stored_frames
 from valerie.db import long_table
 from valerie.db.links import StoredFrame
@@ -20,6 +19,7 @@ from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.pipeline.reading.tables import frame_columns, person_columns, table_row
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.runs.where import Where, choices_of, compile_where
 from valerie.scene.variation.conditions import with_sun_angles
 
 
@@ -50,7 +50,7 @@ class ChosenFrame:
         return {**self.stored.assignment, **self.moment}
 
     def row(self, person: SeenPerson, resolved: ResolvedRun) -> TableRow:
-        """Return the metadata columns (`valerie.analysis.where.METADATA`) of a person of the frame."""
+        """Return the metadata columns (`valerie.runs.where.METADATA`) of a person of the frame."""
         of_person = person_columns(person.instance_id, person.measures, self.stored.assignment, resolved)
         return {**self.columns, **of_person}
 
@@ -76,11 +76,7 @@ def run_where(text: str, resolved: ResolvedRun, *, field: str = "where") -> Wher
     Raises:
         InvalidInput, UnknownName: as `compile_where`.
     """
-    choices = {
-        "camera": resolved.cameras,
-        "sensor": tuple(setting.name for setting in resolved.spec.sensors),
-        "function": resolved.spec.functions,
-    }
+    choices = choices_of(resolved.spec, resolved.cameras)
     return compile_where(text, resolved.definitions, choices=choices, field=field)
 
 
@@ -169,12 +165,14 @@ def evaluated_persons(
         for column, value in (("sensor_index", sensor), ("function_index", function))
         if value is not None
     ]
-    resolved = run.resolved
     for stored in long_table.rows(connection, run.id, filters=filters):
-        values = with_sun_angles(
-            {**stored.assignment, **resolved.at(stored.assignment, stored.frame.time)}, resolved.manifest
-        )
+        values = values_at(stored.frame, stored.assignment, run.resolved)
         yield EvaluatedPerson(stored.frame, stored.instance_id, {**values, **table_row(stored, run, ())})
+
+
+def values_at(frame: FrameKey, assignment: Assignment, resolved: ResolvedRun) -> Mapping[str, Value]:
+    """Return path to value of everything that a variant or the moment of its frame sets."""
+    return with_sun_angles({**assignment, **resolved.at(assignment, frame.time)}, resolved.manifest)
 
 
 def require_some(frames: list[ChosenFrame], where: Where | None) -> None:

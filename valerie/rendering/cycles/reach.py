@@ -1,8 +1,8 @@
 """The rectangle of an image that a path tracer must render again for the movables.
 
 The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. This bound is therefore not exact,
-unlike the raster engine's. It follows a measurement (docs/benchmarks.md): farther from a movable than `REACH` times its height, its
-effect on indirect light is below the noise of an image of default quality. The bounds of a movable's own pixels and of its
+unlike the raster engine's. It follows a measurement (docs/benchmarks.md): farther from a movable than `REACH` times its height,
+its effect on indirect light is below the noise of an image of default quality. The bounds of a movable's own pixels and of its
 shadow are exact. They include its reflection in a wet road, but not its reflections in distant smooth surfaces.
 """
 
