@@ -73,7 +73,7 @@ class TrainingRules(_Document):
     """Rules by which scenes to train on vary an asset (`valerie.pipeline.retraining.training_scenes`).
 
     Attributes:
-        left_out: movable nodes that these scenes never show.
+        left_out: movable nodes, and characters of persons (``scene.person-1.red-coat``), that these scenes never show.
         poses: pose of a person to its weight among all; empty: all poses have the same weight.
         worn: beginnings of ``/``-separated parts of the names of materials that are dyed, besides ``cloth-``.
         skin: beginnings of parts of the names of materials that are made lighter or darker, for a whole person alike.
@@ -225,8 +225,10 @@ class Manifest(_Document):
                 )
         _check_poses(self)
         for path in self.training.left_out:
-            if path not in self.movable:
-                raise UnknownName("movable node", path, self.movable, field="training.left_out")
+            person, _, character = path.rpartition(".")
+            definition = self.by_path.get(f"{person}.character")
+            if path not in self.movable and (definition is None or character not in definition.choices):
+                raise UnknownName("movable node or character", path, self.movable, field="training.left_out")
         _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
         for index, trajectory in enumerate(self.trajectories):
             self.require_trajectory(trajectory, field=f"trajectories.{index}")
