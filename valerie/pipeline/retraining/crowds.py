@@ -32,7 +32,8 @@ _NEUTRAL: Final = "neutral/"
 def crowd_asset(asset: SceneAsset, persons: int = MOST_PERSONS) -> SceneAsset:
     """Return the asset with copies of its first person until it has ``persons``, and with grey twins of all cloth textures.
 
-    Characters that the asset leaves out of training are removed. Copies have materials of their own, so that each can be recoloured alone.
+    Characters that the asset leaves out of training are removed. Copies have materials of their own, so that each can be
+    recoloured alone.
 
     Raises:
         InvalidInput: the asset has no person.

@@ -226,8 +226,8 @@ class Manifest(_Document):
         _check_poses(self)
         for path in self.training.left_out:
             person, _, character = path.rpartition(".")
-            definition = self.by_path.get(f"{person}.character")
-            if path not in self.movable and (definition is None or character not in definition.choices):
+            characters = self.by_path.get(f"{person}.character")
+            if path not in self.movable and (characters is None or character not in characters.choices):
                 raise UnknownName("movable node or character", path, self.movable, field="training.left_out")
         _check_distinct("trajectories", [trajectory.path for trajectory in self.trajectories])
         for index, trajectory in enumerate(self.trajectories):
