@@ -29,13 +29,7 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
         return
     document = json.loads(text)
     summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
-    out = console()
-    out.print(summary_renderable(summary, findings, most=None))
-    if not findings.items:
-        reason = (
-            f"none of {findings.examined:,} comparisons holds" if findings.examined else "too few situations to compare"
-        )
-        out.print(f"\nNo findings: {reason}.", style="dim")
+    console().print(summary_renderable(summary, findings, most=None))
 
 
 def rows(

@@ -90,6 +90,7 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
         threshold=resolved.spec.detection_threshold,
         seed=resolved.spec.seed,
+        spec=resolved.spec,
     )
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
         buffer = io.BytesIO()
