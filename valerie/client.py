@@ -211,7 +211,7 @@ class Client:
         return [_validated(Failure, document) for document in documents]
 
     def summary(self, run_id: str) -> dict[str, Any]:
-        """Return the ``summary`` and the ``findings`` of an ended run, as JSON documents."""
+        """Return the ``summary``, the ``findings`` and the ``verdicts`` of an ended run, as JSON documents."""
         return self._document("GET", f"/v1/runs/{run_id}/summary")
 
     def report(self, run_id: str) -> bytes:

@@ -130,6 +130,6 @@ def test_the_converted_file_is_an_asset_as_it_was_modelled(converted: tuple[Path
 def test_a_file_that_blender_cannot_read_is_a_clear_error(deployment: Settings, tmp_path: Path) -> None:
     broken = tmp_path / "broken.blend"
     broken.write_bytes(b"BLENDER-v405" + b"\0" * 100)
-    with pytest.raises(InvalidInput, match=r"broken\.blend: Blender cannot convert it"):
+    with pytest.raises(InvalidInput, match=r"broken\.blend: Blender cannot convert the file"):
         convert_blend(broken, tmp_path / "broken.glb", deployment)
     assert not (tmp_path / "broken.glb").exists()

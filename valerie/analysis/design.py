@@ -50,11 +50,9 @@ class Design:
             return "grid", None
         if names & INDEPENDENT:
             return "random", None
-        numbers: list[NDArray[np.int64]] = []
-        for _, count in self.blocks:
-            first = numbers[-1][-1] + 1 if numbers else 0
-            numbers.append(first + replicates(count))
-        return "sobol", np.concatenate(numbers)[variants]
+        numbers = [replicates(count) for _, count in self.blocks]
+        firsts = accumulate((own.max() + 1 for own in numbers[:-1]), initial=0)
+        return "sobol", np.concatenate([own + first for own, first in zip(numbers, firsts, strict=True)])[variants]
 
     def drawn(self, variants: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (N,) bool: the variants that are not listed, each of which is a place of its own."""

@@ -20,7 +20,7 @@ import orjson
 import yaml
 from markupsafe import Markup
 
-from valerie.analysis import wording
+from valerie.analysis import verdict_text, wording
 from valerie.analysis.all_classes import AllClasses
 from valerie.analysis.effects import level_means, strongest_pair
 from valerie.analysis.examples import Example, choose_examples
@@ -142,6 +142,9 @@ def _environment() -> jinja2.Environment:
         "classes": wording.classes_text,
         "settled": wording.candidate_text,
         "shade": _shade,
+        "verdict_title": verdict_text.title,
+        "verdict_sentence": verdict_text.sentence,
+        "verdict_notes": verdict_text.notes,
         "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
     }
     environment.tests["interval_known"] = lambda interval: isinstance(interval, Interval)

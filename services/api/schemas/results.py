@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field
 from services.api.schemas.base import CAMERAS, FUNCTION, NextCursor, Read, measured
 from valerie.analysis.findings import Findings
 from valerie.analysis.summary import Summary
+from valerie.analysis.verdicts import RequirementVerdict
 from valerie.measures import Source
 
 
@@ -74,7 +75,43 @@ _INTERVAL: Final = {
 
 
 class SummaryRead(Read):
-    """The table of the paper's section 6.2, and the findings."""
+    """The verdicts on the run's requirements, the table of the paper's section 6.2, and the findings."""
+
+    verdicts: list[RequirementVerdict] = Field(
+        description="one for each requirement and function",
+        examples=[
+            [
+                {
+                    "id": "SYS-214",
+                    "text": "Pedestrians up to 30 m ahead are found.",
+                    "statistic": "share(pacc >= 0.5) >= 95 %",
+                    "where": "distance_m <= 30",
+                    "confidence": 0.95,
+                    "function": FUNCTION,
+                    "outcome": "undecided",
+                    "reason": "the variants are too few for this estimate",
+                    "further": 320,
+                    "quantity": "share(pacc >= 0.5)",
+                    "sign": ">=",
+                    "bound": 0.95,
+                    "estimate": 0.98,
+                    "worst": None,
+                    "best": None,
+                    "basis": "the space that the variants were drawn from",
+                    "method": "sequential test by variant, 95 % confidence at any number of variants",
+                    "units": 50,
+                    "decided_after": None,
+                    "of": "persons",
+                    "rows": 100,
+                    "undefined": {"fully hidden": 2},
+                    "too_small": 0,
+                    "lost": 0,
+                    "threshold": 0.5,
+                    "missed": [{"low": 25.0, "high": 30.0, "persons": 20, "missed": 2}],
+                }
+            ]
+        ],
+    )
 
     summary: Summary = Field(
         examples=[

@@ -1,5 +1,5 @@
-// Two by two samples per pixel to pixels: a tent of one pixel radius, (1 3 3 1) / 8 in each direction, as a lens and a sensor
-// with an optical low-pass would average light. The samples of a plain pixel all have its radiance.
+// Resolves two by two samples per pixel: a tent of one pixel radius, (1 3 3 1) / 8 in each direction, averages light like a lens
+// and a sensor with an optical low-pass filter. All samples of a plain pixel have its radiance.
 uniform sampler2D radiance;
 uniform sampler2D plain_radiance;            // 1 in its last channel where a pixel is plain
 layout(location = 0) out vec4 out_color;
@@ -7,7 +7,7 @@ layout(location = 0) out vec4 out_color;
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy), last = textureSize(plain_radiance, 0) - 1;
     vec3 sum = vec3(0.0);
-    int detailed = 0;                        // a bit for each of the pixels around that is not plain
+    int detailed = 0;                        // a bit for each pixel around that is not plain
     for (int y = 0; y < 3; ++y) {
         for (int x = 0; x < 3; ++x) {
             vec4 found = texelFetch(plain_radiance, clamp(pixel + ivec2(x, y) - 1, ivec2(0), last), 0);
