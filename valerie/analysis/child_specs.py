@@ -72,7 +72,7 @@ def _values(table: EvaluationTable, path: str) -> list[Scalar]:
     return sorted(value for value in table.arrow[path].unique().to_pylist() if value is not None)
 
 
-def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[Scalar]]:
+def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[float]]:
     """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
     axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
     if not axes:
