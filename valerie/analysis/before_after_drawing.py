@@ -35,7 +35,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
             if number:
                 own = group.differences[number - 1]
                 span = "" if own.low is None or own.high is None else f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]"
-                mean += "" if own.mean is None else f"  {100 * own.mean:+.1f}{span}"
+                mean += f"  {100 * own.mean:+.1f}{span}" if group.persons else ""
             table.add_row(
                 f"  {version}",
                 "",

@@ -55,7 +55,8 @@ def child_spec(
     positions = position_paths(table.parameters)
     moved = [path for path in positions if path not in {factor.column for factor in factors}]
     kept = prod(len(values[path]) for path in positions if path not in moved)
-    values |= _between({path: values[path] for path in moved}, (places or 0) / kept)
+    for path, between in _between({path: values[path] for path in moved}, (places or 0) / kept).items():
+        values[path] = [*between]
     vary = tuple(
         VariedChoice(parameter=path, distribution="CHOICE", values=tuple(listed)) for path, listed in values.items()
     )
