@@ -36,11 +36,6 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
         out.print(verdicts_renderable(from_json(document["verdicts"])))
         out.print()
     out.print(summary_renderable(summary, findings, most=None))
-    if not findings.items:
-        reason = (
-            f"none of {findings.examined:,} comparisons holds" if findings.examined else "too few situations to compare"
-        )
-        out.print(f"\nNo findings: {reason}.", style="dim")
 
 
 def rows(

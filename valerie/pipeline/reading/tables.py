@@ -10,6 +10,7 @@ import numpy as np
 from sqlalchemy import Engine
 
 from valerie.analysis.all_classes import AllClasses, all_classes
+from valerie.analysis.design import Design
 from valerie.analysis.table import EvaluationTable
 from valerie.db import long_table, results
 from valerie.db.engine import reading
@@ -23,6 +24,7 @@ from valerie.perception.base import FunctionCard
 from valerie.pipeline.base.resolved_runs import StoredRun
 from valerie.runs.frames import FrameKey
 from valerie.runs.spec import ResolvedRun
+from valerie.scene.assets.asset import is_generated
 from valerie.scene.variation.conditions import conditions
 from valerie.storage import codecs
 
@@ -35,7 +37,7 @@ def read_table(engine: Engine, run: StoredRun) -> EvaluationTable:
     varied = varied_types(run.resolved)
     with reading(engine) as connection:
         rows = (table_row(row, run, varied) for row in long_table.rows(connection, run.id))
-        return EvaluationTable.from_rows(rows, varied)
+        return EvaluationTable.from_rows(rows, varied, designs_of(run))
 
 
 def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) -> tuple[AllClasses, ...]:
@@ -66,6 +68,14 @@ def read_classes(engine: Engine, run: StoredRun, cards: Sequence[FunctionCard]) 
         )
         for (function, sensor), total in sorted(totals.items(), key=lambda item: item[0])
     )
+
+
+def designs_of(run: StoredRun) -> dict[str, Design]:
+    """Return how the run chose its variants, by run id."""
+    space, asset = run.resolved.space, run.resolved.spec.asset
+    blocks = tuple((block.design, size) for block, size in zip(space.blocks, space.block_sizes, strict=True))
+    name, seed = (asset, 0) if isinstance(asset, str) else (str(asset["name"]), int(asset.get("seed", 0)))
+    return {run.id: Design(blocks, seed if is_generated(name) else None)}
 
 
 def varied_types(resolved: ResolvedRun) -> dict[str, str]:

@@ -35,7 +35,7 @@ from valerie.pipeline.reading.selection import (
     function_index,
     run_where,
 )
-from valerie.pipeline.reading.tables import varied_types
+from valerie.pipeline.reading.tables import designs_of, varied_types
 from valerie.pipeline.retraining.targets import run_values
 from valerie.runs.frames import FrameKey
 from valerie.storage import codecs
@@ -131,7 +131,6 @@ def compare_versions(
         numeric_classes=[version.numeric_class for version in versions.values()],
         more_groups=groups,
         threshold=run.resolved.spec.detection_threshold,
-        seed=run.resolved.spec.seed,
     )
 
 
@@ -200,7 +199,9 @@ def _stored(context: Context, run: StoredRun, function: str) -> _Evaluated:
     with reading(context.engine) as connection:
         rows = [person.row for person in evaluated_persons(connection, run, sensor=0, function=index)]
         predictions = results.predictions(connection, run.id, 0, index)
-    table = EvaluationTable.from_rows(({name: row.get(name) for name in _columns(varied)} for row in rows), varied)
+    table = EvaluationTable.from_rows(
+        ({name: row.get(name) for name in _columns(varied)} for row in rows), varied, designs_of(run)
+    )
     return _Evaluated(table, {key: codecs.decode_counts(stored.confusion) for key, stored in predictions.items()})
 
 
@@ -240,7 +241,7 @@ def _evaluate(
             progress(done, len(frames), done / max(time.monotonic() - started, 1e-9), name)
     finally:
         function.close()
-    return _Evaluated(EvaluationTable.from_rows(rows, varied), matrices)
+    return _Evaluated(EvaluationTable.from_rows(rows, varied, designs_of(run)), matrices)
 
 
 def _columns(varied: dict[str, str]) -> tuple[str, ...]:

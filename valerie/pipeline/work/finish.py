@@ -93,6 +93,7 @@ def write_results(context: Context, run: RunRow, failures: Sequence[FailedLink])
         precisions={name: card.precision for name, card in zip(resolved.spec.functions, cards, strict=True)},
         threshold=resolved.spec.detection_threshold,
         seed=resolved.spec.seed,
+        spec=resolved.spec,
     )
     verdicts = read_verdicts(context, stored, table)
     for name, write in (("evaluations.parquet", table.to_parquet), ("evaluations.csv", table.to_csv)):
