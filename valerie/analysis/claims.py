@@ -16,17 +16,18 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from valerie.analysis.levels import Factor, factor_of, factors_of
+from valerie.analysis.levels import Factor, factors_of
 from valerie.analysis.table import EvaluationTable
-from valerie.errors import InvalidInput, UnknownName
+from valerie.errors import InvalidInput, InvalidInputs, UnknownName
 from valerie.parameters.definitions import ParameterDefinition
 from valerie.runs.where import compile_where
 from valerie.statistics.contrasts import Change, Contrast, contrasts, largest_flips
 from valerie.statistics.curves import Shape, departure, fit_curve
 from valerie.statistics.intervals import Interval, mean_interval
 from valerie.statistics.observations import Observations, observe
+from valerie.validation import problem_of
 
 #: Confidence of every interval of the ledger, each alone.
 LEVEL: Final = 0.95
@@ -179,9 +180,13 @@ def parse_claims(document: object) -> Claims:
     """Check a document of claims.
 
     Raises:
-        pydantic.ValidationError: it is none; `valerie.validation` words it.
+        InvalidInputs: every problem of the document, with its place.
     """
-    return Claims.model_validate(document)
+    try:
+        return Claims.model_validate(document)
+    except ValidationError as error:
+        problems = [problem_of(item, ".".join(map(str, item["loc"]))) for item in error.errors(include_url=False)]
+        raise InvalidInputs(problems) from None
 
 
 def write_ledger(
@@ -232,6 +237,20 @@ def ledger_table(entries: Sequence[Entry]) -> pa.Table:
     )
 
 
+def ledger_text(claims: Claims, entries: Sequence[Entry]) -> str:
+    """Return the ledger as a Markdown table."""
+
+    def cell(text: str) -> str:
+        return text.replace("|", "\\|").replace("\n", " ")
+
+    lines = [f"# {claims.title}", "", claims.source, "", "| | Claim | Function | Answer | What the run shows |"]
+    lines.append("|---|---|---|---|---|")
+    for entry in entries:
+        cells = (entry.source, entry.says, entry.function, str(entry.outcome), entry.finding)
+        lines.append(f"| {' | '.join(map(cell, cells))} |")
+    return "\n".join(lines) + "\n"
+
+
 def to_json(entries: Sequence[Entry]) -> list[dict[str, object]]:
     """Return the ledger as JSON values."""
     return [asdict(entry) for entry in entries]
@@ -265,9 +284,7 @@ def _rows(
     return np.fromiter((where.holds(row) for row in columns), np.bool_, len(table))
 
 
-def _test(
-    claim: Claim, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str, seed: int
-) -> Entry:
+def _test(claim: Claim, entry: Entry, table: EvaluationTable, rows: NDArray[np.bool_], field: str, seed: int) -> Entry:
     if claim.quantity is not None:
         return _quantity(claim.quantity, entry, table, rows)
     if claim.difference is not None:
@@ -302,7 +319,9 @@ def _quantity(test: Quantity, entry: Entry, table: EvaluationTable, rows: NDArra
     else:
         outcome = Outcome.NOT_REPRODUCED
     what = test.of if test.above is None else f"{test.of} > {test.above:g}"
-    claimed = f"{least:g}…{most:g}" if np.isfinite([least, most]).all() else f"≥ {least:g}" if np.isfinite(least) else f"≤ {most:g}"
+    claimed = " and ".join(
+        f"{sign} {bound:g}" for sign, bound in (("≥", test.low), ("≤", test.high)) if bound is not None
+    )
     return replace(
         entry,
         outcome=outcome,
@@ -346,7 +365,8 @@ def _flip(test: Flip, entry: Entry, table: EvaluationTable, rows: NDArray[np.boo
     return replace(
         entry,
         outcome=Outcome.REPRODUCED if held else Outcome.NOT_REPRODUCED,
-        finding=f"the largest change from {test.second} to {test.first} alone is {100 * largest:+.1f} points, of {contrast.pairs:,} pairs",
+        finding=f"the largest change from {test.second} to {test.first} alone is {100 * largest:+.1f} points "
+        f"({contrast.pairs:,} pairs)",
         estimate=largest, rows=2 * contrast.pairs, places=contrast.places,
         frames=() if pair is None else tuple(frames.names[frames.index[row]] for row in pair),
     )  # fmt: skip
@@ -417,18 +437,16 @@ def _trend(test: Trend, entry: Entry, table: EvaluationTable, rows: NDArray[np.b
     opposite = {Shape.RISING: Shape.FALLING, Shape.FALLING: Shape.RISING}
     claimed = Shape(test.shape)
     # A level is what is left where nothing else is seen: it shows no level.
-    if curve.shape is claimed and claimed is not Shape.LEVEL:
-        outcome = Outcome.REPRODUCED
-    elif claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1:
+    if (curve.shape is claimed and claimed is not Shape.LEVEL) or (
+        claimed is Shape.LEVEL and max(curve.high) - min(curve.low) <= 0.1
+    ):
         outcome = Outcome.REPRODUCED
     elif curve.shape is opposite.get(claimed) or (claimed is Shape.LEVEL and curve.shape is not Shape.LEVEL):
         outcome = Outcome.NOT_REPRODUCED
     else:
         outcome = Outcome.UNDECIDED
-    finding = (
-        f"pACC over {test.over} is {curve.shape}: {100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at "
-        f"{curve.x[-1]:.3g}"
-    )
+    ends = f"{100 * first:.1f} % at {curve.x[0]:.3g}, {100 * last:.1f} % at {curve.x[-1]:.3g}"
+    finding = f"pACC over {test.over} is {curve.shape}: {ends}"
     return replace(entry, outcome=outcome, finding=finding, estimate=last - first, rows=curve.rows, places=curve.places)
 
 

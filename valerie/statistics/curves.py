@@ -152,7 +152,7 @@ def fit_curve(
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """Where a curve leaves the level that it starts at, on the axis; None where that is not seen.
+    """Where a curve leaves the level that it has at the end of its first bin, on the axis; None where that is not seen.
 
     Attributes:
         estimate: where the curve itself does.
@@ -166,7 +166,7 @@ class Departure:
 
 
 def departure(curve: Curve, by: float) -> Departure:
-    """Return where a curve differs from its start by more than ``by``, as far as its band tells.
+    """Return where a curve differs by more than ``by`` from the end of its first bin, as far as its band tells.
 
     The band holds the whole true curve at once, and so holds what follows from it: no further error is added.
 
@@ -174,16 +174,18 @@ def departure(curve: Curve, by: float) -> Departure:
         curve: from `fit_curve`.
         by: difference of scores, above 0.
     """
-    y, low, high = (np.asarray(column) for column in (curve.y, curve.low, curve.high))
+    # A band has no upper (or lower) bound before its first bin ends.
+    start = min(int(np.searchsorted(curve.x, curve.bins.high[0])), len(curve.x) - 1)
+    x, y, low, high = (np.asarray(column)[start:] for column in (curve.x, curve.y, curve.low, curve.high))
     away = np.abs(y - y[0]) > by
     possible = (low < high[0] - by) | (high > low[0] + by)
     sure = (high < low[0] - by) | (low > high[0] + by)
 
     def first(marks: NDArray[np.bool_]) -> float | None:
-        return curve.x[int(np.argmax(marks))] if marks.any() else None
+        return float(x[int(np.argmax(marks))]) if marks.any() else None
 
-    level = curve.x[-1] if not possible.any() else first(possible)
-    return Departure(first(away), None if level == curve.x[0] else level, first(sure))
+    not_before = first(possible) if possible.any() else float(x[-1])
+    return Departure(first(away), None if possible[0] else not_before, first(sure))
 
 
 def contradicted_bins(
