@@ -34,6 +34,8 @@ LEVEL: Final = 0.95
 HEAVY: Final = 0.5
 #: Sides that differ by more than this in a measured quantity are shown with it: share of the person, and metres.
 UNEQUAL: Final[Mapping[str, float]] = {"occlusion_rate": 0.1, "distance_m": 2.0}
+#: Candidates that need more places than this many runs have are not listed.
+AFFORDABLE: Final = 10
 #: Image pairs of a finding.
 _PAIRS: Final = 3
 #: Precisions in which the labels of a function differ from those in full precision.
@@ -77,8 +79,8 @@ def find_findings(
         comparisons += result.comparisons
         searched, confirming = max(searched, result.places_searched), max(confirming, result.places_confirming)
         for item in (*confirmed, *named(observations, only=only, level=level), *others):
-            if item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0:
-                continue  # other places show the opposite
+            if not (item.confirmed or _worth_a_run(item, observations.places)):
+                continue
             # Of several changes of the same factors the clearest stands for all; each two functions are another matter.
             steps = item.candidate.changes
             key = family.function, steps if family.only else tuple(change.factor for change in steps)
@@ -98,6 +100,12 @@ def find_findings(
         places_confirming=confirming,
         notes=tuple(notes),
     )
+
+
+def _worth_a_run(item: Judged, places: int) -> bool:
+    """Return whether a fresh run can settle a candidate, and other places do not already show the opposite."""
+    contradicted = item.contrast is not None and item.contrast.estimate * item.candidate.estimate < 0
+    return not contradicted and item.places_needed is not None and item.places_needed <= AFFORDABLE * places
 
 
 def _clear(finding: Finding) -> bool:
