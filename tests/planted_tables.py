@@ -18,8 +18,11 @@ from valerie.runs.requirements import Requirement, resolve_requirements
 from valerie.runs.spec import RunSpec
 
 X = "scene.person-1.pos.x"
-DEFINITION = ParameterDefinition.model_validate(
-    {"path": X, "type": "FLOAT", "affects": "geometry", "minimum": 0, "maximum": 1000, "default": 0}
+DEFINITION, *_FURTHER = (
+    ParameterDefinition.model_validate(
+        {"path": path, "type": "FLOAT", "affects": "geometry", "minimum": 0, "maximum": 1000, "default": 0}
+    )
+    for path in (X, *(f"scene.person-{number}.pos.x" for number in range(2, 9)))
 )
 #: Pixels of every planted person that is seen.
 PIXELS = 1000
@@ -62,10 +65,11 @@ def planted_table(pacc: ArrayLike, variants: ArrayLike, **columns: Any) -> Evalu
     return EvaluationTable.from_columns(filled, {X: "FLOAT"})
 
 
-def drawn_space(design: str, count: int, *more: Block) -> ParameterSpace:
-    """Return the space of one block that draws ``count`` variants, and of the blocks that follow it."""
-    block = Block(design=design, count=count, variations=(Variation(X, Uniform()),))
-    return ParameterSpace([DEFINITION], [block, *more])
+def drawn_space(design: str, count: int, *more: Block, dimensions: int = 1, seed: int = 0) -> ParameterSpace:
+    """Return the space of one block that draws ``count`` variants of 0…1000, and of the blocks that follow it."""
+    definitions = [DEFINITION, *_FURTHER][:dimensions]
+    variations = tuple(Variation(definition.path, Uniform()) for definition in definitions)
+    return ParameterSpace(definitions, [Block(design=design, count=count, variations=variations), *more], seed=seed)
 
 
 def listed_space(count: int) -> ParameterSpace:

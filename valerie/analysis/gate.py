@@ -150,20 +150,32 @@ def gate(
     return GateResult(run.id, run.verdicts, versions, allow_undecided)
 
 
+def called(reference: str, run: GateRun) -> str | None:
+    """Return what a run's spec calls a function: by its whole name, or by its name without the version; else None."""
+    functions = run.spec.functions
+    if reference in functions:
+        return reference
+    versions = [function for function in functions if function.partition("@")[0] == reference]
+    return versions[0] if len(versions) == 1 else None
+
+
+def _function(reference: str, run: GateRun, field: str) -> str:
+    function = called(reference, run)
+    if function is None:
+        raise UnknownName("function of the run", reference, run.spec.functions, field=field)
+    return function
+
+
 def _pairs(run: GateRun, baseline: GateRun | str, function: str | None) -> list[tuple[str, str]]:
     """Return (function of the run, function of the baseline)."""
-    functions = run.spec.functions
-    if function is not None and function not in functions:
-        raise UnknownName("function of the run", function, functions, field="--function")
-    chosen = functions if function is None else (function,)
+    chosen = run.spec.functions if function is None else (_function(function, run, "--function"),)
     if isinstance(baseline, str):
-        if baseline not in functions:
-            raise UnknownName("function of the run", baseline, functions, field="--baseline")
-        pairs = [(version, baseline) for version in chosen if version != baseline]
+        reference = _function(baseline, run, "--baseline")
+        pairs = [(version, reference) for version in chosen if version != reference]
     elif len(chosen) == len(baseline.spec.functions) == 1:
         pairs = [(chosen[0], baseline.spec.functions[0])]
     else:
-        by_name = {reference.partition("@")[0]: reference for reference in baseline.spec.functions}
+        by_name = {own.partition("@")[0]: own for own in baseline.spec.functions}
         pairs = [(version, by_name[name]) for version in chosen if (name := version.partition("@")[0]) in by_name]
     if not pairs:
         raise InvalidInput(

@@ -59,6 +59,7 @@ def gate(
     baseline is compared on identical frames, slice by slice; at most 5 % of the
     slices that are named worse are expected to be so by chance.
     """
+    from valerie.analysis.gate import called
     from valerie.analysis.gate import gate as judge
     from valerie.analysis.junit import junit_xml
 
@@ -66,7 +67,7 @@ def gate(
         raise InvalidInput("unknown file format", field="--output", value=str(output), limit=".csv, .parquet or .json")
     read = run_reader(url, data_dir)
     run = read(run_id)
-    other = baseline if baseline is None or baseline in run.spec.functions else read(baseline)
+    other = baseline if baseline is None or called(baseline, run) is not None else read(baseline)
     result = judge(run, other, function=function, effect=effect, mixed=mixed, allow_undecided=allow_undecided)
     if junit is not None:
         _write(junit, junit_xml(result))

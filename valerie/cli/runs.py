@@ -147,7 +147,7 @@ def status(
     """
     from valerie.cli.connecting import System, client_of
     from valerie.cli.display import display_of, progress_table
-    from valerie.cli.following import exit_code, failure_lines, follow, show_result
+    from valerie.cli.following import exit_code, failure_lines, follow, show_result, show_verdicts
 
     with client_of(settings_of(data_dir), url) as client:
         if run_id is None:
@@ -166,6 +166,7 @@ def status(
             typer.echo(json.dumps(document, ensure_ascii=False))
             return
         out = console()
+        show_verdicts(client, run_id, progress)
         out.print(progress_table(title, progress))
         if any(stage.failed for stage in progress.stages.values()):
             for line in failure_lines(client.failures(run_id)):

@@ -101,6 +101,10 @@ def test_versions_of_a_name_are_compared_across_runs_and_a_single_function_with_
     assert (single.version, single.baseline) == ("x", "y of run r2")
     (chosen,) = gate(run({"b": before, "a@2": after}), baseline, function="b").versions
     assert chosen.version == "b"
+    (named,) = gate(run({"b": before, "a@2": after}), "a").versions  # the only version of its name
+    assert (named.version, named.baseline) == ("b", "a@2")
+    with pytest.raises(UnknownName, match="unknown function of the run 'a'"):
+        gate(run({"a@1": before, "a@2": after}), "a")
 
 
 def test_rows_that_one_run_lacks_are_counted() -> None:
