@@ -1,8 +1,8 @@
 """The raster truth pass against Cycles' own object index: poses, cameras, occluders; boxes and the street.
 
 The paper's images and masks came from one engine. Here, truth and image come from different engines, so these tests show that
-they are aligned: person masks differ by at most 2 pixels, every other differing pixel lies within a pixel of a silhouette, and these
-pixels are at most 1 % of those at silhouettes.
+they are aligned: person masks differ by at most 2 pixels, every other differing pixel lies within a pixel of a silhouette, and
+these pixels are at most 1 % of those at silhouettes.
 """
 
 from __future__ import annotations
