@@ -30,7 +30,7 @@ from valerie.statistics.curves import Shape, contradicted_bins, fit_curve
 from valerie.statistics.gates import compare_versions, places_for_gate
 from valerie.statistics.observations import Observations, bin_codes, observe
 from valerie.statistics.power import places_needed
-from valerie.statistics.verdicts import Outcome, judge_sample, share_of, units_to_decide
+from valerie.statistics.verdicts import Outcome, judge_sample, units_to_decide
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -239,12 +239,11 @@ def _verdicts(
     kind: str, truth: float, repetitions: int, make: Callable[[float, int, int, Generator], Floats], rows: int
 ) -> Row:
     rng = np.random.default_rng(13)
-    requirement = share_of(0.5, BOUND)
     units = np.repeat(np.arange(MOST_UNITS), rows)
     outcomes: Counter[Outcome] = Counter()
     ends = []
     for _ in range(repetitions):
-        verdict = judge_sample(requirement, make(truth, MOST_UNITS, rows, rng).ravel(), units)
+        verdict = judge_sample(make(truth, MOST_UNITS, rows, rng).ravel(), units, at_least=BOUND)
         outcomes[verdict.outcome] += 1
         ends.append(verdict.decided_after or MOST_UNITS)
     false = Outcome.NOT_MET if truth >= BOUND else Outcome.MET
@@ -255,7 +254,7 @@ def _verdicts(
         "false verdicts": outcomes[false] / repetitions,
         "undecided after 3,000": outcomes[Outcome.UNDECIDED] / repetitions,
         "mean units": float(np.mean(ends)),
-        "units said before": units_to_decide(requirement, truth),
+        "units said before": units_to_decide(truth, at_least=BOUND),
     }
 
 

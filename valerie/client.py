@@ -211,8 +211,16 @@ class Client:
         return [_validated(Failure, document) for document in documents]
 
     def summary(self, run_id: str) -> dict[str, Any]:
-        """Return the ``summary`` and the ``findings`` of an ended run, as JSON documents."""
+        """Return the ``summary``, the ``findings`` and the ``verdicts`` of an ended run, as JSON documents."""
         return self._document("GET", f"/v1/runs/{run_id}/summary")
+
+    def detail(self, run_id: str) -> dict[str, Any]:
+        """Return everything that the server tells about a run, with its spec and its pins."""
+        return self._document("GET", f"/v1/runs/{run_id}")
+
+    def evaluations(self, run_id: str) -> bytes:
+        """Return the long table of a run, as Parquet."""
+        return self._send("GET", f"/v1/runs/{run_id}/evaluations", params={"format": "parquet"}).content
 
     def report(self, run_id: str) -> bytes:
         """Return the self-contained HTML report of an ended run."""

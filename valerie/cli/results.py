@@ -16,10 +16,12 @@ from valerie.errors import InvalidInput
 
 
 def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> None:
-    """Show the table and the findings of an ended run."""
+    """Show the verdicts, the table and the findings of an ended run."""
     from valerie.analysis.findings import Findings
     from valerie.analysis.summary import Summary
     from valerie.analysis.summary_text import summary_renderable
+    from valerie.analysis.verdict_text import verdicts_renderable
+    from valerie.analysis.verdicts import from_json
     from valerie.pipeline.base.run_artifacts import SUMMARY, artifact_key
 
     with context_of(data_dir) as context:
@@ -30,12 +32,10 @@ def findings(run_id: RunId, as_json: Json = False, data_dir: DataDir = None) -> 
     document = json.loads(text)
     summary, findings = Summary.from_json(document["summary"]), Findings.from_json(document["findings"])
     out = console()
+    if document["verdicts"]:
+        out.print(verdicts_renderable(from_json(document["verdicts"])))
+        out.print()
     out.print(summary_renderable(summary, findings, most=None))
-    if not findings.items:
-        reason = (
-            f"none of {findings.examined:,} comparisons holds" if findings.examined else "too few situations to compare"
-        )
-        out.print(f"\nNo findings: {reason}.", style="dim")
 
 
 def rows(
@@ -54,7 +54,7 @@ def rows(
 
     from valerie.db.engine import reading
     from valerie.pipeline.base.resolved_runs import read_run
-    from valerie.pipeline.reading.selection import evaluated_rows, run_where
+    from valerie.pipeline.reading.selection import evaluated_persons, run_where
     from valerie.pipeline.reading.tables import read_table
 
     if output is not None and output.suffix not in (".csv", ".parquet"):
@@ -65,7 +65,7 @@ def rows(
         if where:
             expression = run_where(where, run.resolved, field="--where")
             with reading(context.engine) as connection:
-                selected = [expression.holds(row) for _, row in evaluated_rows(connection, run)]
+                selected = [expression.holds(person.row) for person in evaluated_persons(connection, run)]
             # A running run may have more rows by now.
             table = table.select(np.array(selected[: len(table)], np.bool_))
     if output is None:

@@ -32,6 +32,7 @@ class Exit(IntEnum):
     COMPLETED_WITH_FAILURES = 3
     NOT_COMPLETED = 4
     ENVIRONMENT = 5
+    GATE_FAILED = 6
     TOOK_TOO_LONG = 124
 
 

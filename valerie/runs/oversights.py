@@ -14,6 +14,8 @@ from valerie.runs.motion import Times
 from valerie.runs.sensors import SensorNeeds
 from valerie.runs.vocabulary import Vocabulary
 from valerie.scene.motion.trajectory import TIME_PATH
+from valerie.statistics.replicates import MIN_POINTS, replicate_number
+from valerie.statistics.units import EVEN
 
 #: Largest number of values of a range that a warning lists.
 _LISTED: Final = 5
@@ -86,13 +88,24 @@ def _about_blocks(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str
             if variation.path in constants:
                 name = vocabulary.definitions[variation.path].name
                 yield f"{spec.field(f'blocks.{i}.vary')}: {name} is varied and constant; it is varied"
-        count = block.count
-        if block.design == "sobol" and count is not None and count & (count - 1):
-            lower = 1 << (count.bit_length() - 1)
-            yield (
-                f"{spec.field(f'blocks.{i}.count')}: sobol points are balanced for powers of two, and {count} is none; "
-                f"the nearest are {lower} and {2 * lower}"
-            )
+        if block.count is not None and block.design in EVEN:
+            yield from _about_replicates(block.design, block.count, spec.field(f"blocks.{i}.count"))
+
+
+def _about_replicates(design: str, count: int, place: str) -> Iterator[str]:
+    if count < MIN_POINTS:
+        yield (
+            f"{place}: {count} points of {design} are drawn independently, as in a random design; from {MIN_POINTS} on "
+            "they are spread evenly, in replicates that tell how certain a mean is"
+        )
+        return
+    number = replicate_number(count)
+    if design == "sobol" and (count % number or (count // number) & (count // number - 1)):
+        lower = number << ((count // number).bit_length() - 1)
+        yield (
+            f"{place}: sobol points are balanced in {number} replicates of 2, 4, 8 … points, and {count} are not; "
+            f"the nearest are {lower} and {2 * lower}"
+        )
 
 
 def _about_declarations(vocabulary: Vocabulary, space: ParameterSpace) -> Iterator[str]:

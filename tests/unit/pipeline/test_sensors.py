@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.acceptance.system import spec, write_box_street
 from tests.world.blank import Pipeline
-from valerie.db import results
+from tests.world.boxes import spec, write_box_street
+from valerie.db import frames, measured, results
 from valerie.db.engine import reading
+from valerie.db.measured import SeenPerson
 from valerie.pipeline.base.resolved_runs import read_run
 from valerie.pipeline.control import gc, lifecycle
 from valerie.pipeline.control.plan import plan_run
@@ -58,9 +59,9 @@ def table(pipeline: Pipeline, run_id: str) -> list[dict[str, Any]]:
     return rows
 
 
-def all_views(pipeline: Pipeline, digest: str) -> list[dict[str, Any]]:
+def all_views(pipeline: Pipeline, digest: str) -> list[SeenPerson]:
     with reading(pipeline.context.engine) as connection:
-        return [dict(row._mapping) for row in results.person_views(connection, digest)]
+        return measured.person_views(connection, digest)
 
 
 def test_a_run_with_other_sensors_renders_nothing(pipeline: Pipeline) -> None:
@@ -105,13 +106,12 @@ def test_distances_and_absent_persons_stay_as_they_are(pipeline: Pipeline) -> No
     run = pipeline.submit(small(sensors=[BENT]))
     pipeline.run(run)
     with reading(pipeline.context.engine) as connection:
-        frame = results.frame(connection, FrameKey(run, 0, 0))
+        frame = frames.get(connection, FrameKey(run, 0, 0))
         (evaluation,) = results.frame_evaluations(connection, FrameKey(run, 0, 0))
     before, after = all_views(pipeline, frame.products.truth), all_views(pipeline, evaluation.scores)
-    assert [row["instance_id"] for row in after] == [row["instance_id"] for row in before]
-    for name in ("distance_m", "depth_m"):
-        assert [row[name] for row in after] == [row[name] for row in before]
-    assert [row["undefined_reason"] for row in after] == [row["undefined_reason"] for row in before]
+    assert [person.instance_id for person in after] == [person.instance_id for person in before]
+    for name in ("distance_m", "depth_m", "undefined_reason"):
+        assert [person.measures[name] for person in after] == [person.measures[name] for person in before]
 
 
 def test_a_sensor_without_distortion_keeps_no_views_of_its_own(pipeline: Pipeline) -> None:

@@ -13,11 +13,10 @@ from valerie.rendering.annotations.boxes import EDGES, Boxes, measure_boxes
 from valerie.rendering.annotations.normals import NOTHING, Normals
 from valerie.rendering.base import GroundTruth, View
 from valerie.rendering.ground_truth import TruthPass
-from valerie.scene.assets.asset import load_asset
-from valerie.scene.graph.model import Scene
+from valerie.scene.graph.model import Material, Node, Scene, Texture
 from valerie.scene.graph.transforms import camera_transform
 from valerie.scene.variation.variant import apply
-from valerie.testing.assets import simple_asset
+from valerie.testing.assets import box_mesh, simple_asset
 
 VIEW = View("camera-1", 320, 180)
 PERSON, CAR = 24001, 26001
@@ -61,8 +60,22 @@ class TestNormals:
         assert np.quantile(cosine, 0.002) > 0.9999
 
     def test_they_are_aligned_with_depth_even_where_leaves_are_cut_out(self, truth_pass: TruthPass) -> None:
-        scene = apply({"scene.person-1.pos.y": 12.0}, load_asset("urban-street"))
+        # A box of leaves before the first camera, with a hole in every second stripe of its sides.
+        base = simple_asset().base
+        stripes = np.full((64, 64, 4), 255, np.uint8)
+        stripes[:, np.arange(64) // 8 % 2 == 1, 3] = 0
+        leaves = Node("scene.vegetation-1", np.eye(4), (box_mesh((-1, 4, 1), (1, 6, 3), "leaves"),), label_id=21)
+        scene = replace(
+            base,
+            nodes={**base.nodes, leaves.path: leaves},
+            materials={**base.materials, "leaves": Material("leaves", base_color_texture="leaves", alpha_cutoff=0.5)},
+            textures={**base.textures, "leaves": Texture("leaves", stripes)},
+        )
         truth, normals = truth_pass.truth(scene, VIEW), truth_pass.normals(scene, VIEW)
+        rows, columns = np.nonzero(truth.class_map == 21)
+        inside = truth.class_map[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        assert 0.2 < (inside == 21).mean() < 0.9
+        assert np.isinf(truth.depth[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]).any()
         assert np.array_equal(normals.defined, np.isfinite(truth.depth))
         lengths = np.linalg.norm(normals.vectors()[normals.defined], axis=1)
         np.testing.assert_allclose(lengths, 1.0, atol=1e-6)

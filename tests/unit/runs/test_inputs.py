@@ -85,7 +85,15 @@ def test_a_value_changes_only_the_products_that_depend_on_it(
 @pytest.mark.parametrize(
     ("given", "expected"),
     [
-        ({"name": "two", "seed": 5, "description": "x", "requirement": {"id": "R"}}, set()),
+        (
+            {
+                "name": "two",
+                "seed": 5,
+                "description": "x",
+                "requirements": [{"id": "R", "statistic": "mean(pacc) >= 0.8"}],
+            },
+            set(),
+        ),
         ({"sensors": [{"name": "other"}]}, set()),
         ({"sensors": [{"exposure_ev": -1}]}, MADE),
         ({"sensors": [{"curve": "srgb"}]}, MADE),

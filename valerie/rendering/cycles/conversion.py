@@ -18,7 +18,6 @@ from valerie.settings import Settings
 
 _MAGIC: Final = (b"BLENDER", b"\x1f\x8b", b"\x28\xb5\x2f\xfd")  # plain, gzip (before 3.0), zstd
 #: Longest time for one file, seconds.
-_LONGEST_S: Final = 1800.0
 _LOOK_SECONDS: Final = 0.2
 
 
@@ -37,13 +36,14 @@ class Conversion:
     notes: tuple[str, ...]
 
 
-def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
+def convert_blend(source: Path, target: Path, settings: Settings, *, seconds: float = 1800.0) -> Conversion:
     """Convert a .blend file to one binary glTF file without running any of its scripts.
 
     Args:
         source: the .blend file.
         target: the .glb file to write.
         settings: Blender's interpreter and its memory limit.
+        seconds: longest time that it may take.
 
     Raises:
         MissingDependency: there is no Blender environment (``make cycles`` installs it).
@@ -62,7 +62,7 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
         output, report_path = Path(folder, "scene.glb"), Path(folder, "report.json")
         command = blender_program(python, "inside.convert", str(source.resolve()), str(output), str(report_path))
         with Path(folder, "log").open("w+b") as log:
-            _run(command, log, settings.cycles_max_memory_mb * 1_000_000)
+            _run(command, log, settings.cycles_max_memory_mb * 1_000_000, seconds)
             log.seek(0)
             last = log.read().decode(errors="replace").strip().splitlines()[-1:]
         if not report_path.is_file():
@@ -77,13 +77,13 @@ def convert_blend(source: Path, target: Path, settings: Settings) -> Conversion:
     return Conversion(target, str(report["version"]), tuple(map(str, report["notes"])))
 
 
-def _run(command: list[str], log: Any, memory: int) -> None:
+def _run(command: list[str], log: Any, memory: int, seconds: float) -> None:
     """Run a command to its end.
 
     Raises:
         RenderingError: the command exceeds its memory or its time.
     """
-    until = time.monotonic() + _LONGEST_S
+    until = time.monotonic() + seconds
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, env=blender_environment()
     )
@@ -93,18 +93,18 @@ def _run(command: list[str], log: Any, memory: int) -> None:
                 process.wait(_LOOK_SECONDS)
                 return
             except subprocess.TimeoutExpired:
-                _require_modesty(process.pid, memory, until)
+                _require_modesty(process.pid, memory)
+                if time.monotonic() > until:
+                    raise RenderingError(f"Blender did not finish within {seconds:g} s") from None
     finally:
         process.kill()
         process.wait()
 
 
-def _require_modesty(pid: int, memory: int, until: float) -> None:
+def _require_modesty(pid: int, memory: int) -> None:
     try:
         used = psutil.Process(pid).memory_info().rss
     except psutil.Error:
         return  # the process has just ended
     if used > memory:
         raise RenderingError(f"Blender took {used / 1e6:,.0f} MB; VALERIE_CYCLES_MAX_MEMORY_MB is {memory / 1e6:,.0f}")
-    if time.monotonic() > until:
-        raise RenderingError(f"Blender did not finish within {_LONGEST_S:g} s")

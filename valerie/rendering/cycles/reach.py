@@ -1,8 +1,8 @@
 """The rectangle of an image that a path tracer must render again for the movables.
 
 The light that a movable reflects or blocks reaches everywhere, ever weaker with distance. This bound is therefore not exact,
-unlike the raster engine's. It follows a measurement (docs/cycles.md): farther from a movable than `REACH` times its height, its
-effect on indirect light is below the noise of an image of default quality. The bounds of a movable's own pixels and of its
+unlike the raster engine's. It follows a measurement (docs/benchmarks.md): farther from a movable than `REACH` times its height,
+its effect on indirect light is below the noise of an image of default quality. The bounds of a movable's own pixels and of its
 shadow are exact. They include its reflection in a wet road, but not its reflections in distant smooth surfaces.
 """
 
@@ -70,7 +70,7 @@ def denoised_window(rectangle: Rectangle, view: View) -> Rectangle:
     """Return the part of the image to render so that the denoiser gives a rectangle the values of the whole image.
 
     Its edges lie on the block edges of the denoiser's network in the whole image. With other blocks, the network's result
-    would differ by more than a margin of any width could make up for (docs/cycles.md).
+    would differ by more than a margin of any width could make up for (docs/benchmarks.md).
     """
     around = grown(rectangle, _MARGIN, view)
 

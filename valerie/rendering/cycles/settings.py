@@ -20,7 +20,7 @@ class Preset(NamedTuple):
     denoise: bool
 
 
-#: Presets; docs/cycles.md has their errors and costs. ``paper``: 1024 samples as in the paper, section 6.
+#: Presets; docs/benchmarks.md has their errors and costs. ``paper``: 1024 samples as in the paper, section 6.
 PRESETS: Final[Mapping[Quality, Preset]] = {
     "draft": Preset(16, denoise=True),
     "standard": Preset(64, denoise=True),

@@ -92,7 +92,7 @@ def guided(
 ) -> Guided:
     """Render as `render` does, but without denoiser and rain, and return the noisy image with the denoiser's guides.
 
-    Only the validation of layers uses it (docs/cycles.md); no product does.
+    Only the validation of layers uses it (docs/benchmarks.md); no product does.
     """
     items = _items(scene, movables=movables)
     noisy = {**settings, "denoise": False}

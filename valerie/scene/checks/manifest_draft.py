@@ -114,7 +114,7 @@ def _free_name(file: str, placed: list[dict[str, Any]]) -> str:
 
 def _extent(boxes: Mapping[str, NDArray[np.float64]]) -> list[int]:
     if not boxes:
-        raise InvalidInput("the files draw nothing", field=MANIFEST_FILE)
+        raise InvalidInput("the files contain no geometry", field=MANIFEST_FILE)
     corners = np.stack(list(boxes.values()))
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     x0, y0 = (math.floor(v) for v in low[:2])

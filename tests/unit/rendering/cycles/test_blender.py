@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,10 +18,10 @@ from valerie.rendering.cycles.blender import BlenderHolder, BlenderProcess, inte
 from valerie.rendering.cycles.renderer import CyclesRenderer, numeric_class
 from valerie.rendering.cycles.settings import CyclesSettings
 from valerie.settings import load_settings
-from valerie.testing.assets import simple_asset
+from valerie.testing.assets import simple_manifest, simple_scene
 
 VIEW = View("camera-1", 40, 30)
-SCENE = simple_asset().base
+SCENE = simple_scene(simple_manifest())
 Holders = Callable[..., BlenderHolder]
 
 
@@ -89,13 +91,9 @@ def test_a_request_that_blender_refuses_is_a_permanent_error(holder: Holders) ->
     assert blenders.get().alive
 
 
-def test_an_interrupted_request_ends_the_process(holder: Holders, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_request_ends_the_process(holder: Holders) -> None:
     blender = holder("hangs").get()
-
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(blender, "_watch", interrupt)
+    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         blender.ask("render", size=[4, 4], border=None)
     assert not blender.alive
@@ -132,8 +130,7 @@ def test_memory_of_what_was_sent_stays_bounded(holder: Holders) -> None:
     blenders = holder("works")
     cycles = engine(blenders)
     for i in range(60):
-        simple_asset.cache_clear()
-        cycles.background(simple_asset().base, View("camera-1", 8 + i, 4))
+        cycles.background(simple_scene(simple_manifest()), View("camera-1", 8 + i, 4))
     assert len(blenders.get().known) < 120
 
 

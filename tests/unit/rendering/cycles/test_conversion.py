@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from valerie.errors import InvalidInput, MissingDependency, RenderingError
-from valerie.rendering.cycles import conversion
 from valerie.rendering.cycles.conversion import convert_blend
 from valerie.settings import Settings, load_settings
 
@@ -71,10 +70,9 @@ def test_a_file_that_blender_refuses_is_an_invalid_input(blend: Path, tmp_path: 
         convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, REFUSE))
 
 
-def test_a_hang_is_ended(blend: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversion, "_LONGEST_S", 0.5)
+def test_a_hang_is_ended(blend: Path, tmp_path: Path) -> None:
     with pytest.raises(RenderingError, match=r"did not finish within 0\.5 s"):
-        convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, HANG))
+        convert_blend(blend, tmp_path / "street.glb", pretending(tmp_path, HANG), seconds=0.5)
 
 
 def test_a_file_that_takes_too_much_memory_is_ended(blend: Path, tmp_path: Path) -> None:
