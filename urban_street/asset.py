@@ -64,7 +64,7 @@ from valerie.scene.light.solar import CLOCK
 
 NAME: Final = "urban-street"
 #: Part of the asset's digest. Raise it whenever the street, the characters, cameras or defaults change.
-REVISION: Final = 4
+REVISION: Final = 5
 
 #: Compass bearing of the street (+y): south-south-west, so that the noon sun stands ahead, a little to the left.
 BEARING_DEG: Final = 200.0
