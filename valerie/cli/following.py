@@ -84,7 +84,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
             reason=progress.reason,
             exit_code=int(exit_code(progress.state)),
             report=str(path) if path else None,
-            summary=summary,
+            summary=summary and summary.model_dump(),
         )
         return
     out = console()
@@ -94,7 +94,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
         from valerie.analysis.summary_text import summary_renderable
 
         out.print()
-        numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
+        numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
         _show_failures(client, run_id, progress)
