@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from valerie.cli.connecting import System
 from valerie.cli.display import Display, print_event
 from valerie.cli.shell import Exit, console
-from valerie.client import Client, Failure, Progress, ServerUnavailableError
+from valerie.client import Client, Failure, Progress, RunSummary, ServerUnavailableError
 from valerie.errors import StorageUnavailable
 from valerie.runs.states import RunState
 from valerie.settings import Settings
@@ -93,7 +93,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
             reason=progress.reason,
             exit_code=int(exit_code(progress.state)),
             report=str(path) if path else None,
-            summary=summary,
+            summary=summary and summary.model_dump(),
         )
         return
     out = console()
@@ -104,7 +104,7 @@ def show_result(client: Client, run_id: str, progress: Progress, report: Path | 
 
         out.print()
         _print_verdicts(summary)
-        numbers, findings = Summary.from_json(summary["summary"]), Findings.from_json(summary["findings"])
+        numbers, findings = Summary.from_json(summary.summary), Findings.from_json(summary.findings)
         out.print(summary_renderable(numbers, findings))
     if progress.state != RunState.COMPLETED:
         _show_failures(client, run_id, progress)
@@ -119,18 +119,18 @@ def show_verdicts(client: Client, run_id: str, progress: Progress) -> None:
         _print_verdicts(summary)
 
 
-def _summary(client: Client, run_id: str, progress: Progress) -> dict[str, Any] | None:
+def _summary(client: Client, run_id: str, progress: Progress) -> RunSummary | None:
     has_results = progress.state in (RunState.COMPLETED, RunState.COMPLETED_WITH_FAILURES)
     return client.summary(run_id) if has_results else None
 
 
-def _print_verdicts(summary: dict[str, Any]) -> None:
+def _print_verdicts(summary: RunSummary) -> None:
     from valerie.analysis.verdict_text import verdicts_renderable
     from valerie.analysis.verdicts import from_json
 
-    if summary["verdicts"]:
+    if summary.verdicts:
         out = console()
-        out.print(verdicts_renderable(from_json(summary["verdicts"])))
+        out.print(verdicts_renderable(from_json(summary.verdicts)))
         out.print()
 
 

@@ -54,7 +54,7 @@ def export(
         run = client.run(run_id)
         kinds = annotation_names(annotations)
         if kinds is None:
-            kinds = tuple(client.spec(run_id).get("annotations", ()))
+            kinds = client.annotations(run_id)
         written, existing, missing = 0, 0, Counter[str]()
         folder.mkdir(parents=True, exist_ok=True)
         for frame in client.frames(run_id):

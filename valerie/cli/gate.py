@@ -154,10 +154,10 @@ def run_reader(url: str | None, data_dir: Path | None) -> Callable[[str], GateRu
         from valerie.runs.spec import RunSpec
 
         with client_of(settings_of(data_dir), url) as client:
-            verdicts = from_json(client.summary(run_id)["verdicts"])
+            verdicts = from_json(client.summary(run_id).verdicts)
             detail = client.detail(run_id)
             table = EvaluationTable.from_parquet(io.BytesIO(client.evaluations(run_id)))
-        spec, pins = RunSpec.model_validate(detail["spec"]), Pins.model_validate(detail["pins"])
-        return GateRun(run_id, spec, detail["asset_digest"], pins, table, verdicts)
+        spec, pins = RunSpec.model_validate(detail.spec), Pins.model_validate(detail.pins)
+        return GateRun(run_id, spec, detail.asset_digest, pins, table, verdicts)
 
     return from_server
