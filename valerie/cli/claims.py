@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from valerie.cli.gate import run_reader
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, read_spec, say
+from valerie.cli.shell import DataDir, Json, RunId, console, read_spec, say
 from valerie.errors import InvalidInput, StorageUnavailable
 
 if TYPE_CHECKING:

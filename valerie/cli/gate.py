@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Exit, Json, console, say, settings_of
+from valerie.cli.shell import DataDir, Exit, Json, RunId, console, say, settings_of
 from valerie.errors import InvalidInput, StorageUnavailable
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ from valerie.cli.shell import (
     EndWithParent,
     Exit,
     Json,
+    RunId,
     Stopped,
     Url,
     command_name,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from valerie.client import Client, Run
 
 SpecFile = Annotated[Path, typer.Argument(metavar="SPEC", help="YAML or JSON file; - reads standard input.")]
-RunId = Annotated[str, typer.Argument(metavar="RUN", help="Id of a run, as `valerie status` lists it.")]
 
 
 def run(
