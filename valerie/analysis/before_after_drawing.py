@@ -34,8 +34,9 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
             mean = percent(side.pacc_mean)
             if number:
                 own = group.differences[number - 1]
-                known = own.low is not None and own.high is not None
-                span = f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]" if known else ""
+                span = ""
+                if own.low is not None and own.high is not None:
+                    span = f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]"
                 mean += f"  {100 * own.mean:+.1f}{span}" if group.persons else ""
             table.add_row(
                 f"  {version}",

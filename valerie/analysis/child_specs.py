@@ -47,7 +47,7 @@ def child_spec(
             block.model_copy(update={"count": int(np.ceil((block.count or 1) * share))}) for block in spec.blocks
         )
         return child.model_copy(update={"blocks": blocks, "seed": spec.seed + 1}).to_yaml()
-    values = {path: _values(table, path) for path in table.parameters}
+    values: dict[str, Sequence[Scalar]] = {path: _values(table, path) for path in table.parameters}
     for factor, change in zip(factors, changes, strict=True):
         if factor.column in values:
             compared = np.isin(factor.codes, (change.before, change.after))
@@ -72,7 +72,7 @@ def _values(table: EvaluationTable, path: str) -> list[Scalar]:
     return sorted(value for value in table.arrow[path].unique().to_pylist() if value is not None)
 
 
-def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[Scalar]]:
+def _between(positions: Mapping[str, Sequence[Scalar]], places: float) -> dict[str, list[float]]:
     """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
     axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
     if not axes:
