@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import results
 from benchmarks.planted import REPORTED
-from benchmarks.planted_tables import planted_table
+from benchmarks.planted_grids import planted_grid
 from valerie.analysis.analyze import analyze
 from valerie.analysis.report import build_report
 from valerie.analysis.report_model import Provenance, ReportInput
@@ -37,7 +37,7 @@ def paper_table(frames: int) -> EvaluationTable:
     u[:, :, 3] = rng.random((shape[0], shape[1], shape[3]))[y, x, sun]
     scores = REPORTED["mild"](u) - np.where(sun == 3, 0.1, 0.0)
     factors = {"x": x, "y": y, "heading": heading, "sun": sun, "character": character, "camera": camera}
-    return planted_table({"one": scores[0], "two": scores[1]}, factors)
+    return planted_grid({"one": scores[0], "two": scores[1]}, factors)
 
 
 def main() -> None:

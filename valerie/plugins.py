@@ -18,7 +18,7 @@ from valerie.entry_points import PluginKind, installed, named_packages
 from valerie.errors import InvalidInput, InvalidInputs, MissingDependency, UnknownName
 from valerie.parameters.samplers import SAMPLERS, SamplerFactory
 from valerie.perception.base import PerceptionFunction
-from valerie.perception.shipped import FUNCTIONS, load_function
+from valerie.perception.shipped import AUTO, FUNCTIONS, load_function
 from valerie.rendering.engine import Engine, EngineSettings
 from valerie.scene.assets.asset import PACKS
 from valerie.validation import problem_of
@@ -199,15 +199,19 @@ def function_names(*, testing: bool = False) -> tuple[str, ...]:
     return (*FUNCTIONS, *_FUNCTIONS.declared(), *((TESTING_ENGINE,) if testing else ()))
 
 
-def create_function(name: str, *, threads: int = 1, device: str = "auto") -> PerceptionFunction:
+def create_function(name: str, *, threads: int = 1, device: str = "auto", precision: str = AUTO) -> PerceptionFunction:
     """Load a function under test; the entry point of an installed package is called without arguments.
+
+    Args:
+        name: of a shipped function, or of one of an installed package.
+        threads, device, precision: of a shipped function; see `valerie.perception.shipped.load_function`.
 
     Raises:
         UnknownName, InvalidInput, MissingDependency: see `PluginKind.load`.
         NotFound, InvalidInput: its file is missing or damaged.
     """
     if name in FUNCTIONS:
-        return load_function(name, threads=threads, device=device)
+        return load_function(name, threads=threads, device=device, precision=precision)
     function: PerceptionFunction = _FUNCTIONS.load(name)()
     return function
 

@@ -34,9 +34,7 @@ def comparison_renderable(comparison: Comparison) -> RenderableType:
             mean = percent(side.pacc_mean)
             if number:
                 own = group.differences[number - 1]
-                span = ""
-                if own.low is not None and own.high is not None:
-                    span = f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]"
+                span = "" if own.low is None or own.high is None else f" [{100 * own.low:+.0f}, {100 * own.high:+.0f}]"
                 mean += f"  {100 * own.mean:+.1f}{span}" if group.persons else ""
             table.add_row(
                 f"  {version}",

@@ -55,7 +55,8 @@ def child_spec(
     positions = position_paths(table.parameters)
     moved = [path for path in positions if path not in {factor.column for factor in factors}]
     kept = prod(len(values[path]) for path in positions if path not in moved)
-    values |= _between({path: values[path] for path in moved}, (places or 0) / kept)
+    for path, between in _between({path: values[path] for path in moved}, (places or 0) / kept).items():
+        values[path] = [*between]
     vary = tuple(
         VariedChoice(parameter=path, distribution="CHOICE", values=tuple(listed)) for path, listed in values.items()
     )
@@ -72,7 +73,7 @@ def _values(table: EvaluationTable, path: str) -> list[Scalar]:
     return sorted(value for value in table.arrow[path].unique().to_pylist() if value is not None)
 
 
-def _between(positions: Mapping[str, Sequence[Scalar]], places: float) -> dict[str, list[float]]:
+def _between(positions: Mapping[str, list[Scalar]], places: float) -> dict[str, list[float]]:
     """Return evenly spaced positions between neighbours, enough for a number of places where that is possible."""
     axes = {path: np.array(values, np.float64) for path, values in positions.items() if len(values) > 1}
     if not axes:

@@ -10,8 +10,7 @@ import typer
 
 from valerie.cli.datasets import Where
 from valerie.cli.deployment import context_of
-from valerie.cli.runs import RunId
-from valerie.cli.shell import DataDir, Json, console, say
+from valerie.cli.shell import DataDir, Json, RunId, console, say
 from valerie.errors import InvalidInput
 
 if TYPE_CHECKING:

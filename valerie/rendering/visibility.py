@@ -75,11 +75,11 @@ def measure(truth: GroundTruth, scene: Scene, view: View) -> tuple[Visibility, .
         view: its camera is the origin of distances and angles.
     """
     camera = scene.cameras[view.camera]
-    drawn = {person.instance_id: person for person in truth.persons}
+    persons = {person.instance_id: person for person in truth.persons}
     roots = person_roots(scene)
     return tuple(
-        _present(drawn[number], truth, scene, roots, camera) if number in drawn else _absent(number)
-        for number in sorted({*roots, *drawn})
+        _present(persons[number], truth, scene, roots, camera) if number in persons else _absent(number)
+        for number in sorted({*roots, *persons})
     )
 
 

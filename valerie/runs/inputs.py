@@ -7,7 +7,7 @@ The inputs by product: ::
     truth        asset, poses and characters, camera, resolution, truth pass
     annotation   truth; light: also background, layer and truth pass; flow and velocity: also the truth of a later moment
     prediction   background, layer, sensor response, function; truth and velocity if the sensor needs them
-    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19
+    evaluation   prediction, truth; the classes that the function is judged by if they are fewer than 19, the labels if not exact
 
 A sensor's distortion is in the digest of the prediction, and through it in that of the evaluation, which distorts the
 truth in the same way. "Engine", "truth pass" and "function" stand for name (or weights), hand-raised revision and
@@ -26,6 +26,7 @@ import orjson
 from valerie.parameters.assignment import CanonicalJson, DigestPrefix, canonical_json
 from valerie.parameters.definitions import Value
 from valerie.rendering.annotations.kinds import AnnotationKind
+from valerie.rendering.label_policy import LabelPolicy
 from valerie.runs.frames import FrameProducts
 from valerie.runs.motion import VELOCITY_SPAN_S
 from valerie.runs.pins import FunctionPin, Offer, Pins
@@ -136,8 +137,9 @@ class ProductInputs:
             )
             for name in spec.functions
         ]
+        labels = () if spec.labels is LabelPolicy.EXACT else (spec.labels.value,)
         self._evaluations = [
-            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]))
+            _prefix(ProductKind.EVALUATION, EVALUATION_REVISION, *_judged(pins.functions[name]), *labels)
             for name in spec.functions
         ]
         self._annotations = [

@@ -154,7 +154,7 @@ def resolve(
         warnings=(
             *resolver.warnings,
             *sensor_warnings(spec, needs, moves=moves),
-            *oversights(vocabulary, space, times),
+            *oversights(vocabulary, space, times, requirements),
         ),
         notes=tuple(vocabulary.notes()),
     )

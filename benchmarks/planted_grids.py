@@ -24,7 +24,7 @@ _NUMBERS: Final = {
 _CHARACTER: Final = "scene.person-1.character"
 
 
-def planted_table(
+def planted_grid(
     values: Mapping[str, NDArray[np.float64]], factors: Mapping[str, NDArray[np.int64]]
 ) -> EvaluationTable:
     """Return the table of a grid on one street.
