@@ -47,7 +47,7 @@ def child_spec(
             block.model_copy(update={"count": int(np.ceil((block.count or 1) * share))}) for block in spec.blocks
         )
         return child.model_copy(update={"blocks": blocks, "seed": spec.seed + 1}).to_yaml()
-    values: dict[str, Sequence[Scalar]] = {path: _values(table, path) for path in table.parameters}
+    values = {path: _values(table, path) for path in table.parameters}
     for factor, change in zip(factors, changes, strict=True):
         if factor.column in values:
             compared = np.isin(factor.codes, (change.before, change.after))
