@@ -158,7 +158,7 @@ def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpe
         Step(factor.name, factor.levels[change.before].text, factor.levels[change.after].text)
         for factor, change in zip(factors, contrast.changes, strict=True)
     )
-    known = np.isfinite(item.low)
+    known, widest = np.isfinite(item.low), float(len(steps))  # scores lie in 0…1
     flips = largest_flips(family.observations, item.candidate, _PAIRS)
     finding = Finding(
         sentence="",
@@ -167,8 +167,8 @@ def _finding(table: EvaluationTable, family: _Family, item: Judged, spec: RunSpe
         matching=contrast.matching,
         confirmed=item.confirmed,
         effect=contrast.estimate,
-        low=item.low if known else None,
-        high=item.high if known else None,
+        low=max(item.low, -widest) if known else None,
+        high=min(item.high, widest) if known else None,
         places=contrast.places,
         pairs=contrast.pairs,
         places_needed=item.places_needed,
