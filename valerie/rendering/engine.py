@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final
+from typing import Final
 
 from pydantic import BaseModel, ConfigDict
+
+from valerie.parameters.definitions import Value
 
 
 class Ability(StrEnum):
@@ -31,7 +33,7 @@ class EngineSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    def inputs(self) -> dict[str, Any]:
+    def inputs(self) -> dict[str, Value]:
         """Return every setting that the pixels depend on, defaults included; part of the digest of the engine's products."""
         return self.model_dump()
 
