@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import orjson
 
@@ -118,9 +118,8 @@ class ProductInputs:
         self._sensors = spec.sensors
         self._seed = spec.seed
         self._moves = resolved.times.motion is not None
-        engine = {"name": spec.engine, **_pinned(pins.engine)}
-        if resolved.engine_inputs:
-            engine["settings"] = dict(resolved.engine_inputs)
+        settings = {"settings": dict(resolved.engine_inputs)} if resolved.engine_inputs else {}
+        engine = {"name": spec.engine, **_pinned(pins.engine), **settings}
         resolution = spec.resolution.model_dump()
         self._background: list[DigestPrefix] = []
         self._truth: list[DigestPrefix] = []
@@ -222,11 +221,11 @@ def _prefix(kind: ProductKind, *parts: object) -> DigestPrefix:
     return DigestPrefix(_SCHEME, kind.value, *parts)
 
 
-def _pinned(offer: Offer) -> dict[str, Any]:
+def _pinned(offer: Offer) -> dict[str, str | int]:
     return {"revision": offer.revision, "numeric_class": offer.numeric_class}
 
 
-def _function(pin: FunctionPin) -> dict[str, Any]:
+def _function(pin: FunctionPin) -> dict[str, str | int]:
     return {"digest": pin.digest, **_pinned(pin)}
 
 
