@@ -192,7 +192,7 @@ def _judged_rows(requirement: Requirement, function: str, table: EvaluationTable
         rows = frame_counts(table).row[np.unique(table.evaluations[own])]
         values = table.numbers(measure.name)[rows]
         known = np.isfinite(values)
-        gaps = len(known) - np.count_nonzero(known)
+        gaps = int(np.count_nonzero(~known))
         nothing = np.empty(0)
         return _Rows(
             values[known], variants[rows][known], nothing, nothing, {f"without {measure.title}": gaps} if gaps else {}
